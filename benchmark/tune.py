@@ -229,7 +229,7 @@ def _documentation(name: str) -> str:
     '--fine',
     is_flag=True,
     help='Make a fine map, which takes up to ten minutes; or identify 100 robots instead of 10, '
-    'which takes half an hour.',
+    'which takes an hour.',
 )
 @click.option(
     '--params', 'parameter_file', type=PATH, help='Parameter file with the gains of a map.'

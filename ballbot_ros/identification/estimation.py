@@ -15,6 +15,7 @@ from collections.abc import Collection, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.stats import t as student
 
@@ -32,6 +33,9 @@ TURNING_COUNTS = 1.0
 
 MISFIT = 4.0
 """Root mean square of the residuals, relative to the median, beyond which a segment is dropped."""
+
+NONSENSE = 100.0
+"""The same, beyond which it is dropped before the first fit, whatever the parameters are."""
 
 FEEDBACK_BIAS = 1.0
 """Bias of an estimate over its standard deviation, since the controller moves the robot by the
@@ -178,11 +182,12 @@ class ExperimentFit:
         slope[:, end - battery.shape[1], 0] = 0.0
         return slope
 
+    @np.errstate(over='ignore', invalid='ignore')
     def settle(self, plant: PlantParameters) -> None:
         """Estimate the unknowns of the segments, for these parameters.
 
         It begins with the first readings of each: after a rough guess of the pitch at the start,
-        the robot would soon have fallen.
+        the robot would soon have fallen. Segments whose readings make no sense are dropped.
         """
         segments = self.model.segments
         for part in _PARTS:
@@ -192,19 +197,24 @@ class ExperimentFit:
             beginning.settle_all(plant, 0.0)
             self.unknowns = beginning.unknowns
         self.settle_all(plant, 0.0)
+        size = self._size(plant, 0.0)
+        finite = size[np.isfinite(size)]
+        usual = float(np.median(finite)) if finite.size else 0.0
+        self._drop(~(size <= NONSENSE * max(1.0, usual)))  # NaN as well
 
     def settle_all(self, plant: PlantParameters, battery_error: float) -> None:
         """Estimate the unknowns of the segments from all readings (Gauss-Newton)."""
-        cost = math.inf
+        cost = np.full(len(self.unknowns), np.inf)
         before = self.unknowns
         for _ in range(_MAX_SETTLING):
             found = self.linearised(plant, {}, battery_error)
-            present = float(np.sum(found.values**2))
-            if not present <= cost:
-                self.unknowns = before
-            if not present < cost * (1.0 - _SETTLED):
+            present = np.sum(found.values**2, axis=1)
+            better = present <= cost  # false as well if a robot fell, and nothing is finite
+            before = np.where(better[:, np.newaxis], self.unknowns, before)
+            self.unknowns = before
+            if not (present < cost * (1.0 - _SETTLED)).any():
                 return
-            cost, before = present, self.unknowns
+            cost = np.where(better, present, cost)
             q, r = np.linalg.qr(found.by_unknown)
             along = np.einsum('smk,sm->sk', q, found.values)
             self.unknowns = self.unknowns - np.linalg.solve(r, along[:, :, np.newaxis])[:, :, 0]
@@ -217,9 +227,15 @@ class ExperimentFit:
             self._improve_channel(channel, predicted.readings[channel][0])
 
     def _drop_misfits(self, plant: PlantParameters, battery_error: float) -> None:
+        size = self._size(plant, battery_error)
+        self._drop(size > MISFIT * max(1.0, float(np.median(size))))
+
+    def _size(self, plant: PlantParameters, battery_error: float) -> Floats:
+        """Return the root mean square of the residuals of each segment, shape (s,)."""
         residuals = self.residuals([plant], self.unknowns[np.newaxis], battery_error)[0]
-        size = np.sqrt(np.mean(residuals**2, axis=1))
-        dropped = size > MISFIT * max(1.0, float(np.median(size)))
+        return np.asarray(np.sqrt(np.mean(residuals**2, axis=1)))
+
+    def _drop(self, dropped: NDArray[np.bool_]) -> None:
         if dropped.any():
             self.dropped += int(dropped.sum())
             self._use(SegmentModel(self.model.segments.without(dropped)), self.unknowns[~dropped])

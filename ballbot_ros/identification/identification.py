@@ -174,6 +174,8 @@ class Identification:
         return tuple(each for each in self.parameters if each.value is not None)
 
 
+# The numbers of a simulated robot that falls grow without limit. Such a step is not taken.
+@np.errstate(over='ignore', invalid='ignore')
 def identify(
     experiments: Sequence[Experiment],
     names: Sequence[str] = HARD_TO_MEASURE,
@@ -212,9 +214,17 @@ def identify(
     segments = [cut(each) for each in experiments]
     if sum(each.count for each in segments) < MIN_SEGMENTS:
         return _unseen(names, segments, checks)
-    used = [each for each in segments if each.count]
-    unused = [each for each in segments if not each.count]
-    fits = [ExperimentFit(SegmentModel(each)) for each in used]
+    candidates = [ExperimentFit(SegmentModel(each)) for each in segments if each.count]
+    forecast = Estimator(candidates, begin)
+    for fit in candidates:
+        fit.settle(forecast.plant(fit))
+    remaining = [fit.model.segments for fit in candidates]
+    if sum(each.count for each in remaining) < MIN_SEGMENTS:
+        return _unseen(names, remaining, checks)
+    fits = [fit for fit in candidates if fit.model.segments.count]
+    used = [fit.model.segments for fit in fits]
+    unused = [fit.model.segments for fit in candidates if not fit.model.segments.count]
+    unused += [each for each in segments if not each.count]
     estimator, chosen = _estimate(fits, names, begin, progress)
     residuals = _projected(estimator, names)
     found = covariance([_columns(each, names, chosen) for each in residuals])
@@ -250,10 +260,7 @@ def _estimate(
     progress: ProgressCallback,
 ) -> tuple[Estimator, tuple[str, ...]]:
     """Return the estimates, and the parameters that were told apart."""
-    forecast = Estimator(fits, begin)
-    for fit in fits:
-        fit.settle(forecast.plant(fit))
-    chosen = choose(information(_projected(forecast, names)), names)
+    chosen = choose(information(_projected(Estimator(fits, begin), names)), names)
     estimator = Estimator(fits, {name: begin[name] for name in chosen})
     for number in range(ROUNDS):
         progress(number, ROUNDS)
@@ -445,10 +452,13 @@ def _summary(
 
 def _deviations(segments: Segments, plant: PlantParameters) -> dict[str, float]:
     """Return the root mean square of each channel's residuals; NaN without segments."""
+    unknown = {channel.name: math.nan for channel in segments.experiment.readings}
     if not segments.count:
-        return {channel.name: math.nan for channel in segments.experiment.readings}
+        return unknown
     fit = ExperimentFit(SegmentModel(segments))
     fit.settle(plant)
+    if not fit.model.segments.count:
+        return unknown
     return {channel.name: value for channel, value in fit.deviations(plant).items()}
 
 

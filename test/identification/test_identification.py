@@ -10,7 +10,7 @@ import ballbot_ros as bb
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.identification.errors import IdentificationError
 from ballbot_ros.identification.estimation import ExperimentFit
-from ballbot_ros.identification.experiment import ENCODER
+from ballbot_ros.identification.experiment import ENCODER, GYRO
 from ballbot_ros.identification.identification import (
     CANDIDATES,
     HARD_TO_MEASURE,
@@ -243,3 +243,39 @@ def test_segments_with_wrong_readings_are_dropped(heavy):
     (summary,) = found.experiments
     assert summary.dropped == hit.sum()
     assert summary.segments == segments.count - hit.sum()
+
+
+@pytest.mark.parametrize('wrong', [1e12, 1e200])
+def test_readings_without_sense_harm_only_their_segments(heavy, wrong):
+    """Also if their squares exceed all others by orders of magnitude, or are not finite."""
+    experiment = recorded_experiment(heavy, {})
+    segments = cut(experiment)
+    hit = np.arange(segments.count) == segments.count // 2
+    first = segments.starts[hit][0]
+    gyro = experiment.readings[GYRO].copy()
+    gyro[first + 50 : first + 60] = wrong
+    fit = ExperimentFit(SegmentModel(cut(with_gyro(experiment, gyro))))
+    fit.settle(experiment.plant)
+    np.testing.assert_array_equal(fit.model.segments.starts, segments.starts[~hit])
+    assert fit.dropped == 1
+
+    untouched = ExperimentFit(SegmentModel(segments))
+    untouched.settle(experiment.plant)
+    np.testing.assert_allclose(fit.unknowns, untouched.unknowns[~hit], rtol=1e-3, atol=1e-4)
+
+
+def test_of_readings_without_sense_nothing_is_seen(heavy):
+    experiment = recorded_experiment(heavy, {})
+    gyro = np.full_like(experiment.readings[GYRO], 1e200)
+    found = identify([with_gyro(experiment, gyro)], ('body_mass',))
+    assert [row.verdict for row in found.parameters] == [Verdict.NOT_SEEN]
+
+
+def test_some_experiments_with_duties_cannot_be_fitted_with_others_without(heavy):
+    experiment = recorded_experiment(heavy, {})
+    message = refusal(IdentificationError, identify, [experiment, replace(experiment, duty=None)])
+    assert 'cannot be fitted together' in message
+
+
+def with_gyro(experiment, gyro):
+    return replace(experiment, readings={**experiment.readings, GYRO: gyro})
