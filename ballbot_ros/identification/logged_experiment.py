@@ -35,6 +35,9 @@ SHORTEST_PERIOD_MS = 80
 """Shortest time between records [ms]. Of a log with more, only some are used: the motor voltages
 between them are unknowns."""
 
+LONGEST_PERIOD_MS = 255 * TICK_MS
+"""Longest time between records [ms], that of the largest `log_count`."""
+
 _JITTER = 0.1
 _FILTER_S = TICK_S / (1.0 - ControllerParameters().a_gd)
 _CLOCK_PERIOD_MS = 2**32
@@ -55,12 +58,17 @@ def logged_experiment(path: Path, known: Mapping[str, Value]) -> Experiment:
     TeleopError
         If the file is not a data log.
     IdentificationError
-        If it has fewer than two records.
+        If it has fewer than two records, or they are too far apart.
     """
     packets = read_csv_log(path)
     if len(packets) < 2:
         raise IdentificationError(f'{path}: has {len(packets)} records; at least 2 are needed')
     period, gaps = _steps(packets)
+    if period > LONGEST_PERIOD_MS:
+        raise IdentificationError(
+            f'{path}: its records are {period} ms apart; those of a brick are at most '
+            f'{LONGEST_PERIOD_MS} ms'
+        )
     every = -(-SHORTEST_PERIOD_MS // period)
     if every > 1:
         # Of each piece between gaps, the records at longer steps.

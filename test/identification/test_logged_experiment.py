@@ -168,6 +168,13 @@ def test_readings_without_sense_have_some_solution(tmp_path):
     assert len(fit.unknowns) == 14
 
 
+def test_records_far_apart_are_refused(tmp_path):
+    """Such as those whose time is in microseconds."""
+    path = written(tmp_path / 'log.csv', [(100_000 * n, n, n, 0.0, 0.0) for n in range(9)])
+    message = refusal(IdentificationError, logged_experiment, path, {})
+    assert 'its records are 100000 ms apart; those of a brick are at most 1020 ms' in message
+
+
 def test_the_slowest_log_has_segments_of_a_few_records(tmp_path):
     path = written(tmp_path / 'log.csv', [(1020 * n, n, n, 0.0, 0.0) for n in range(20)])
     segments = cut(logged_experiment(path, {}))
