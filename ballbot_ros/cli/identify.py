@@ -103,7 +103,7 @@ def command(
     little but the height of the body.
 
     Exit status: 0 if a parameter was identified; 2 if none was, for invalid arguments or a file
-    that is not a recording of a ballbot.
+    that is neither a recording of a ballbot nor a data log.
     """
     # Imported only here: it takes half a second.
     from ballbot_ros.cli.identify_output import IdentifyOutput

@@ -1,11 +1,11 @@
 """Estimation of physical parameters by least squares, with intervals.
 
 The residuals are differences between readings and their predictions by the plant, each divided by
-its standard deviation. Parameters and the unknowns of all segments are estimated together. That a
-controller moved the robot by these readings does no harm as long as their errors are independent.
-The rounding of an encoder is not: the controller holds the shaft where the reading changes. So
-its readings count only while it turns, and the rounding that is expected at the predicted angle is
-taken out of them.
+its standard deviation. Parameters and the unknowns of all segments are estimated together. A
+controller moved the robot by these readings: its answers to their errors bias the estimates, for
+which the intervals allow. The rounding of an encoder would bias them far more, as the controller
+holds the shaft where the reading changes. So its readings count only while it turns, and the
+rounding that is expected at the predicted angle is taken out of them.
 """
 
 from __future__ import annotations
@@ -79,11 +79,10 @@ class Residuals(NamedTuple):
     by_parameter: Floats
     by_unknown: Floats
 
-    @property
-    def answer(self) -> Floats:
-        """How the best unknowns change with the parameters, shape (s, k, p)."""
+    def answer(self, changes: Floats) -> Floats:
+        """Return the changes of the unknowns, (s, k, p), that best undo those of the residuals."""
         q, r = np.linalg.qr(self.by_unknown)
-        return np.asarray(-np.linalg.solve(r, np.einsum('smk,smp->skp', q, self.by_parameter)))
+        return np.asarray(-np.linalg.solve(r, np.einsum('smk,smp->skp', q, changes)))
 
     def without_unknowns(self) -> Residuals:
         """Return the parts that no change of the segments' unknowns could remove."""
@@ -215,9 +214,7 @@ class ExperimentFit:
             if not (present < cost * (1.0 - _SETTLED)).any():
                 return
             cost = np.where(better, present, cost)
-            q, r = np.linalg.qr(found.by_unknown)
-            along = np.einsum('smk,sm->sk', q, found.values)
-            self.unknowns = self.unknowns - np.linalg.solve(r, along[:, :, np.newaxis])[:, :, 0]
+            self.unknowns = self.unknowns + found.answer(found.values[:, :, np.newaxis])[:, :, 0]
 
     def improve(self, plant: PlantParameters, battery_error: float) -> None:
         """Learn from a fit: drop segments, select readings, take out rounding, weigh the rest."""
@@ -374,7 +371,7 @@ class _Projected:
         self.bounds = low, high
         self._origin = self.start
         self._unknowns = [fit.unknowns for fit in estimator.fits]
-        self._answers: list[Floats] = []
+        self._answers = [np.zeros((*each.shape, len(self.start))) for each in self._unknowns]
 
     def residuals(self, variables: Floats) -> Floats:
         """Return the residuals, and last the battery reading's error."""
@@ -387,9 +384,9 @@ class _Projected:
         )
         change = variables - self._origin
         for fit, unknowns, answer in zip(
-            estimator.fits, self._unknowns, self._answers or self._unknowns, strict=True
+            estimator.fits, self._unknowns, self._answers, strict=True
         ):
-            fit.unknowns = unknowns + answer @ change if self._answers else unknowns
+            fit.unknowns = unknowns + answer @ change
         estimator.settle()
         parts = [estimator.residuals(fit).ravel() for fit in estimator.fits]
         return np.concatenate([*parts, [sigmas]])
@@ -399,7 +396,7 @@ class _Projected:
         found = self._estimator.linearised(self._scales)
         self._origin = variables
         self._unknowns = [fit.unknowns for fit in self._estimator.fits]
-        self._answers = [each.answer for each in found]
+        self._answers = [each.answer(each.by_parameter) for each in found]
         parts = [each.without_unknowns().by_parameter for each in found]
         rows = np.concatenate([part.reshape(-1, len(variables)) for part in parts])
         last = np.zeros((1, len(variables)))

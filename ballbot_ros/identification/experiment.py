@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from ballbot_ros.identification.arrays import Floats
 from ballbot_ros.identification.rounding import ROUNDING_DEVIATION, common_rounding
-from ballbot_ros.parameters import PlantParameters
-from ballbot_ros.timing import STEP_NS, STEPS_PER_TICK
+from ballbot_ros.parameters import ControllerParameters, PlantParameters
+from ballbot_ros.timing import STEP_NS, STEPS_PER_TICK, TICK_S
 
 
 def with_values(plant: PlantParameters, values: Mapping[str, Any]) -> PlantParameters:
@@ -76,13 +76,10 @@ TRUE_POSITION = Channel('position', 'm', Quantity.POSITION, 1e-6)
 LOGGED_ENCODER = Channel('encoder', 'deg', Quantity.SHAFT, 0.3)
 """In whole degrees. Read a few times a second, its rounding is like noise."""
 
-
-def logged_pitch(filter_s: float) -> Channel:
-    """Return the channel of an estimated pitch, by the time constant of its filter [s]."""
-    return Channel(
-        'estimated pitch', 'deg', Quantity.ESTIMATED_PITCH, 0.02, has_offset=True, filter_s=filter_s
-    )
-
+LOGGED_PITCH = Channel(
+    'estimated pitch', 'deg', Quantity.ESTIMATED_PITCH, 0.02, has_offset=True,
+    filter_s=TICK_S / (1.0 - ControllerParameters().a_gd),
+)  # fmt: skip
 
 TRUE_BATTERY_V = 1e-6
 """Standard deviation of the battery voltage in the plant's topic [V], in single precision."""

@@ -15,13 +15,13 @@ from ballbot_ros.identification.arrays import Floats
 from ballbot_ros.identification.errors import IdentificationError
 from ballbot_ros.identification.experiment import (
     LOGGED_ENCODER,
+    LOGGED_PITCH,
     Experiment,
-    logged_pitch,
     with_values,
 )
 from ballbot_ros.parameters import ControllerParameters, PlantParameters, Value
-from ballbot_ros.teleop.csv_log import read_csv_log
-from ballbot_ros.timing import TICK_MS, TICK_S
+from ballbot_ros.teleop.csv_log import CLOCK_PERIOD_MS, read_csv_log
+from ballbot_ros.timing import TICK_MS
 
 NO_DUTIES = (
     'A data log has no duties. It tells something of body and ball, but nothing of motors, dead '
@@ -39,8 +39,6 @@ LONGEST_PERIOD_MS = 255 * TICK_MS
 """Longest time between records [ms], that of the largest `log_count`."""
 
 _JITTER = 0.1
-_FILTER_S = TICK_S / (1.0 - ControllerParameters().a_gd)
-_CLOCK_PERIOD_MS = 2**32
 _FALLEN_DEG = 30.0
 """Pitch from which the robot cannot be saved. The range of the log ends at 32 degrees."""
 
@@ -94,7 +92,7 @@ def logged_experiment(path: Path, known: Mapping[str, Value]) -> Experiment:
         name=str(path),
         plant=replace(plant, backlash=0.0, plant_model='linear'),
         duty=None,
-        readings={logged_pitch(_FILTER_S): pitch, LOGGED_ENCODER: wheel},
+        readings={LOGGED_PITCH: pitch, LOGGED_ENCODER: wheel},
         battery=np.full(len(usable), np.nan),
         battery_count=0.0,
         usable=usable,
@@ -107,7 +105,7 @@ def logged_experiment(path: Path, known: Mapping[str, Value]) -> Experiment:
 def _steps(packets: Sequence[LogPacket]) -> tuple[int, NDArray[np.intp]]:
     """Return the usual time between records [ms], and the numbers of the records after gaps."""
     times = np.array([each.time_ms for each in packets])
-    intervals = np.diff(times) % _CLOCK_PERIOD_MS
+    intervals = np.diff(times) % CLOCK_PERIOD_MS
     period = int(np.median(intervals))
     return period, np.flatnonzero(np.abs(intervals - period) > _JITTER * period) + 1
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.identification.arrays import Floats
-from ballbot_ros.identification.experiment import Channel, Experiment, Quantity
+from ballbot_ros.identification.experiment import ENCODER, Channel, Experiment
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.timing import STEPS_PER_TICK
 
@@ -164,17 +164,16 @@ def _shifted(values: Floats, window: NDArray[np.intp], age: int) -> Floats:
 def _starts(experiment: Experiment) -> tuple[NDArray[np.bool_], Floats]:
     """Return where a segment may start, shape (n,), and the sides of the gears, shape (n, 2)."""
     count = len(experiment.usable)
-    channel = next((each for each in experiment.readings if each.quantity is Quantity.SHAFT), None)
-    if not experiment.plant.backlash or channel is None:
+    encoder = experiment.readings.get(ENCODER)
+    if not experiment.plant.backlash or encoder is None:
         return np.ones(count, np.bool_), np.zeros((count, 2))
-    encoder = experiment.readings[channel]
     steps = np.sign(np.diff(encoder, axis=0, prepend=encoder[:1]))
     turning = np.zeros((count, 2), np.bool_)
     if count >= TURNING_READINGS:
         recent = np.lib.stride_tricks.sliding_window_view(steps, TURNING_READINGS, axis=0)
         turning[TURNING_READINGS - 1 :] = np.abs(recent.sum(-1)) == TURNING_READINGS
     # The readings of a later tick show the start.
-    late = -(-experiment.ages.get(channel, 0) // STEPS_PER_TICK)
+    late = -(-experiment.ages.get(ENCODER, 0) // STEPS_PER_TICK)
     begins = np.roll(turning.all(axis=1), -late)
     begins[count - late :] = False
     return begins, -np.roll(steps, -late, axis=0)  # the shaft lags behind the wheel

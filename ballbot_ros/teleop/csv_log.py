@@ -14,7 +14,8 @@ HEADER = (
     'Time,Data1,Data2,Battery,Motor Rev A,Motor Rev B,Motor Rev C,ADC S1,ADC S2,ADC S3,ADC S4,I2C'
 )
 
-_CLOCK_PERIOD_MS = 2**32
+CLOCK_PERIOD_MS = 2**32
+"""The brick's clock counts milliseconds in 32 bits."""
 
 
 class CsvLog:
@@ -148,4 +149,4 @@ def _is_after(time_ms: int, earlier_ms: int) -> bool:
 
 def _is_since(time_ms: int, start_ms: int) -> bool:
     """Return whether a time is at or after `start_ms` on the brick's clock, which wraps around."""
-    return (time_ms - start_ms) % _CLOCK_PERIOD_MS < _CLOCK_PERIOD_MS // 2
+    return (time_ms - start_ms) % CLOCK_PERIOD_MS < CLOCK_PERIOD_MS // 2

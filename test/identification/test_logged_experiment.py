@@ -10,7 +10,7 @@ import ballbot_ros.identification.segments as segments_module
 from ballbot_ros.brick.bluetooth import LogPacket
 from ballbot_ros.identification.errors import IdentificationError
 from ballbot_ros.identification.estimation import ExperimentFit
-from ballbot_ros.identification.experiment import LOGGED_ENCODER, Experiment, logged_pitch
+from ballbot_ros.identification.experiment import LOGGED_ENCODER, LOGGED_PITCH, Experiment
 from ballbot_ros.identification.logged_experiment import logged_experiment
 from ballbot_ros.identification.segment_model import SegmentModel
 from ballbot_ros.identification.segments import cut
@@ -127,10 +127,9 @@ def test_with_its_true_voltages_a_segment_moves_as_the_plant_does(monkeypatch):
         offset = a_gd * offset + (1.0 - a_gd) * rate
         estimate += TICK_S * (rate - offset)
         plant.tick(*duty)
-    channel = logged_pitch(TICK_S / (1.0 - a_gd))
     experiment = Experiment(
         name='test', plant=parameters, duty=None,
-        readings={channel: np.array(pitch), LOGGED_ENCODER: np.array(shaft)},
+        readings={LOGGED_PITCH: np.array(pitch), LOGGED_ENCODER: np.array(shaft)},
         battery=np.full(8, np.nan), battery_count=0.0, usable=np.ones(8, np.bool_),
         steps_per_reading=per_reading, step_s=TICK_S,
     )  # fmt: skip
@@ -151,7 +150,10 @@ def test_with_its_true_voltages_a_segment_moves_as_the_plant_does(monkeypatch):
     # The program takes the offset of the present tick, the model that of the tick before.
     assert np.abs(pitch).max() > 0.3
     np.testing.assert_allclose(
-        predicted.readings[channel][0, 0], np.array(pitch), rtol=(1.0 - a_gd) * 1.01, atol=1e-12
+        predicted.readings[LOGGED_PITCH][0, 0],
+        np.array(pitch),
+        rtol=(1.0 - a_gd) * 1.01,
+        atol=1e-12,
     )
 
 
