@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +15,36 @@ from ballbot_ros.numerics.random_numbers import bits_53, philox4x32
 
 _BLOCK = 256
 _WORD = 0xFFFFFFFF
+_ZERO = np.uint64(0)
+
+Key = tuple[np.uint64, np.uint64]
+"""The key of the generator."""
+
+
+def noise_bits(index_low: Any, index_high: Any, device: Any, key: Key) -> tuple[Any, Any]:
+    """Return the 53 random bits of each of the two numbers of a sample.
+
+    Parameters
+    ----------
+    index_low, index_high : uint64 or ndarray of uint64
+        The lower and upper 32 bits of the sample's number.
+    device : uint64
+        Result of :func:`device_number`.
+    key : tuple of uint64
+        Result of :func:`noise_key`.
+    """
+    words = philox4x32(index_low, index_high, device, _ZERO, key[0], key[1])
+    return bits_53(words.w0, words.w1), bits_53(words.w2, words.w3)
+
+
+def noise_key(seed: int) -> Key:
+    """Return the key of the generator for a seed, 0 ... 2^64 - 1."""
+    return np.uint64(seed & _WORD), np.uint64(seed >> 32)
+
+
+def device_number(device: str) -> np.uint64:
+    """Return the part of the generator's counter that distinguishes the devices."""
+    return np.uint64(zlib.crc32(device.encode()))
 
 
 class DeviceNoise:
@@ -24,8 +55,8 @@ class DeviceNoise:
     """
 
     def __init__(self, seed: int, device: str, draw: Callable[[int], float]) -> None:
-        self._key = np.uint64(seed & _WORD), np.uint64(seed >> 32)
-        self._device = np.uint64(zlib.crc32(device.encode()))
+        self._key = noise_key(seed)
+        self._device = device_number(device)
         self._draw = draw
         self._block = -1
         self._pairs: list[tuple[float, float]] = []
@@ -41,8 +72,6 @@ class DeviceNoise:
     def _make(self, first: int) -> list[tuple[float, float]]:
         low = np.arange(first & _WORD, (first & _WORD) + _BLOCK, dtype=np.uint64)
         high = np.uint64(first >> 32)
-        words = philox4x32(low, high, self._device, np.uint64(0), *self._key)
-        one = bits_53(words.w0, words.w1).tolist()
-        other = bits_53(words.w2, words.w3).tolist()
+        one, other = noise_bits(low, high, self._device, self._key)
         draw = self._draw
-        return [(draw(a), draw(b)) for a, b in zip(one, other, strict=True)]
+        return [(draw(a), draw(b)) for a, b in zip(one.tolist(), other.tolist(), strict=True)]

@@ -50,6 +50,14 @@ def effective_duty(duty: int, dead_zone: float) -> float:
     return 0.0
 
 
+def supply_current(duty_x: int, duty_y: int, current_x: float, current_y: float) -> float:
+    """Return the current [A] that both motors draw from the battery.
+
+    A duty [%] is the share of the time in which the motor's current [A] flows through the battery.
+    """
+    return duty_x / 100.0 * current_x + duty_y / 100.0 * current_y
+
+
 def motor_current(
     voltage: float, theta_dot: float, psi_dot: float, back_emf: float, ohms: float
 ) -> float:

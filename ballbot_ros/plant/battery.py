@@ -40,7 +40,7 @@ class Battery:
 
     def __init__(self, parameters: BatteryParameters) -> None:
         self._parameters = parameters
-        self._slope = (FRESH_V - LOW_V) / parameters.battery_capacity
+        self._slope = capacity_slope(parameters.battery_capacity)
         self.draining = parameters.battery_model == 'draining'
         self.charge = 0.0
         self.voltage = parameters.battery_voltage
@@ -50,11 +50,34 @@ class Battery:
         if not self.draining:
             return
         p = self._parameters
-        current = max(0.0, motor_current) + p.idle_current
-        self.charge += current * dt
-        self.voltage = terminal_voltage(
-            self.charge, current, p.battery_voltage, self._slope, p.battery_resistance
-        )
+        self.charge, self.voltage = discharge(
+            self.charge, motor_current, dt,
+            p.idle_current, p.battery_voltage, self._slope, p.battery_resistance,
+        )  # fmt: skip
+
+
+def capacity_slope(capacity: float) -> float:
+    """Return the fall of the open-circuit voltage with the charge [V/(A·s)]."""
+    return (FRESH_V - LOW_V) / capacity
+
+
+def discharge(
+    charge: float,
+    motor_current: float,
+    dt: float,
+    idle_current: float,
+    full: float,
+    slope: float,
+    resistance: float,
+) -> tuple[float, float]:
+    """Return the charge drawn [A·s] and the terminal voltage [V] `dt` seconds later.
+
+    The motors' supply current and the brick's own are in A; for the other arguments see
+    :func:`terminal_voltage`.
+    """
+    current = max(0.0, motor_current) + idle_current
+    charge += current * dt
+    return charge, terminal_voltage(charge, current, full, slope, resistance)
 
 
 def terminal_voltage(

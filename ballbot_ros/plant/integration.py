@@ -12,7 +12,13 @@ from functools import partial
 
 from ballbot_ros.numerics.discretisation import zero_order_hold
 from ballbot_ros.numerics.elementary import sine_cosine
-from ballbot_ros.plant.model import PhysicalParameters, mass_matrix, state_space
+from ballbot_ros.plant.model import (
+    PhysicalParameters,
+    drive_friction,
+    mass_matrix,
+    state_space,
+    torque_per_volt,
+)
 
 PlaneState = tuple[float, float, float, float]
 """theta, psi [rad], theta_dot, psi_dot [rad/s] of one plane."""
@@ -43,24 +49,42 @@ def linear_step(p: PhysicalParameters, dt: float) -> StepFunction:
 
 def nonlinear_step(p: PhysicalParameters, dt: float) -> StepFunction:
     """Return a classical fourth-order Runge-Kutta step of (3.11)-(3.12)."""
-    return partial(advance_nonlinear, equations_of(p), p.alpha, dt)
+    return partial(advance_nonlinear, equations_of(p), torque_per_volt(p), dt)
 
 
 def discrete_matrices(
     p: PhysicalParameters, dt: float
 ) -> tuple[TransitionCoefficients, ForceCoefficients]:
     """Return the matrices of the linear model's step of `dt` seconds."""
-    transition, held = zero_order_hold(*state_space(p), dt)
+    a, b = state_space(p)
+    transition, held = zero_order_hold(a, b, dt)
     # Leave out the column of theta: as theta is a pure integral, it is that of the identity.
-    (_, *a0), (_, *a1), (_, *a2), (_, *a3) = transition.tolist()
-    (b0, *f0), (b1, *f1), (b2, *f2), (b3, *f3) = held.tolist()
-    return (*a0, b0, *a1, b1, *a2, b2, *a3, b3), (*f0, *f1, *f2, *f3)
+    return (
+        (
+            float(transition[0, 1]), float(transition[0, 2]), float(transition[0, 3]),
+            float(held[0, 0]),
+            float(transition[1, 1]), float(transition[1, 2]), float(transition[1, 3]),
+            float(held[1, 0]),
+            float(transition[2, 1]), float(transition[2, 2]), float(transition[2, 3]),
+            float(held[2, 0]),
+            float(transition[3, 1]), float(transition[3, 2]), float(transition[3, 3]),
+            float(held[3, 0]),
+        ),
+        (
+            float(held[0, 1]), float(held[0, 2]), float(held[1, 1]), float(held[1, 2]),
+            float(held[2, 1]), float(held[2, 2]), float(held[3, 1]), float(held[3, 2]),
+        ),
+    )  # fmt: skip
 
 
 def equations_of(p: PhysicalParameters) -> Equations:
     """Return the constants of (3.11)-(3.12)."""
+    m = mass_matrix(p)
     weight = p.body_mass * p.body_height * p.gravity
-    return (*mass_matrix(p), weight, p.beta, p.ball_friction)
+    return (
+        m.m11, m.m22, m.coupling, m.drive, m.det, m.det_1, m.det_2,
+        weight, drive_friction(p), p.ball_friction,
+    )  # fmt: skip
 
 
 def advance_linear(

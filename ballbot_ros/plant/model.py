@@ -2,6 +2,8 @@
 
 The state of a plane is (theta, psi, theta_dot, psi_dot) in rad and rad/s: ball angle and body
 pitch. The input is the motor voltage v. Arguments are SI throughout.
+
+The functions use attributes of their argument only, so that it can be the row of a table of robots.
 """
 
 from __future__ import annotations
@@ -33,17 +35,17 @@ class Bodies(Subset):
     @property
     def ball_inertia(self) -> float:
         """Js = 2 Ms Rs²/3 [kg·m²], a hollow sphere."""
-        return 2.0 * self.ball_mass * self.ball_radius * self.ball_radius / 3.0
+        return ball_inertia(self)
 
     @property
     def wheel_inertia(self) -> float:
         """Jw = Mw Lw²/2 [kg·m²], the document's formula."""
-        return self.wheel_mass * self.wheel_width * self.wheel_width / 2.0
+        return wheel_inertia(self)
 
     @property
     def body_inertia(self) -> float:
         """Jpsi = Mb L²/3 [kg·m²]."""
-        return self.body_mass * self.body_height * self.body_height / 3.0
+        return body_inertia(self)
 
 
 @dataclass(frozen=True)
@@ -61,25 +63,60 @@ class PhysicalParameters(Bodies):
     @property
     def ratio(self) -> float:
         """Gear ratio k = Rs/Rw from ball to motor (no slip)."""
-        return self.ball_radius / self.wheel_radius
+        return gear_ratio(self)
 
     @property
     def drive_inertia(self) -> float:
         """k² (Jm + Jw) [kg·m²], motor and wheel seen from the ball."""
-        return self.ratio * self.ratio * (self.motor_inertia + self.wheel_inertia)
+        return drive_inertia(self)
 
     @property
     def alpha(self) -> float:
         """Kt/Rm [N·m/V] (3.19). The document has no factor k here, and its gains depend on that."""
-        return self.torque_constant / self.motor_resistance
+        return torque_per_volt(self)
 
     @property
     def beta(self) -> float:
         """k (Kt Kb/Rm + fm) [N·m·s/rad] (3.19)."""
-        return self.ratio * (
-            self.torque_constant * self.back_emf_constant / self.motor_resistance
-            + self.motor_friction
-        )
+        return drive_friction(self)
+
+
+def ball_inertia(p: Bodies) -> float:
+    """Return :attr:`Bodies.ball_inertia`."""
+    return 2.0 * p.ball_mass * p.ball_radius * p.ball_radius / 3.0
+
+
+def wheel_inertia(p: Bodies) -> float:
+    """Return :attr:`Bodies.wheel_inertia`."""
+    return p.wheel_mass * p.wheel_width * p.wheel_width / 2.0
+
+
+def body_inertia(p: Bodies) -> float:
+    """Return :attr:`Bodies.body_inertia`."""
+    return p.body_mass * p.body_height * p.body_height / 3.0
+
+
+def gear_ratio(p: Bodies) -> float:
+    """Return :attr:`PhysicalParameters.ratio`."""
+    return p.ball_radius / p.wheel_radius
+
+
+def drive_inertia(p: PhysicalParameters) -> float:
+    """Return :attr:`PhysicalParameters.drive_inertia`."""
+    ratio = gear_ratio(p)
+    return ratio * ratio * (p.motor_inertia + wheel_inertia(p))
+
+
+def torque_per_volt(p: PhysicalParameters) -> float:
+    """Return :attr:`PhysicalParameters.alpha`."""
+    return p.torque_constant / p.motor_resistance
+
+
+def drive_friction(p: PhysicalParameters) -> float:
+    """Return :attr:`PhysicalParameters.beta`."""
+    return gear_ratio(p) * (
+        p.torque_constant * p.back_emf_constant / p.motor_resistance + p.motor_friction
+    )
 
 
 class MassMatrix(NamedTuple):
@@ -99,18 +136,19 @@ class MassMatrix(NamedTuple):
     det_1: float
     det_2: float
 
-    def determinant(self, cosine: float) -> float:
-        """Return the determinant for the cosine of a pitch."""
-        return self.det + cosine * (self.det_1 - self.det_2 * cosine)
+
+def determinant(m: MassMatrix, cosine: float) -> float:
+    """Return the determinant of a mass matrix for the cosine of the pitch."""
+    return m.det + cosine * (m.det_1 - m.det_2 * cosine)
 
 
 def mass_matrix(p: PhysicalParameters) -> MassMatrix:
     """Return the mass matrix of a plane."""
     arm = p.body_mass * p.body_height
     coupling = arm * p.ball_radius
-    drive = p.drive_inertia
-    rolling = (p.body_mass + p.ball_mass) * p.ball_radius * p.ball_radius + p.ball_inertia
-    tilting = arm * p.body_height + p.body_inertia
+    drive = drive_inertia(p)
+    rolling = (p.body_mass + p.ball_mass) * p.ball_radius * p.ball_radius + ball_inertia(p)
+    tilting = arm * p.body_height + body_inertia(p)
     return MassMatrix(
         m11=rolling + drive,
         m22=tilting + drive,
@@ -129,12 +167,13 @@ def state_space(p: PhysicalParameters) -> tuple[Matrix, Matrix]:
     [N·m]. The document has no such forces; its B is the first column.
     """
     m = mass_matrix(p)
-    determinant = m.determinant(1.0)
+    upright = determinant(m, 1.0)
     # The inverse of the mass matrix.
-    i11, i22 = m.m22 / determinant, m.m11 / determinant
-    i12 = (m.drive - m.coupling) / determinant
+    i11, i22 = m.m22 / upright, m.m11 / upright
+    i12 = (m.drive - m.coupling) / upright
     weight = p.body_mass * p.body_height * p.gravity
-    beta, friction = p.beta, p.beta + p.ball_friction
+    alpha, beta = torque_per_volt(p), drive_friction(p)
+    friction = beta + p.ball_friction
     a = np.array(
         [
             [0.0, 0.0, 1.0, 0.0],
@@ -147,8 +186,8 @@ def state_space(p: PhysicalParameters) -> tuple[Matrix, Matrix]:
         [
             [0.0, 0.0, 0.0],
             [0.0, 0.0, 0.0],
-            [(i11 - i12) * p.alpha, i11, i12],
-            [(i12 - i22) * p.alpha, i12, i22],
+            [(i11 - i12) * alpha, i11, i12],
+            [(i12 - i22) * alpha, i12, i22],
         ]
     )
     return a, b

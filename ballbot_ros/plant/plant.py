@@ -9,21 +9,37 @@ from typing import NamedTuple
 from ballbot_ros.brick.dead_time import DeadTime
 from ballbot_ros.numerics.elementary import sine_cosine
 from ballbot_ros.parameters import PlantParameters
-from ballbot_ros.plant.actuator import Actuator, motor_current
+from ballbot_ros.plant.actuator import Actuator, motor_current, supply_current
 from ballbot_ros.plant.battery import Battery, BatteryParameters
 from ballbot_ros.plant.delayed_duty import DelayedDuty, DutyState
 from ballbot_ros.plant.ground_truth import GroundTruth, MeasuredState, Pair, Push
 from ballbot_ros.plant.integration import PlaneState, linear_step, nonlinear_step
 from ballbot_ros.plant.model import PhysicalParameters
-from ballbot_ros.plant.wall_contact import ContactState, Floor, WallContact, WallHit
+from ballbot_ros.plant.wall_contact import (
+    ContactState,
+    Floor,
+    WallContact,
+    WallHit,
+    ball_position,
+)
 from ballbot_ros.timing import STEP_NS, STEPS_PER_TICK, TICK_NS
 
 _FLOAT32 = struct.Struct('<f')
 
 
+def has_fallen(psi_x: float, psi_y: float, fall_angle: float) -> bool:
+    """Return whether a pitch [rad] is not within the fall angle [rad]; NaN is not."""
+    return not (-fall_angle < psi_x < fall_angle and -fall_angle < psi_y < fall_angle)
+
+
 def state_after_fall(state: PlaneState, fall_angle: float) -> PlaneState:
     """Return the state of a fallen plane at rest, at a pitch of at most `fall_angle` [rad]."""
     return state[0], max(-fall_angle, min(fall_angle, state[1])), 0.0, 0.0
+
+
+def wheel_angle(ratio: float, theta: float, psi: float, start_psi: float) -> float:
+    """Return the angle of a motor's wheel since the start, from ball angle and pitch; all in rad."""
+    return ratio * (theta - (psi - start_psi))
 
 
 def shaft_angle(shaft: float, wheel: float, half_play: float) -> float:
@@ -235,7 +251,7 @@ class Plant:
             before = self._planes[0], self._planes[1]
             x, y = self._contact.resolve(before, (x, y), self.time_ns + STEP_NS)
         limit = self._fall_angle
-        if not (-limit < x[1] < limit and -limit < y[1] < limit):
+        if has_fallen(x[1], y[1], limit):
             self.fallen = True
             x, y = state_after_fall(x, limit), state_after_fall(y, limit)
         self._planes = [x, y]
@@ -249,7 +265,7 @@ class Plant:
 
     def _wheel_angle(self, plane: int) -> float:
         theta, psi, _, _ = self._planes[plane]
-        return self._ratio * (theta - (psi - self._start_psi[plane]))
+        return wheel_angle(self._ratio, theta, psi, self._start_psi[plane])
 
     def _pushed(self, plane: int) -> Pair:
         """Return the generalised forces [N·m] on theta and psi of the active pushes."""
@@ -275,7 +291,7 @@ class Plant:
         )
 
     def _supply_current(self, duties: tuple[int, int]) -> float:
-        return duties[0] / 100.0 * self._current(0) + duties[1] / 100.0 * self._current(1)
+        return supply_current(duties[0], duties[1], self._current(0), self._current(1))
 
     def truth(self) -> GroundTruth:
         """Return the current state of the robot."""
@@ -306,9 +322,8 @@ class Plant:
         return self._wheel_angle(0), self._wheel_angle(1)
 
     def _position(self) -> Pair:
-        radius = self._physical.ball_radius
         x, y = self._planes
-        return self._start[0] + radius * x[0], self._start[1] + radius * y[0]
+        return ball_position(self._start, self._physical.ball_radius, x[0], y[0])
 
     def save_state(self) -> PlantState:
         """Return the present state."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from collections.abc import Callable
+from typing import Any, NamedTuple, Protocol
 
 from ballbot_ros.plant.ground_truth import Pair
 from ballbot_ros.plant.integration import PlaneState
@@ -71,6 +72,46 @@ def state_after_impact(
     return before[0], psi, theta_dot, psi_dot
 
 
+def stop_at_walls(
+    is_blocked: Callable[[Any, Pair], bool],
+    floor: Any,
+    start: Pair,
+    radius: float,
+    mass: MassMatrix,
+    linear: bool,
+    before: Planes,
+    after: Planes,
+) -> Planes:
+    """Return the planes at the end of a step that would end in a wall.
+
+    The one that must stop is stopped: y if that is enough, else x, else both.
+
+    Parameters
+    ----------
+    is_blocked : callable
+        Takes the floor and a position, and returns whether the body can't be there.
+    start : tuple of float
+        Position of the ball [m] where both theta are zero.
+    radius : float
+        Radius of the ball [m].
+    before, after : tuple of PlaneState
+        The planes before the step, and after it if there were no walls.
+    """
+    x, y = after
+    stopped_x = state_after_impact(before[0], x, mass, linear)
+    stopped_y = state_after_impact(before[1], y, mass, linear)
+    if not is_blocked(floor, ball_position(start, radius, x[0], stopped_y[0])):
+        return x, stopped_y
+    if not is_blocked(floor, ball_position(start, radius, stopped_x[0], y[0])):
+        return stopped_x, y
+    return stopped_x, stopped_y
+
+
+def ball_position(start: Pair, radius: float, theta_x: float, theta_y: float) -> Pair:
+    """Return the position of the ball [m] for its angles [rad] from `start` [m]."""
+    return start[0] + radius * theta_x, start[1] + radius * theta_y
+
+
 class WallContact:
     """Stops the planes, which follow the linear or the nonlinear model, at walls.
 
@@ -104,16 +145,10 @@ class WallContact:
         attempted = self._position(after)
         if not self._floor.blocked(attempted):
             return after
-        x, y = after
-        stopped_x, stopped_y = (
-            state_after_impact(*states, self._mass, self._linear)
-            for states in zip(before, after, strict=True)
-        )
-        for planes in ((x, stopped_y), (stopped_x, y)):
-            if not self._floor.blocked(self._position(planes)):
-                break
-        else:
-            planes = stopped_x, stopped_y
+        planes = stop_at_walls(
+            type(self._floor).blocked, self._floor, self._start, self._radius,
+            self._mass, self._linear, before, after,
+        )  # fmt: skip
         if not (self.in_contact or self._since_sample):
             parts = self._floor.touching(attempted)
             self.newest = WallHit(time_ns, self._position(planes), parts)
@@ -134,8 +169,4 @@ class WallContact:
         self._since_sample, self.in_contact, self.newest = state
 
     def _position(self, planes: Planes) -> Pair:
-        radius = self._radius
-        return (
-            self._start[0] + radius * planes[0][0],
-            self._start[1] + radius * planes[1][0],
-        )
+        return ball_position(self._start, self._radius, planes[0][0], planes[1][0])

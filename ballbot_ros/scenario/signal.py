@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 from ballbot_ros.brick.units import quantise
 
@@ -30,12 +30,26 @@ class Segment:
         """Time of the last point [s]; infinite for an open segment."""
         return self.points[-1][0]
 
-    def at(self, time: float) -> int:
-        """Return the value at `time` [s] in [start, end), rounded to a whole number."""
-        index = bisect_right(self.points, time, key=lambda point: point[0])
-        (t0, v0), (t1, v1) = self.points[index - 1], self.points[index]
-        # Do not interpolate between equal values: the time of the second may be infinite.
-        return quantise(v0 if v0 == v1 else v0 + (v1 - v0) * (time - t0) / (t1 - t0))
+
+def signal_value(times: Sequence[float], values: Sequence[float], time: float) -> int:
+    """Return the value at `time` [s] of the straight lines between points; 0 outside.
+
+    It is rounded to a whole number. The times of the points [s] never decrease.
+    """
+    # The number of points up to `time`, by bisection.
+    low, high = 0, len(times)
+    while low < high:
+        middle = (low + high) // 2
+        if times[middle] <= time:
+            low = middle + 1
+        else:
+            high = middle
+    if low == 0 or low == len(times):
+        return 0
+    t0, t1 = times[low - 1], times[low]
+    v0, v1 = values[low - 1], values[low]
+    # Do not interpolate between equal values: the time of the second may be infinite.
+    return quantise(v0 if v0 == v1 else v0 + (v1 - v0) * (time - t0) / (t1 - t0))
 
 
 @dataclass(frozen=True)
@@ -44,9 +58,15 @@ class StickSignal:
 
     segments: Sequence[Segment] = ()
 
+    @cached_property
+    def points(self) -> tuple[Sequence[float], Sequence[float]]:
+        """Times [s] and values of the points of all segments, with zeros in between."""
+        points: list[tuple[float, float]] = []
+        for each in self.segments:
+            points += ((each.start, 0.0), *each.points, (each.end, 0.0))
+        return [time for time, _ in points], [value for _, value in points]
+
     def at(self, time: float) -> int:
         """Return the value at `time` [s], rounded to a whole number."""
-        index = bisect_right(self.segments, time, key=lambda segment: segment.start)
-        if index == 0 or time >= self.segments[index - 1].end:
-            return 0
-        return self.segments[index - 1].at(time)
+        times, values = self.points
+        return signal_value(times, values, time)

@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,66 +41,66 @@ def wall_distance(floor_map: FloorMap) -> NDArray[np.int32]:
     return np.ascontiguousarray(distance_transform_cdt(free, 'chessboard'), dtype=np.int32)
 
 
-def stepped_ray(floor_map: FloorMap) -> Ray:
-    """Return the document's search (Appendix B.3): steps of 1 cm until a point is in a wall.
+def stepped_distance(sides: Any, origin: Pair, direction: float) -> float:
+    """Return the distance by the document's search (Appendix B.3).
 
-    A step can skip the corner of a wall. The distance is a whole number.
+    It takes steps of 1 cm until a point is in a wall, so it can skip the corner of a wall. The
+    distance is a whole number. `sides` is the result of :func:`wall_distance`.
     """
-    walls = floor_map.walls.data
-    columns, rows = floor_map.columns, floor_map.rows
+    rows, columns = sides.shape
+    u, v = origin
+    dv, du = sine_cosine(direction)
+    for step in range(MAX_RAY_CELLS):
+        column, row = math.floor(u + step * du), math.floor(v + step * dv)
+        if not (0 <= column < columns and 0 <= row < rows):
+            return math.inf
+        if sides[row, column] == 0:
+            return float(step)
+    return math.inf
 
-    def distance(origin: Pair, direction: float) -> float:
-        u, v = origin
-        dv, du = sine_cosine(direction)
-        for step in range(MAX_RAY_CELLS):
-            column, row = math.floor(u + step * du), math.floor(v + step * dv)
-            if not (0 <= column < columns and 0 <= row < rows):
-                return math.inf
-            if walls[row, column]:
-                return float(step)
-        return math.inf
 
-    return distance
+def exact_distance(sides: Any, origin: Pair, direction: float) -> float:
+    """Return the distance by a search from cell to cell that skips squares without walls.
+
+    `sides`, the result of :func:`wall_distance`, gives the largest such square around each cell.
+    Next to a wall the square is the cell itself, and the search is the cell traversal of Amanatides
+    and Woo (1987). All points are computed from the origin, so that errors do not accumulate.
+    """
+    rows, columns = sides.shape
+    u, v = origin
+    dv, du = sine_cosine(direction)
+    column, row = math.floor(u), math.floor(v)
+    travelled = 0.0
+    while travelled < MAX_RAY_CELLS and 0 <= column < columns and 0 <= row < rows:
+        side = sides[row, column]
+        if side == 0:
+            return travelled
+        edge_u = column + side if du > 0.0 else column - side + 1
+        edge_v = row + side if dv > 0.0 else row - side + 1
+        to_u = (edge_u - u) / du if du else math.inf
+        to_v = (edge_v - v) / dv if dv else math.inf
+        # Clamp the other coordinate to the square, against rounding.
+        if to_u <= to_v:
+            travelled = to_u
+            last = row
+            column = edge_u if du > 0.0 else edge_u - 1
+            row = min(max(math.floor(v + travelled * dv), last - side + 1), last + side - 1)
+        else:
+            travelled = to_v
+            last = column
+            row = edge_v if dv > 0.0 else edge_v - 1
+            column = min(max(math.floor(u + travelled * du), last - side + 1), last + side - 1)
+    return math.inf
+
+
+def stepped_ray(floor_map: FloorMap) -> Ray:
+    """Return :func:`stepped_distance` on a map."""
+    return partial(stepped_distance, wall_distance(floor_map).data)
 
 
 def exact_ray(floor_map: FloorMap) -> Ray:
-    """Return a search from cell to cell that skips squares without walls.
-
-    The chessboard distance from each cell to the nearest wall gives the largest such square around
-    it. Next to a wall the square is the cell itself, and the search is the cell traversal of
-    Amanatides and Woo (1987). All points are computed from the origin, so that errors do not
-    accumulate.
-    """
-    columns, rows = floor_map.columns, floor_map.rows
-    sides = wall_distance(floor_map).data
-
-    def distance(origin: Pair, direction: float) -> float:
-        u, v = origin
-        dv, du = sine_cosine(direction)
-        column, row = math.floor(u), math.floor(v)
-        travelled = 0.0
-        while travelled < MAX_RAY_CELLS and 0 <= column < columns and 0 <= row < rows:
-            side = sides[row, column]
-            if side == 0:
-                return travelled
-            edge_u = column + side if du > 0.0 else column - side + 1
-            edge_v = row + side if dv > 0.0 else row - side + 1
-            to_u = (edge_u - u) / du if du else math.inf
-            to_v = (edge_v - v) / dv if dv else math.inf
-            # Clamp the other coordinate to the square, against rounding.
-            if to_u <= to_v:
-                travelled = to_u
-                last = row
-                column = edge_u if du > 0.0 else edge_u - 1
-                row = min(max(math.floor(v + travelled * dv), last - side + 1), last + side - 1)
-            else:
-                travelled = to_v
-                last = column
-                row = edge_v if dv > 0.0 else edge_v - 1
-                column = min(max(math.floor(u + travelled * du), last - side + 1), last + side - 1)
-        return math.inf
-
-    return distance
+    """Return :func:`exact_distance` on a map."""
+    return partial(exact_distance, wall_distance(floor_map).data)
 
 
 RAYS: dict[str, Callable[[FloorMap], Ray]] = {'exact': exact_ray, 'stepped': stepped_ray}

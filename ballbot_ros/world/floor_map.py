@@ -17,6 +17,14 @@ CELL_M = 0.01
 CELLS_PER_METRE = 100.0
 
 
+def map_point(columns: int, rows: int, position: Pair) -> Pair:
+    """Return the point (u, v) [cells] of a position [m] in plane signs on a map of this size."""
+    return (
+        position[0] * CELLS_PER_METRE + columns / 2.0,
+        position[1] * CELLS_PER_METRE + rows / 2.0,
+    )
+
+
 @dataclass(frozen=True)
 class FloorMap:
     """The type of each square centimetre of the floor.
@@ -50,10 +58,7 @@ class FloorMap:
 
     def point(self, position: Pair) -> Pair:
         """Return the point (u, v) [cells] of a position [m] in plane signs."""
-        return (
-            position[0] * CELLS_PER_METRE + self.columns / 2.0,
-            position[1] * CELLS_PER_METRE + self.rows / 2.0,
-        )
+        return map_point(self.columns, self.rows, position)
 
     def points(self, positions: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the points of many positions, each of shape (n, 2)."""

@@ -12,6 +12,16 @@ from ballbot_ros.world.floor_map import CELL_M
 from ballbot_ros.world.library import load_map
 
 
+def beam_directions(cone_angle: float, cone_rays: int) -> list[float]:
+    """Return the directions [rad] of the rays of a cone; it has one if its angle [rad] is 0."""
+    count = cone_rays if cone_angle else 1
+    middle = count // 2
+    return [
+        cone_angle * (index - middle) / (count - 1) if index != middle else 0.0
+        for index in range(count)
+    ]
+
+
 class SonarBeam:
     """A single ray along +x of ``map``, or a fan of rays, of which the nearest echo counts.
 
@@ -26,18 +36,12 @@ class SonarBeam:
 
     def __init__(self, parameters: SonarParameters) -> None:
         self._to_front: float = parameters.body_depth / 2.0
-        opening: float = parameters.cone_angle
-        count: int = parameters.cone_rays if opening else 1
         if parameters.cone_rays % 2 == 0:
             raise WorldError(
                 f'sonar_driver.cone_rays: {parameters.cone_rays} is even; '
                 'only an odd number has a ray that points straight ahead'
             )
-        middle = count // 2
-        self._directions = [
-            opening * (index - middle) / (count - 1) if index != middle else 0.0
-            for index in range(count)
-        ]
+        self._directions = beam_directions(parameters.cone_angle, parameters.cone_rays)
         self._map = load_map(parameters.map) if parameters.map else None
         if self._map is not None:
             self._ray = RAYS[parameters.distance_model](self._map)

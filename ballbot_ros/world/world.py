@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +12,52 @@ from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.plant.ground_truth import Pair
 from ballbot_ros.world.distance import wall_distance
 from ballbot_ros.world.errors import WorldError
-from ballbot_ros.world.floor_map import CELL_M, CELLS_PER_METRE, FloorMap
+from ballbot_ros.world.floor_map import CELL_M, CELLS_PER_METRE, FloorMap, map_point
 from ballbot_ros.world.library import load_map
+
+
+class Footprint(NamedTuple):
+    """The map's walls and the body's outline, for :func:`is_blocked`; lengths are in cells.
+
+    Attributes
+    ----------
+    columns, rows : int
+        Size of the map.
+    half_u, half_v : float
+        Half of the body's depth and width.
+    walls_before : array of int32, shape (rows + 1, columns + 1)
+        Number of wall cells above and to the left of each corner of a cell.
+    is_clear : array of bool, shape (rows, columns)
+        The cells in which the ball is so far from all walls that the body can't reach one.
+    """
+
+    columns: int
+    rows: int
+    half_u: float
+    half_v: float
+    walls_before: Any
+    is_clear: Any
+
+
+def is_blocked(footprint: Footprint, position: Pair) -> bool:
+    """Return whether any part of the body is in a wall; the position is the ball's centre [m].
+
+    Four prefix sums give the number of wall cells in a rectangle, so that no wall, however narrow,
+    can slip between the points of the outline.
+    """
+    columns, rows, half_u, half_v, walls_before, is_clear = footprint
+    u, v = map_point(columns, rows, position)
+    if 0.0 <= u < columns and 0.0 <= v < rows and is_clear[int(v), int(u)]:
+        return False
+    left = min(max(math.floor(u - half_u), 0), columns)
+    right = min(max(math.floor(u + half_u) + 1, 0), columns)
+    top = min(max(math.floor(v - half_v), 0), rows)
+    bottom = min(max(math.floor(v + half_v) + 1, 0), rows)
+    inside = (
+        walls_before[bottom, right] - walls_before[top, right]
+        - walls_before[bottom, left] + walls_before[top, left]
+    )  # fmt: skip
+    return bool(inside > 0)
 
 
 class World:
@@ -20,6 +65,13 @@ class World:
 
     Only walls block the robot; the floor off the map is free. Positions are those of the ball's
     centre [m] in plane signs (docs/frames.md). The body's depth and width [m] are along x and y.
+
+    Attributes
+    ----------
+    map : FloorMap
+        The floor.
+    footprint : Footprint
+        Walls and outline as numbers.
     """
 
     def __init__(self, floor_map: FloorMap, body_depth: float, body_width: float) -> None:
@@ -28,10 +80,13 @@ class World:
         self._half_v = body_width * CELLS_PER_METRE / 2.0
         sums = np.zeros((floor_map.rows + 1, floor_map.columns + 1), dtype=np.int32)
         np.cumsum(np.cumsum(floor_map.walls, axis=0, dtype=np.int32), axis=1, out=sums[1:, 1:])
-        self._walls_before = sums.data
-        # Mark the cells in which the ball is so far from all walls that the body can't reach one.
         reach = max(self._half_u, self._half_v) + 1.0
-        self._is_clear = (wall_distance(floor_map) > reach).data
+        is_clear = wall_distance(floor_map) > reach
+        self.footprint = Footprint(
+            floor_map.columns, floor_map.rows, self._half_u, self._half_v, sums, is_clear
+        )
+        # Memory views give their elements faster than arrays do.
+        self._footprint = self.footprint._replace(walls_before=sums.data, is_clear=is_clear.data)
         self._points = {
             f'{end} {side}': (along * self._half_u, across * self._half_v)
             for end, along in (('front', 1.0), ('rear', -1.0))
@@ -66,22 +121,8 @@ class World:
             )
 
     def blocked(self, position: Pair) -> bool:
-        """Return whether any part of the body is in a wall.
-
-        Four prefix sums give the number of wall cells in a rectangle, so that no wall, however
-        narrow, can slip between the points of the outline.
-        """
-        u, v = self.map.point(position)
-        columns, rows = self.map.columns, self.map.rows
-        if 0.0 <= u < columns and 0.0 <= v < rows and self._is_clear[int(v), int(u)]:
-            return False
-        left = min(max(math.floor(u - self._half_u), 0), columns)
-        right = min(max(math.floor(u + self._half_u) + 1, 0), columns)
-        top = min(max(math.floor(v - self._half_v), 0), rows)
-        bottom = min(max(math.floor(v + self._half_v) + 1, 0), rows)
-        sums = self._walls_before
-        inside: int = sums[bottom, right] - sums[top, right] - sums[bottom, left] + sums[top, left]
-        return inside > 0
+        """Return whether any part of the body is in a wall, see :func:`is_blocked`."""
+        return is_blocked(self._footprint, position)
 
     def touching(self, position: Pair) -> tuple[str, ...]:
         """Return which of the document's six points of the outline are in a wall (B.3).

@@ -39,8 +39,9 @@ def constants_of(p: ProgramConstants) -> Constants:
 
     Besides those of Appendix C, they include 1 - a, Rw/Rs, and gp_max as float.
     """
+    gains = p.k_f[0], p.k_f[1], p.k_f[2], p.k_f[3]  # in a row of a table, they are an array
     return (
-        p.k_f, p.k_i, p.k_thetadot,
+        gains, p.k_i, p.k_thetadot,
         p.a_d, p.a_r, p.a_gd, ONE - p.a_d, ONE - p.a_r, ONE - p.a_gd,
         p.pwm_gain, p.pwm_offset, p.wheel_radius / p.ball_radius, Single(p.gp_max),
     )  # fmt: skip

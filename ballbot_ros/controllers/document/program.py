@@ -47,6 +47,74 @@ def operating_state(
     return OperatingState.RIGHTWARD if flag_avoid else OperatingState.FORWARD
 
 
+def held_distance(
+    distance_cm: int, echo_time: int, sonar_cm: int, now_ms: int, sonar_hold: int
+) -> tuple[int, int]:
+    """Return the distance to an obstacle [cm] and the time of the last echo [ms] (section 7.5).
+
+    The last echo bridges missed ones for `sonar_hold` [ms].
+
+    Parameters
+    ----------
+    distance_cm, echo_time : int
+        The previous results.
+    sonar_cm : int
+        Reading of the sonar at the system time `now_ms`.
+    """
+    if sonar_cm != NO_ECHO_CM:
+        return sonar_cm, now_ms
+    if (now_ms - echo_time) & UINT32_MASK > sonar_hold:
+        return NO_ECHO_CM, echo_time
+    return distance_cm, echo_time
+
+
+def next_mode(
+    elapsed: int, timer_stop: int, is_in_control: bool, calibrated: bool, time_stop: int
+) -> tuple[ControlMode, int]:
+    """Return the mode and the time at which the errors were last below their thresholds (7.6).
+
+    Parameters
+    ----------
+    elapsed, timer_stop : int
+        Time since task_init and the previous result [ms].
+    is_in_control : bool
+        Whether the errors of both planes are below their thresholds.
+    calibrated : bool
+        Whether the time of the calibration is over.
+    time_stop : int
+        Time from the loss of control until the motors stop [ms].
+    """
+    if is_in_control:
+        timer_stop = elapsed
+    if (elapsed - timer_stop) & UINT32_MASK >= time_stop:
+        return ControlMode.STOP, timer_stop
+    return ControlMode.CONTROL if calibrated else ControlMode.CALIBRATION, timer_stop
+
+
+def speed_command(
+    autonomous: bool, flag_avoid: bool, flag_auto: bool, sticks: tuple[int, int], gp_max: int
+) -> tuple[int, int]:
+    """Return the speed command of planes x and y (section 7.5, figure 7-1).
+
+    In autonomous drive, the robot drives forward, and rightward at an obstacle, as in section 7.5
+    and figure 7-1; the listing of Appendix C exchanges the planes.
+    """
+    if not autonomous:
+        vertical, horizontal = sticks
+        if flag_avoid:
+            vertical = gp_max
+        # An int8 negation leaves -128 unchanged.
+        return -vertical if vertical != -128 else -128, horizontal
+    if not flag_auto:
+        return 0, 0
+    return (0, gp_max) if flag_avoid else (gp_max, 0)
+
+
+def averaged_battery(battery: Single, reading_mv: int, a_b: Single) -> Single:
+    """Return the averaged battery voltage [mV] after a reading [mV] (section 7.6)."""
+    return (ONE - a_b) * Single(reading_mv) + a_b * battery
+
+
 class ControlProgram:
     """The program on the brick: its shared data and tasks.
 
@@ -142,7 +210,9 @@ class ControlProgram:
         brick = self.brick
         if self.control_mode == ControlMode.CONTROL:
             self.sticks = brick.read_sticks(self.sticks)
-            stick_x, stick_y = self._command()
+            stick_x, stick_y = speed_command(
+                self._p.autonomous, self.flag_avoid, self.flag_auto, self.sticks, self._p.gp_max
+            )
             max_voltage = max_motor_voltage(self.battery)
             brick.duty = (
                 self.x.control(brick.gyro[0], brick.revolutions[0], stick_x, max_voltage),
@@ -158,27 +228,23 @@ class ControlProgram:
     def task_ts2(self) -> None:
         """Check for an obstacle (section 7.5); the last echo bridges missed ones."""
         brick = self.brick
-        sonar_cm = brick.read_sonar()
-        if sonar_cm != NO_ECHO_CM:
-            self.distance_cm, self.echo_time = sonar_cm, brick.systick_ms
-        elif (brick.systick_ms - self.echo_time) & UINT32_MASK > self._p.sonar_hold:
-            self.distance_cm = NO_ECHO_CM
+        self.distance_cm, self.echo_time = held_distance(
+            self.distance_cm, self.echo_time, brick.read_sonar(),
+            brick.systick_ms, self._p.sonar_hold,
+        )  # fmt: skip
         self.flag_avoid = self.distance_cm <= self._p.dst_thr
 
     def task_ts3(self) -> None:
         """Decide the operating state, average the battery voltage, sound (section 7.6)."""
         p = self._p
-        self.battery = (ONE - p.a_b) * Single(self.brick.battery_mv) + p.a_b * self.battery
+        self.battery = averaged_battery(self.battery, self.brick.battery_mv, p.a_b)
         elapsed = (self.brick.systick_ms - self.start_time) & UINT32_MASK
         self.flag_auto = elapsed >= p.time_auto
         calibrated = elapsed >= p.time_start
-        if self.x.in_control() and self.y.in_control():
-            self.timer_stop = elapsed
-        if (elapsed - self.timer_stop) & UINT32_MASK < p.time_stop:
-            controls = ControlMode.CONTROL
-            self.control_mode = controls if calibrated else ControlMode.CALIBRATION
-        else:
-            self.control_mode = ControlMode.STOP
+        is_in_control = self.x.in_control() and self.y.in_control()
+        self.control_mode, self.timer_stop = next_mode(
+            elapsed, self.timer_stop, is_in_control, calibrated, p.time_stop
+        )
         if calibrated and not self.calibrated:
             self.brick.sound_tone(p.sound_freq, p.sound_dur, p.sound_volume)
         self.calibrated = calibrated
@@ -195,23 +261,6 @@ class ControlProgram:
     def task_lcd(self) -> None:
         """Refresh the display."""
         self.brick.show_status(PROGRAM_NAME)
-
-    def _command(self) -> tuple[int, int]:
-        """Return the speed command of planes x and y (section 7.5, figure 7-1).
-
-        In autonomous drive, the robot drives forward, and rightward at an obstacle, as in section
-        7.5 and figure 7-1; the listing of Appendix C exchanges the planes.
-        """
-        p = self._p
-        if not p.autonomous:
-            vertical, horizontal = self.sticks
-            if self.flag_avoid:
-                vertical = p.gp_max
-            # An int8 negation leaves -128 unchanged.
-            return (-vertical if vertical != -128 else -128), horizontal
-        if not self.flag_auto:
-            return 0, 0
-        return (0, p.gp_max) if self.flag_avoid else (p.gp_max, 0)
 
     def _log(self) -> None:
         if self.log_counter == 0:
