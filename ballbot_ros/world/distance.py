@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -23,8 +22,8 @@ from ballbot_ros.world.floor_map import FloorMap
 MAX_RAY_CELLS = 255
 """Length of the document's search [cells]: an unsigned byte of centimetres."""
 
-Ray = Callable[[Pair, float], float]
-"""(origin, direction) -> distance."""
+Distance = Callable[[Any, Pair, float], float]
+"""(sides, origin, direction) -> distance; the first is the result of :func:`wall_distance`."""
 
 
 def wall_distance(floor_map: FloorMap) -> NDArray[np.int32]:
@@ -93,15 +92,5 @@ def exact_distance(sides: Any, origin: Pair, direction: float) -> float:
     return math.inf
 
 
-def stepped_ray(floor_map: FloorMap) -> Ray:
-    """Return :func:`stepped_distance` on a map."""
-    return partial(stepped_distance, wall_distance(floor_map).data)
-
-
-def exact_ray(floor_map: FloorMap) -> Ray:
-    """Return :func:`exact_distance` on a map."""
-    return partial(exact_distance, wall_distance(floor_map).data)
-
-
-RAYS: dict[str, Callable[[FloorMap], Ray]] = {'exact': exact_ray, 'stepped': stepped_ray}
-"""The ray functions, by value of the parameter ``distance_model``."""
+DISTANCES: dict[str, Distance] = {'exact': exact_distance, 'stepped': stepped_distance}
+"""The functions by value of the parameter ``distance_model``."""

@@ -21,22 +21,23 @@ class Footprint(NamedTuple):
 
     Attributes
     ----------
-    columns, rows : int
-        Size of the map.
-    half_u, half_v : float
-        Half of the body's depth and width.
+    sides : array of int32, shape (rows, columns)
+        Result of :func:`~ballbot_ros.world.distance.wall_distance`.
     walls_before : array of int32, shape (rows + 1, columns + 1)
         Number of wall cells above and to the left of each corner of a cell.
-    is_clear : array of bool, shape (rows, columns)
-        The cells in which the ball is so far from all walls that the body can't reach one.
+    half_u, half_v : float
+        Half of the body's depth and width.
     """
 
-    columns: int
-    rows: int
+    sides: Any
+    walls_before: Any
     half_u: float
     half_v: float
-    walls_before: Any
-    is_clear: Any
+
+
+def half_cells(length: float) -> float:
+    """Return half of a length [m] in cells."""
+    return length * CELLS_PER_METRE / 2.0
 
 
 def is_blocked(footprint: Footprint, position: Pair) -> bool:
@@ -45,9 +46,11 @@ def is_blocked(footprint: Footprint, position: Pair) -> bool:
     Four prefix sums give the number of wall cells in a rectangle, so that no wall, however narrow,
     can slip between the points of the outline.
     """
-    columns, rows, half_u, half_v, walls_before, is_clear = footprint
+    sides, walls_before, half_u, half_v = footprint
+    rows, columns = sides.shape
     u, v = map_point(columns, rows, position)
-    if 0.0 <= u < columns and 0.0 <= v < rows and is_clear[int(v), int(u)]:
+    # Where the ball is far from all walls, the body can't reach one.
+    if 0.0 <= u < columns and 0.0 <= v < rows and sides[int(v), int(u)] > max(half_u, half_v) + 1.0:
         return False
     left = min(max(math.floor(u - half_u), 0), columns)
     right = min(max(math.floor(u + half_u) + 1, 0), columns)
@@ -76,17 +79,13 @@ class World:
 
     def __init__(self, floor_map: FloorMap, body_depth: float, body_width: float) -> None:
         self.map = floor_map
-        self._half_u = body_depth * CELLS_PER_METRE / 2.0
-        self._half_v = body_width * CELLS_PER_METRE / 2.0
+        self._half_u, self._half_v = half_cells(body_depth), half_cells(body_width)
         sums = np.zeros((floor_map.rows + 1, floor_map.columns + 1), dtype=np.int32)
         np.cumsum(np.cumsum(floor_map.walls, axis=0, dtype=np.int32), axis=1, out=sums[1:, 1:])
-        reach = max(self._half_u, self._half_v) + 1.0
-        is_clear = wall_distance(floor_map) > reach
-        self.footprint = Footprint(
-            floor_map.columns, floor_map.rows, self._half_u, self._half_v, sums, is_clear
-        )
+        sides = wall_distance(floor_map)
+        self.footprint = Footprint(sides, sums, self._half_u, self._half_v)
         # Memory views give their elements faster than arrays do.
-        self._footprint = self.footprint._replace(walls_before=sums.data, is_clear=is_clear.data)
+        self._footprint = self.footprint._replace(sides=sides.data, walls_before=sums.data)
         self._points = {
             f'{end} {side}': (along * self._half_u, across * self._half_v)
             for end, along in (('front', 1.0), ('rear', -1.0))

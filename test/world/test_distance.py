@@ -1,6 +1,7 @@
 """Distance along rays: the document's steps, the exact search, and how they agree."""
 
 import math
+from functools import partial
 
 import numpy as np
 import pytest
@@ -8,12 +9,20 @@ from hypothesis import strategies as st
 from laws import given
 from maps import drawn, open_floor, with_walls
 
-from ballbot_ros.world.distance import exact_ray, stepped_ray
+from ballbot_ros.world.distance import exact_distance, stepped_distance, wall_distance
 from ballbot_ros.world.floor_map import FLOOR, WALL, FloorMap
 
 EAST, SOUTH, WEST, NORTH = (quarter * math.pi / 2 for quarter in range(4))
 FINE = 1e-3
 ROUNDING = 1e-6
+
+
+def exact_ray(floor_map):
+    return partial(exact_distance, wall_distance(floor_map))
+
+
+def stepped_ray(floor_map):
+    return partial(stepped_distance, wall_distance(floor_map))
 
 
 @st.composite

@@ -1,0 +1,124 @@
+"""Random runs of the document's program with parameters from all of their bounds."""
+
+import math
+import random
+
+from ballbot_ros.parameters import (
+    CONTROLLER,
+    PLANT,
+    ControllerParameters,
+    EncoderParameters,
+    GyroParameters,
+    ParameterSet,
+    PlantParameters,
+    SonarParameters,
+    parameters_of,
+)
+from ballbot_ros.scenario.scenario import Scenario, ScheduledPush
+from ballbot_ros.scenario.signal import Segment, StickSignal
+from ballbot_ros.world.errors import WorldError
+from ballbot_ros.world.world import World
+
+# Those of the pace, the graph and the files, and those that are drawn in their own way.
+LEFT_ALONE = {
+    'duration', 'timeout', 'startup_timeout', 'real_time_factor', 'push_duration', 'lockstep',
+    'on_timeout', 'require_recorder', 'rejoin', 'hold_time', 'time_start', 'time_auto',
+    'time_stop', 'cone_rays', 'start_position_x', 'start_position_y',
+}  # fmt: skip
+MAPS = {'': (0.0, 0.0), 'track': (-0.7, -0.55), 'corridor': (0.5, 0.0)}
+
+
+def drawn_run(seed, duration=1.0):
+    """Return parameters and scenario of a random run: every second one over the full bounds."""
+    draw, parameters = random.Random(seed), ParameterSet()
+    wild = seed % 2
+    for cls in (
+        PlantParameters, GyroParameters, EncoderParameters, SonarParameters, ControllerParameters,
+    ):  # fmt: skip
+        for name, row in parameters_of(cls.node).items():
+            if name not in LEFT_ALONE and not parameters.is_set(cls.node, name):
+                value = drawn_value(draw, row, wild)
+                if value is not None:
+                    parameters.set(cls.node, name, value)
+    for node, name, value in (
+        (PLANT, 'duration', duration),
+        (PLANT, 'hold_time', draw.choice((0.0, 0.04, 0.1234))),
+        (CONTROLLER, 'time_start', draw.choice((0, 40, 102))),
+        (CONTROLLER, 'time_auto', draw.choice((0, 80, 300))),
+        (CONTROLLER, 'time_stop', draw.choice((0, 100, 500, 2**32 - 1))),
+        (SonarParameters.node, 'cone_rays', draw.choice((1, 3, 7, 31))),
+    ):
+        parameters.set(node, name, value)
+    choose_place(draw, parameters)
+    pushes = tuple(
+        ScheduledPush(
+            draw.uniform(0.0, duration), draw.uniform(0.001, duration),
+            *(draw.uniform(-1.0, 1.0) * 10.0 ** draw.uniform(-2, 3 * wild) for _ in 'xy'),
+        )
+        for _ in range(draw.choice((0, 0, 1, 3)))
+    )  # fmt: skip
+    vertical, horizontal = drawn_signal(draw, duration), drawn_signal(draw, duration)
+    return parameters, Scenario(vertical=vertical, horizontal=horizontal, pushes=pushes)
+
+
+def choose_place(draw, parameters):
+    """Draw a map, and a start where the body, however large, is in no wall."""
+    name = draw.choice(('', *MAPS))
+    x, y = MAPS[name]
+    for map_name, position in ((name, (x, y)), ('', (draw.uniform(-9, 9), draw.uniform(-9, 9)))):
+        parameters.set(PLANT, 'map', map_name)
+        parameters.set(PLANT, 'start_position_x', position[0])
+        parameters.set(PLANT, 'start_position_y', position[1])
+        try:
+            World.of(parameters.of(PlantParameters))
+        except WorldError:
+            continue
+        return
+
+
+def drawn_value(draw, row, wild):
+    if row.choices:
+        return draw.choice(row.choices)
+    if isinstance(row.default, bool):
+        return draw.random() < 0.5
+    if isinstance(row.default, str) or not row.bounds:
+        return None
+    defaults = row.default if isinstance(row.default, tuple) else (row.default,)
+    values = [drawn_number(draw, row, default, wild) for default in defaults]
+    if isinstance(row.default, int):
+        return int(values[0])
+    return values if isinstance(row.default, tuple) else values[0]
+
+
+def drawn_number(draw, row, default, wild):
+    low, high = row.bounds
+    if row.name == 'seed':
+        return draw.randint(low, high)
+    if wild and draw.random() < 0.2:
+        if draw.random() < 0.2:
+            return draw.choice((low, high))
+        # Most bounds span many powers of ten: draw mostly near the lower one.
+        return low + (high - low) * draw.random() ** 6
+    if default:
+        return min(high, max(low, default * draw.uniform(0.7, 1.3)))
+    if draw.random() < 0.4:
+        return default
+    small = {'delay', 'delay_jitter', 'actuator_delay', 'actuator_delay_jitter'}
+    scale = 30.0 if row.name in small else 0.02 if abs(high) <= 2.0 else 3.0
+    return min(high, max(low, scale * draw.random()))
+
+
+def drawn_signal(draw, duration):
+    segments, time = [], 0.0
+    for number in range(draw.choice((0, 1, 2))):
+        times = sorted(draw.uniform(time, duration) for _ in range(draw.choice((2, 3))))
+        if draw.random() < 0.3:
+            times[-1] = math.inf
+        values = [draw.uniform(-128.0, 127.0) for _ in times]
+        if times[-1] == math.inf:
+            values[-1] = values[-2]
+        segments.append(Segment(str(number), tuple(zip(times, values, strict=True))))
+        time = times[-1]
+        if time == math.inf:
+            break
+    return StickSignal(tuple(segments))
