@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
-from ballbot_ros.brick.units import radians_to_degrees
+from ballbot_ros.brick.units import degrees_of, quantise
+
+INT32_MIN, INT32_MAX = -(2**31), 2**31 - 1
+
+
+def encoder_reading(angle: float) -> int:
+    """Return the whole degrees of a shaft angle [rad]; a counter has 32 bits, and stops there."""
+    return quantise(max(float(INT32_MIN), min(float(INT32_MAX), degrees_of(angle))))
 
 
 class Encoder:
@@ -10,4 +17,4 @@ class Encoder:
 
     def read(self, angles: tuple[float, float], stamp_ns: int) -> tuple[int, int]:
         """Return the counts [deg] for the shaft angles [rad] of planes x and y at any stamp."""
-        return radians_to_degrees(angles[0]), radians_to_degrees(angles[1])
+        return encoder_reading(angles[0]), encoder_reading(angles[1])

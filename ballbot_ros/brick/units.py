@@ -20,9 +20,14 @@ def quantise(value: float) -> int:
     return math.floor(value + 0.5)
 
 
+def degrees_of(radians: float) -> float:
+    """Return rad (or rad/s) in degrees (or deg/s)."""
+    return radians * _DEGREES_PER_RADIAN
+
+
 def radians_to_degrees(radians: float) -> int:
     """Return the whole degrees (or deg/s) nearest to rad (or rad/s)."""
-    return quantise(radians * _DEGREES_PER_RADIAN)
+    return quantise(degrees_of(radians))
 
 
 def degrees_to_radians(degrees: float) -> float:

@@ -38,7 +38,7 @@ def state_after_fall(state: PlaneState, fall_angle: float) -> PlaneState:
 
 
 def wheel_angle(ratio: float, theta: float, psi: float, start_psi: float) -> float:
-    """Return the angle of a motor's wheel since the start, from ball angle and pitch; all in rad."""
+    """Return the angle [rad] of a wheel since the start, from ball angle and pitch [rad]."""
     return ratio * (theta - (psi - start_psi))
 
 

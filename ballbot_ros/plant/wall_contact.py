@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 from ballbot_ros.plant.ground_truth import Pair
 from ballbot_ros.plant.integration import PlaneState
@@ -72,39 +71,23 @@ def state_after_impact(
     return before[0], psi, theta_dot, psi_dot
 
 
-def stop_at_walls(
-    is_blocked: Callable[[Any, Pair], bool],
-    floor: Any,
-    start: Pair,
-    radius: float,
-    mass: MassMatrix,
-    linear: bool,
-    before: Planes,
-    after: Planes,
-) -> Planes:
+def planes_at_wall(after: Planes, stopped: Planes, y_suffices: bool, x_suffices: bool) -> Planes:
     """Return the planes at the end of a step that would end in a wall.
-
-    The one that must stop is stopped: y if that is enough, else x, else both.
 
     Parameters
     ----------
-    is_blocked : callable
-        Takes the floor and a position, and returns whether the body can't be there.
-    start : tuple of float
-        Position of the ball [m] where both theta are zero.
-    radius : float
-        Radius of the ball [m].
-    before, after : tuple of PlaneState
-        The planes before the step, and after it if there were no walls.
+    after : tuple of PlaneState
+        The planes after the step if there were no walls.
+    stopped : tuple of PlaneState
+        The same planes, each stopped by :func:`state_after_impact`.
+    y_suffices, x_suffices : bool
+        Whether the body is free if this plane alone is stopped; y comes first.
     """
-    x, y = after
-    stopped_x = state_after_impact(before[0], x, mass, linear)
-    stopped_y = state_after_impact(before[1], y, mass, linear)
-    if not is_blocked(floor, ball_position(start, radius, x[0], stopped_y[0])):
-        return x, stopped_y
-    if not is_blocked(floor, ball_position(start, radius, stopped_x[0], y[0])):
-        return stopped_x, y
-    return stopped_x, stopped_y
+    if y_suffices:
+        return after[0], stopped[1]
+    if x_suffices:
+        return stopped[0], after[1]
+    return stopped
 
 
 def ball_position(start: Pair, radius: float, theta_x: float, theta_y: float) -> Pair:
@@ -145,10 +128,16 @@ class WallContact:
         attempted = self._position(after)
         if not self._floor.blocked(attempted):
             return after
-        planes = stop_at_walls(
-            type(self._floor).blocked, self._floor, self._start, self._radius,
-            self._mass, self._linear, before, after,
-        )  # fmt: skip
+        stopped = (
+            state_after_impact(before[0], after[0], self._mass, self._linear),
+            state_after_impact(before[1], after[1], self._mass, self._linear),
+        )
+        planes = planes_at_wall(
+            after,
+            stopped,
+            not self._floor.blocked(self._position((after[0], stopped[1]))),
+            not self._floor.blocked(self._position((stopped[0], after[1]))),
+        )
         if not (self.in_contact or self._since_sample):
             parts = self._floor.touching(attempted)
             self.newest = WallHit(time_ns, self._position(planes), parts)

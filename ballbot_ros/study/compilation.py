@@ -1,28 +1,75 @@
-"""The project's functions, compiled by numba as they are."""
+"""The project's functions, compiled by numba as they are, and kept for the next time."""
 
 from __future__ import annotations
 
 import dis
-from collections.abc import Callable
-from types import CodeType, FunctionType
+import hashlib
+import os
+import platform
+import shutil
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryFile
+from types import CodeType, FunctionType, MappingProxyType
 from typing import Any
 
+import numpy as np
+
+import ballbot_ros
 from ballbot_ros.errors import BallbotError
 
-_PACKAGE = 'ballbot_ros'
-_compiled: dict[FunctionType, Any] = {}
+_PACKAGE = ballbot_ros.__name__
+_KEPT_FOLDERS = 4
+
+Function = Callable[..., Any]
 
 
 class CompilationError(BallbotError):
-    """Studies can't be compiled here."""
+    """Functions can't be compiled here."""
 
 
-def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
+_functions: dict[Function, Any] = {}
+
+
+def compiled(function: Function) -> Function:
     """Return a function of this project compiled, together with the functions that it calls.
 
     The results are those of the function itself, bit for bit: without `fastmath`, numba keeps the
     operations of IEEE arithmetic and their order. A division by zero gives what numpy's numbers
-    give. The functions get no decorator, so nothing else needs numba.
+    give. The functions need no decorator, so nothing else needs numba.
+
+    Raises
+    ------
+    CompilationError
+        If numba is not installed.
+    """
+    known = _functions.get(function)
+    if known is None:
+        fresh = _with_compiled_globals(function, {})
+        known = _numba().njit(fresh, error_model='numpy')
+        _functions[function] = known
+    return known
+
+
+_NONE: Mapping[str, Function] = MappingProxyType({})
+
+
+def compiled_and_kept(
+    function: Function, name: str = '', others: Mapping[str, Function] = _NONE
+) -> Function:
+    """Return a function as :func:`compiled` does; the machine code is kept on disk.
+
+    Kept code is used only by the same code of this package, with the same releases of Python, numpy
+    and numba, on the same kind of processor. Without a folder for it, nothing is kept.
+
+    Parameters
+    ----------
+    name : str
+        Distinguishes it from the same function with other `others`.
+    others : mapping of str to callable
+        Functions that take the place of those with these names in the module.
 
     Raises
     ------
@@ -30,28 +77,43 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
         If numba is not installed.
     """
     numba = _numba()
+    fresh = _with_compiled_globals(function, others)
+    fresh.__qualname__ += f'_{name}' if name else ''
+    folder = _folder()
+    with _cache_folder(numba, folder):
+        return numba.njit(fresh, error_model='numpy', nogil=True, cache=folder is not None)
+
+
+@cache
+def code_sha256() -> str:
+    """Return a hash of the text of all modules of this package, as hexadecimal text."""
+    root = Path(ballbot_ros.__file__).parent
+    digest = hashlib.sha256()
+    for path in sorted(root.rglob('*.py')):
+        digest.update(f'{path.relative_to(root)}\0'.encode())
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+def _with_compiled_globals(function: Function, others: Mapping[str, Function]) -> FunctionType:
+    """Return a copy of a function that calls the compiled functions of this project."""
     assert isinstance(function, FunctionType)
-    known = _compiled.get(function)
-    if known is None:
-        called = {
-            name: compiled(value)
-            for name in _global_names(function.__code__)
-            if isinstance(value := function.__globals__.get(name), FunctionType)
-            and value.__module__.startswith(_PACKAGE)
-        }
-        fresh = FunctionType(
-            function.__code__, {**function.__globals__, **called}, function.__name__
-        )
-        fresh.__qualname__ = function.__qualname__
-        known = numba.njit(fresh, error_model='numpy')
-        _compiled[function] = known
-    return known
+    given = {**function.__globals__, **others}
+    called = {
+        name: compiled(value)
+        for name in _global_names(function.__code__)
+        if isinstance(value := given.get(name), FunctionType)
+        and value.__module__.startswith(_PACKAGE)
+    }
+    fresh = FunctionType(function.__code__, {**given, **called}, function.__name__)
+    fresh.__qualname__ = function.__qualname__
+    return fresh
 
 
 def _global_names(code: CodeType) -> set[str]:
     """Return the names of the module that code uses, not those of attributes."""
     names = {each.argval for each in dis.get_instructions(code) if each.opname == 'LOAD_GLOBAL'}
-    inner = [_global_names(each) for each in code.co_consts if isinstance(each, CodeType)]
+    inner = (_global_names(each) for each in code.co_consts if isinstance(each, CodeType))
     return names.union(*inner)
 
 
@@ -63,3 +125,41 @@ def _numba() -> Any:
             "compiled runs need numba: pip install 'ballbot_ros[study]'"
         ) from None
     return numba
+
+
+@cache
+def _folder() -> Path | None:
+    """Return the folder of the machine code of exactly this code; None if it can't be written."""
+    numba = _numba()
+    releases = platform.python_version(), np.__version__, numba.__version__
+    identity = hashlib.sha256(repr((code_sha256(), releases)).encode()).hexdigest()[:32]
+    base = os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache'
+    folder = Path(base) / _PACKAGE / 'compiled' / identity
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with TemporaryFile(dir=folder):
+            pass
+    except (OSError, RuntimeError):
+        return None
+    folder.touch()
+    _remove_old(folder.parent)
+    return folder
+
+
+def _remove_old(parent: Path) -> None:
+    """Remove all folders but those that were used last: each release of this package has one."""
+    with suppress(OSError):
+        ages = sorted(parent.iterdir(), key=lambda each: -each.stat().st_mtime)
+        for each in ages[_KEPT_FOLDERS:]:
+            shutil.rmtree(each, ignore_errors=True)
+
+
+@contextmanager
+def _cache_folder(numba: Any, folder: Path | None) -> Iterator[None]:
+    """Let numba keep the machine code in a folder."""
+    before = numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = str(folder or '')
+    try:
+        yield
+    finally:
+        numba.config.CACHE_DIR = before

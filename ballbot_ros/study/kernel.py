@@ -12,10 +12,11 @@ import numpy as np
 
 from ballbot_ros.brick.battery_monitor import battery_mv
 from ballbot_ros.brick.dead_time import drawn_delay, newest_effective, sample_age
+from ballbot_ros.brick.encoder import encoder_reading
 from ballbot_ros.brick.gyro import gyro_reading
 from ballbot_ros.brick.noise import device_number, noise_bits, noise_key
 from ballbot_ros.brick.sonar import sonar_reading
-from ballbot_ros.brick.units import NO_ECHO_CM, radians_to_degrees
+from ballbot_ros.brick.units import NO_ECHO_CM
 from ballbot_ros.controllers.document.axis import (
     ZERO,
     calibrated_offset,
@@ -50,7 +51,7 @@ from ballbot_ros.plant.plant import (
     state_after_fall,
     wheel_angle,
 )
-from ballbot_ros.plant.wall_contact import ball_position, stop_at_walls
+from ballbot_ros.plant.wall_contact import ball_position, planes_at_wall, state_after_impact
 from ballbot_ros.scenario.signal import signal_value
 from ballbot_ros.study.rows import choice
 from ballbot_ros.timing import (
@@ -63,7 +64,6 @@ from ballbot_ros.timing import (
     STEPS_PER_TICK,
     TICK_NS,
 )
-from ballbot_ros.world.distance import exact_distance, stepped_distance
 from ballbot_ros.world.floor_map import CELL_M, map_point
 from ballbot_ros.world.sonar_beam import beam_directions, nearest_echo
 from ballbot_ros.world.world import Footprint, half_cells, is_blocked
@@ -425,11 +425,9 @@ def simulate_run(
                 sensor = map_point(
                     columns, rows, (position[0] + sonar.body_depth / 2.0, position[1])
                 )
-                if sonar.distance_model == EXACT:
-                    cells = nearest_echo(exact_distance, floor.sides, sensor, directions)
-                else:
-                    cells = nearest_echo(stepped_distance, floor.sides, sensor, directions)
-                distance_m = CELL_M * cells
+                distance_m = CELL_M * nearest_echo(
+                    floor.sides, sensor, directions, sonar.distance_model == EXACT
+                )
             chance, error = sample_bits(SONAR, key, now_ns // SLOW_PERIOD_NS)
             sonar_cm = sonar_reading(
                 distance_m, uniform(chance), uniform(error), sonar.noise_cm,
@@ -448,7 +446,7 @@ def simulate_run(
                 gyro_reading(gyro_x, rate_x, error_x, now_ns),
                 gyro_reading(gyro_y, rate_y, error_y, now_ns),
             ),
-            (radians_to_degrees(angle_x), radians_to_degrees(angle_y)),
+            (encoder_reading(angle_x), encoder_reading(angle_y)),
             sonar_cm, reading_mv, sticks,
         )  # fmt: skip
 
@@ -519,8 +517,13 @@ def simulate_run(
                 if floor.has_map and is_blocked(
                     footprint, ball_position(start, radius, x[0], y[0])
                 ):
-                    x, y = stop_at_walls(
-                        is_blocked, footprint, start, radius, mass, linear, before, (x, y)
+                    stopped_x = state_after_impact(before[0], x, mass, linear)
+                    stopped_y = state_after_impact(before[1], y, mass, linear)
+                    x, y = planes_at_wall(
+                        (x, y),
+                        (stopped_x, stopped_y),
+                        not is_blocked(footprint, ball_position(start, radius, x[0], stopped_y[0])),
+                        not is_blocked(footprint, ball_position(start, radius, stopped_x[0], y[0])),
                     )
                     since_sample = True
                 if has_fallen(x[1], y[1], fall_angle):
@@ -573,12 +576,14 @@ def simulate_runs(
 ) -> None:
     """Simulate a run for each row of the tables.
 
-    The arrays of `events` and `log` have one dimension more, the first: that of the runs.
+    The arrays of `events` and `log` have one dimension more, the first: that of the runs. If it
+    has a length of one, all runs have the same events.
     """
     for run in range(len(plants)):
+        own = run if len(events.vertical) > 1 else 0
         at = Events(
-            events.push_times[run], events.push_forces[run],
-            events.vertical[run], events.horizontal[run],
+            events.push_times[own], events.push_forces[own],
+            events.vertical[own], events.horizontal[own],
         )  # fmt: skip
         to = Log(log.position[run], log.psi[run], log.duty[run])
         simulate_run(

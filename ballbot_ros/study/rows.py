@@ -1,7 +1,9 @@
-"""Parameters of many robots as rows of tables, one table a node."""
+"""Parameters of many robots as rows of tables, one table for each node."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import fields
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
@@ -9,10 +11,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.controllers.document.constants import ProgramConstants, Single
-from ballbot_ros.parameters import ControllerParameters, NodeParameters
+from ballbot_ros.parameters import (
+    ControllerParameters,
+    EncoderParameters,
+    GyroParameters,
+    NodeParameters,
+    Parameter,
+    ParameterError,
+    ParameterSet,
+    PlantParameters,
+    SonarParameters,
+    parameters_of,
+    suggest,
+)
 
 Rows = NDArray[np.void]
 """A structured array; its fields have the names of the parameters."""
+
+ROBOT_CLASSES: tuple[type[NodeParameters], ...] = (
+    PlantParameters,
+    GyroParameters,
+    EncoderParameters,
+    SonarParameters,
+    ControllerParameters,
+)
+"""The nodes whose parameters the motion of a robot depends on."""
 
 _NUMBERS: dict[Any, str] = {float: 'f8', int: 'i8', bool: '?', Single: 'f4'}
 
@@ -42,24 +65,109 @@ def choice(cls: type, name: str, value: str) -> int:
     return get_args(get_type_hints(cls)[name]).index(value)
 
 
-def rows_of(parameters: NodeParameters, count: int) -> Rows:
-    """Return a table with `count` equal rows: the parameters of a node."""
+def program_rows(controllers: Rows) -> Rows:
+    """Return the constants of the control program, in its types, for rows of ``controller``."""
+    rows = np.zeros(len(controllers), row_type(ProgramConstants))
+    autonomous = choice(ControllerParameters, 'mode', 'autonomous')
+    for name in rows.dtype.names or ():
+        is_mode = name == 'autonomous'
+        rows[name] = controllers['mode'] == autonomous if is_mode else controllers[name]
+    return rows
+
+
+class RobotRows:
+    """The parameters of many robots that differ in some values.
+
+    Parameters
+    ----------
+    parameters : ParameterSet
+        Those that all robots have, unless `values` has others.
+    values : mapping of str to ndarray
+        By ``node.param``: a value for each robot, shape (count,), or (count, 4) for ``k_f``.
+    count : int
+        Number of robots.
+
+    Raises
+    ------
+    ParameterError
+        If a parameter is unknown or none of a robot, or a value is not allowed.
+    """
+
+    def __init__(
+        self, parameters: ParameterSet, values: Mapping[str, NDArray[Any]], count: int
+    ) -> None:
+        self._tables = {
+            cls.node: np.repeat(_row(parameters.of(cls)), count) for cls in ROBOT_CLASSES
+        }
+        for target, column in values.items():
+            self._set(target, column)
+
+    def __getitem__(self, cls: type[NodeParameters]) -> Rows:
+        """Return the table of a node."""
+        return self._tables[cls.node]
+
+    def part(self, robots: slice) -> RobotRows:
+        """Return the rows of some robots, in the same memory."""
+        part = copy(self)
+        part._tables = {node: table[robots] for node, table in self._tables.items()}
+        return part
+
+    def _set(self, target: str, column: NDArray[Any]) -> None:
+        parameter = robot_parameter(target)
+        check_values(parameter, target, column)
+        for node in parameter.nodes:
+            table = self._tables.get(node)
+            if table is None or parameter.name not in (table.dtype.names or ()):
+                continue
+            if parameter.choices and isinstance(parameter.default, str):
+                column = np.array([parameter.choices.index(each) for each in column.tolist()])
+            table[parameter.name] = column
+
+
+def robot_parameter(target: str) -> Parameter:
+    """Return the parameter of a robot that has the name ``node.param``.
+
+    Raises
+    ------
+    ParameterError
+        If there is none; the message is one line.
+    """
+    node, _, name = target.partition('.')
+    if node not in {cls.node for cls in ROBOT_CLASSES}:
+        nodes = ', '.join(cls.node for cls in ROBOT_CLASSES)
+        raise ParameterError(f'{target}: not a parameter of one of {nodes}')
+    known = parameters_of(node)
+    if name not in known:
+        raise ParameterError(f'{node} has no parameter {name!r}; {suggest(name, known)}')
+    return known[name]
+
+
+def check_values(parameter: Parameter, target: str, column: NDArray[Any]) -> None:
+    """Raise ParameterError if a value of a column is not allowed; the message names its run."""
+    for run in _doubtful(parameter, column):
+        value = column[run]
+        plain = value.tolist() if isinstance(value, np.generic | np.ndarray) else value
+        try:
+            parameter.check(plain, f'{target.partition(".")[0]}.')
+        except ParameterError as error:
+            raise ParameterError(f'{error} (run {run})') from None
+
+
+def _doubtful(parameter: Parameter, column: NDArray[Any]) -> Sequence[int]:
+    """Return the rows of which one is not allowed if any is."""
+    is_range = column.dtype.kind in 'iuf' and not (parameter.choices or parameter.or_zero)
+    if not is_range or column.ndim > 1 or not len(column):
+        return range(len(column))
+    # A NaN counts as an extreme.
+    broken = np.flatnonzero(column % 1) if isinstance(parameter.default, int) else ()
+    return [int(np.argmin(column)), int(np.argmax(column)), *map(int, broken[:1])]
+
+
+def _row(parameters: NodeParameters) -> Rows:
+    """Return the parameters of a node as a table of one row."""
     cls = type(parameters)
     row = np.zeros(1, row_type(cls))
-    names = row.dtype.names or ()
-    for name in names:
+    for name in row.dtype.names or ():
         value = getattr(parameters, name)
         row[name] = choice(cls, name, value) if isinstance(value, str) else value
-    return np.repeat(row, count)
-
-
-def program_rows(controllers: Rows) -> Rows:
-    """Return the constants of the control program, in its types, for the rows of ``controller``."""
-    rows = np.zeros(len(controllers), row_type(ProgramConstants))
-    for name in rows.dtype.names or ():
-        if name == 'autonomous':
-            autonomous = choice(ControllerParameters, 'mode', 'autonomous')
-            rows[name] = controllers['mode'] == autonomous
-        else:
-            rows[name] = controllers[name]
-    return rows
+    return row

@@ -9,7 +9,6 @@ wall.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -21,9 +20,6 @@ from ballbot_ros.world.floor_map import FloorMap
 
 MAX_RAY_CELLS = 255
 """Length of the document's search [cells]: an unsigned byte of centimetres."""
-
-Distance = Callable[[Any, Pair, float], float]
-"""(sides, origin, direction) -> distance; the first is the result of :func:`wall_distance`."""
 
 
 def wall_distance(floor_map: FloorMap) -> NDArray[np.int32]:
@@ -90,7 +86,3 @@ def exact_distance(sides: Any, origin: Pair, direction: float) -> float:
             row = edge_v if dv > 0.0 else edge_v - 1
             column = min(max(math.floor(u + travelled * du), last - side + 1), last + side - 1)
     return math.inf
-
-
-DISTANCES: dict[str, Distance] = {'exact': exact_distance, 'stepped': stepped_distance}
-"""The functions by value of the parameter ``distance_model``."""

@@ -8,7 +8,7 @@ from typing import Any
 
 from ballbot_ros.parameters import SonarParameters
 from ballbot_ros.plant.ground_truth import Pair
-from ballbot_ros.world.distance import DISTANCES, Distance, wall_distance
+from ballbot_ros.world.distance import exact_distance, stepped_distance, wall_distance
 from ballbot_ros.world.errors import WorldError
 from ballbot_ros.world.floor_map import CELL_M
 from ballbot_ros.world.library import load_map
@@ -24,25 +24,26 @@ def beam_directions(cone_angle: float, cone_rays: int) -> list[float]:
     ]
 
 
-def nearest_echo(
-    distance: Distance, sides: Any, origin: Pair, directions: Sequence[float]
-) -> float:
+def nearest_echo(sides: Any, origin: Pair, directions: Sequence[float], exact: bool) -> float:
     """Return the shortest distance [cells] along some rays, inf if none meets a wall.
 
     Parameters
     ----------
-    distance : callable
-        One of :data:`~ballbot_ros.world.distance.DISTANCES`.
     sides : array of int32
         Result of :func:`~ballbot_ros.world.distance.wall_distance`.
     origin : tuple of float
         The sensor's point on the map (u, v) [cells].
     directions : sequence of float
         Directions of the rays [rad].
+    exact : bool
+        Whether the distance is exact, or found in the document's steps.
     """
     nearest = math.inf
     for direction in directions:
-        nearest = min(nearest, distance(sides, origin, direction))
+        if exact:
+            nearest = min(nearest, exact_distance(sides, origin, direction))
+        else:
+            nearest = min(nearest, stepped_distance(sides, origin, direction))
     return nearest
 
 
@@ -68,7 +69,7 @@ class SonarBeam:
         self._directions = beam_directions(parameters.cone_angle, parameters.cone_rays)
         self._map = load_map(parameters.map) if parameters.map else None
         if self._map is not None:
-            self._distance = DISTANCES[parameters.distance_model]
+            self._exact = parameters.distance_model == 'exact'
             self._sides = wall_distance(self._map).data  # faster than the elements of an array
 
     def distance_m(self, position: Pair) -> float:
@@ -79,4 +80,4 @@ class SonarBeam:
         if self._map is None:
             return math.inf
         origin = self._map.point((position[0] + self._to_front, position[1]))
-        return CELL_M * nearest_echo(self._distance, self._sides, origin, self._directions)
+        return CELL_M * nearest_echo(self._sides, origin, self._directions, self._exact)
