@@ -68,3 +68,26 @@ class FloorMap:
         return self.contains(point) and bool(
             self.cells[math.floor(point[1]), math.floor(point[0])] == WALL
         )
+
+
+def wall_sums(floor_map: FloorMap) -> NDArray[np.int32]:
+    """Return the number of wall cells above and left of each corner, (rows + 1, columns + 1)."""
+    sums = np.zeros((floor_map.rows + 1, floor_map.columns + 1), dtype=np.int32)
+    np.cumsum(np.cumsum(floor_map.walls, axis=0, dtype=np.int32), axis=1, out=sums[1:, 1:])
+    return sums
+
+
+def walls_in_rectangle(
+    sums: NDArray[np.int32] | memoryview, left: int, right: int, top: int, bottom: int
+) -> int:
+    """Return the number of wall cells in the columns from `left` and the rows from `top`.
+
+    Parameters
+    ----------
+    sums : ndarray of int32, shape (rows + 1, columns + 1)
+        From :func:`wall_sums`; Python reads single elements faster from its memoryview.
+    right, bottom : int
+        The first column and row behind the rectangle.
+    """
+    inside: int = sums[bottom, right] - sums[top, right] - sums[bottom, left] + sums[top, left]
+    return inside

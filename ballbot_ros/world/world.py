@@ -3,15 +3,23 @@
 from __future__ import annotations
 
 import math
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.plant.ground_truth import Pair
+from ballbot_ros.world.clearance import Walls, clearance, walls_around
 from ballbot_ros.world.distance import wall_distance
 from ballbot_ros.world.errors import WorldError
-from ballbot_ros.world.floor_map import CELL_M, CELLS_PER_METRE, FloorMap
+from ballbot_ros.world.floor_map import (
+    CELL_M,
+    CELLS_PER_METRE,
+    FloorMap,
+    wall_sums,
+    walls_in_rectangle,
+)
 from ballbot_ros.world.library import load_map
 
 
@@ -26,9 +34,7 @@ class World:
         self.map = floor_map
         self._half_u = body_depth * CELLS_PER_METRE / 2.0
         self._half_v = body_width * CELLS_PER_METRE / 2.0
-        sums = np.zeros((floor_map.rows + 1, floor_map.columns + 1), dtype=np.int32)
-        np.cumsum(np.cumsum(floor_map.walls, axis=0, dtype=np.int32), axis=1, out=sums[1:, 1:])
-        self._walls_before = sums.data
+        self._walls_before = wall_sums(floor_map).data
         # Mark the cells in which the ball is so far from all walls that the body can't reach one.
         reach = max(self._half_u, self._half_v) + 1.0
         self._is_clear = (wall_distance(floor_map) > reach).data
@@ -79,9 +85,7 @@ class World:
         right = min(max(math.floor(u + self._half_u) + 1, 0), columns)
         top = min(max(math.floor(v - self._half_v), 0), rows)
         bottom = min(max(math.floor(v + self._half_v) + 1, 0), rows)
-        sums = self._walls_before
-        inside: int = sums[bottom, right] - sums[top, right] - sums[bottom, left] + sums[top, left]
-        return inside > 0
+        return walls_in_rectangle(self._walls_before, left, right, top, bottom) > 0
 
     def touching(self, position: Pair) -> tuple[str, ...]:
         """Return which of the document's six points of the outline are in a wall (B.3).
@@ -99,42 +103,12 @@ class World:
         )
         return names or ('between two points of the outline',)
 
+    @cached_property
+    def walls(self) -> Walls:
+        """The distances to the walls for the body, for :func:`clearance`."""
+        # Not computed for every run: a node needs no clearance.
+        return walls_around(self.map, self._half_u, self._half_v)
+
     def clearance(self, positions: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the distances [m] from the outline to the nearest wall, (n,), at positions (n, 2).
-
-        They are exact to about 1 cm: 0 if the body is in a wall, inf if the map has no walls, a
-        lower bound if the outline extends beyond the map.
-        """
-        # Imported here, so that nodes without a map start faster.
-        from scipy.ndimage import distance_transform_edt
-
-        free = ~self.map.walls
-        nearest = np.full(len(positions), np.inf)
-        if free.all():
-            return nearest
-        # Subtract half a cell: the transform is the distance to the centre of the nearest wall
-        # cell, whose edge is nearer.
-        field = np.maximum(distance_transform_edt(free) - 0.5, 0.0)
-        size = np.array([self.map.columns, self.map.rows])
-        centres = self.map.points(positions)
-        for corner in self._outline():
-            points = centres + corner
-            column, row = np.clip(np.floor(points), 0, size - 1).astype(int).T
-            # For a point off the map, add the distances to the edge and from there to a wall as a
-            # right angle: the map is convex, so no wall is nearer.
-            off = np.maximum(np.maximum(-points, points - size), 0.0)
-            np.minimum(nearest, np.hypot(field[row, column], np.hypot(*off.T)), out=nearest)
-        # Check for walls below the body, too: they may be far from every point of its outline.
-        nearest[[self.blocked((x, y)) for x, y in positions.tolist()]] = 0.0
-        return nearest * CELL_M
-
-    def _outline(self) -> list[Pair]:
-        """Return points along the outline [cells], at most one cell apart."""
-        us, vs = (
-            np.linspace(-half, half, math.ceil(2.0 * half) + 2).tolist()
-            for half in (self._half_u, self._half_v)
-        )
-        return [
-            *((u, v) for u in (-self._half_u, self._half_u) for v in vs),
-            *((u, v) for v in (-self._half_v, self._half_v) for u in us),
-        ]
+        """Return :func:`clearance` [m] at positions [m], (n, 2)."""
+        return clearance(self.walls, positions)
