@@ -13,7 +13,8 @@ from ballbot_ros.analysis.run_metrics import RUN_METRICS
 from ballbot_ros.analysis.verdict import ExpectationVerdict, Verdict
 from ballbot_ros.former_names import FORMER_METRICS, with_former_names
 from ballbot_ros.parameters import GyroParameters, PlantParameters
-from ballbot_ros.scenario.metrics import METRICS, Clearance
+from ballbot_ros.scenario.metrics import METRICS
+from ballbot_ros.world.clearance import NO_WALLS, Walls
 from ballbot_ros.world.exports import floor_map_of
 from ballbot_ros.world.floor_map import CELL_M
 from ballbot_ros.world.world import World
@@ -88,24 +89,21 @@ class Assessment:
 
 def assess(run: RunData) -> Assessment:
     """Measure a run and judge it by its attached scenario."""
-    clearance = _clearance(run)
-    metrics = {**measure(run.trajectory, run.plant, clearance), **RUN_METRICS.measure(run)}
+    walls = _walls(run)
+    metrics = {**measure(run.trajectory, run.plant, walls), **RUN_METRICS.measure(run)}
     scenario = run.attached.scenario
     expectations = scenario.expectations if scenario else ()
-    judgements = judge(expectations, run.trajectory, run.plant, clearance)
+    judgements = judge(expectations, run.trajectory, run.plant, walls)
     judged = tuple(ExpectationResult(each, _verdict(run, each)) for each in judgements)
     return Assessment(run, metrics, judged, *_outcome(run, judged))
 
 
-def _clearance(run: RunData) -> Clearance | None:
-    """Return the distances to the walls of the recorded map; None for an unsupported map."""
+def _walls(run: RunData) -> Walls:
+    """Return the walls of the recorded map; none for an unsupported map."""
     grid = run.grid
     if grid is None or not np.isclose(grid.resolution, CELL_M):
-        return None
-    floor_map = floor_map_of(grid)
-    if not floor_map.walls.any():
-        return None
-    return World(floor_map, run.plant.body_depth, run.plant.body_width).clearance
+        return NO_WALLS
+    return World(floor_map_of(grid), run.plant.body_depth, run.plant.body_width).walls
 
 
 def shown_metrics(assessment: Assessment) -> dict[str, float]:

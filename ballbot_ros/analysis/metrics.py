@@ -7,12 +7,14 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ballbot_ros.parameters import PlantParameters
-from ballbot_ros.scenario.metrics import METRICS, Clearance, Motion
+from ballbot_ros.scenario.metrics import METRICS, Motion
 from ballbot_ros.scenario.scenario import Expectation
 from ballbot_ros.simulation.trajectory import Trajectory
 from ballbot_ros.timing import TICK_S
+from ballbot_ros.world.clearance import NO_WALLS, Walls
 
 HALF_TICK_S = TICK_S / 2.0
 """Tolerance for times of ticks, which are rounded, unlike stamps in whole nanoseconds [s]."""
@@ -71,13 +73,13 @@ def judge(
     expectations: Iterable[Expectation],
     trajectory: Trajectory,
     plant: PlantParameters,
-    clearance: Clearance | None = None,
+    walls: Walls = NO_WALLS,
 ) -> list[Judgement]:
     """Measure each expectation's metric in its window; for the arguments see :func:`measure`."""
     return [
         Judgement(
             each,
-            measure(trajectory, plant, clearance, start=each.start, end=each.end)[each.metric],
+            measure(trajectory, plant, walls, start=each.start, end=each.end)[each.metric],
         )
         for each in expectations
     ]
@@ -86,7 +88,7 @@ def judge(
 def measure(
     trajectory: Trajectory,
     plant: PlantParameters,
-    clearance: Clearance | None = None,
+    walls: Walls = NO_WALLS,
     *,
     start: float = 0.0,
     end: float = math.inf,
@@ -99,26 +101,42 @@ def measure(
     ----------
     plant : PlantParameters
         The parameters of ``plant_sim``, for the start position and the release (``hold_time``).
-    clearance : callable or None
-        Returns the distances to the walls; None if there are no walls.
+    walls : Walls
+        The walls around the body, for its clearance.
     start, end : float
         The measured window [s]; the part of it before the release is left out.
     """
-    first = max(start, plant.hold_time)
-    # A slice, not a mask: it copies nothing.
-    within = slice(
-        np.searchsorted(trajectory.time, first - HALF_TICK_S, side='right'),
-        np.searchsorted(trajectory.time, end + HALF_TICK_S),
-    )
-    time = trajectory.time[within]
-    if not len(time):
+    first, last = measured_window(trajectory.time, plant.hold_time, start, end)
+    if first >= last:
         return dict.fromkeys(METRICS, math.nan)
+    # Slices, not masks: they copy nothing.
     motion = Motion(
-        time=time,
-        position=trajectory.position[within],
-        psi=trajectory.psi[within],
-        duty=trajectory.duty[within].astype(float),
+        time=trajectory.time[first:last],
+        position=trajectory.position[first:last],
+        psi=trajectory.psi[first:last],
+        duty=trajectory.duty[first:last],
         start=np.array([plant.start_position_x, plant.start_position_y], dtype=float),
-        clearance=clearance,
+        walls=walls,
     )
     return METRICS.measure(motion)
+
+
+def measured_window(
+    time: NDArray[np.float64], hold_time: float, start: float, end: float
+) -> tuple[int, int]:
+    """Return the first tick of the measured window, and the one behind its last.
+
+    The function can be compiled by numba without changes.
+
+    Parameters
+    ----------
+    time : ndarray, shape (n,)
+        Time since the first tick of the run [s].
+    hold_time : float
+        The release [s]; the part of the window before it is left out.
+    start, end : float
+        The window [s], which includes both ends.
+    """
+    first = np.searchsorted(time, max(start, hold_time) - HALF_TICK_S, side='right')
+    last = np.searchsorted(time, end + HALF_TICK_S)
+    return int(first), int(last)

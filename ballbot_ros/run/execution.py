@@ -19,6 +19,7 @@ from ballbot_ros.run.requirements import require_rclpy
 from ballbot_ros.run.result import RunResult
 from ballbot_ros.run.spec import RunSpec
 from ballbot_ros.simulation.outcome import Outcome
+from ballbot_ros.world.clearance import NO_WALLS
 from ballbot_ros.world.world import World
 
 _OR_NONE = ', or use --processes none'
@@ -97,11 +98,11 @@ def _with_metrics(spec: RunSpec, world: World | None, result: RunResult) -> RunR
     """Return the result with metrics and judged expectations."""
     if result.trajectory is None:
         return result
-    clearance = world.clearance if world and world.map.walls.any() else None
+    walls = world.walls if world else NO_WALLS
     return replace(
         result,
-        metrics=measure(result.trajectory, spec.plant, clearance),
-        judgements=judge(spec.scenario.expectations, result.trajectory, spec.plant, clearance),
+        metrics=measure(result.trajectory, spec.plant, walls),
+        judgements=judge(spec.scenario.expectations, result.trajectory, spec.plant, walls),
     )
 
 

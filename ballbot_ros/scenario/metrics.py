@@ -1,26 +1,27 @@
-"""Metrics of a run's motion, for expectations."""
+"""Metrics of a run's motion, for expectations.
+
+The functions can be compiled by numba without changes.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.scenario.metric_registry import MetricRegistry
+from ballbot_ros.world.clearance import Walls, clearance
 
 Floats = NDArray[np.float64]
-Clearance = Callable[[Floats], Floats]
-"""Distances [m] from the body's outline to a wall at positions (n, 2) in plane signs."""
 
 SETTLED_DEG = 1.0
+_SETTLED_RAD = math.radians(SETTLED_DEG)
 _CLEARANCE_STRIDE = 5
 
 
-@dataclass(frozen=True)
-class Motion:
+class Motion(NamedTuple):
     """The measured part of a run, at least one tick; column 0 is plane x, 1 plane y.
 
     A column that was not recorded is all NaN, and so is every metric that depends on it.
@@ -33,48 +34,20 @@ class Motion:
         Ball centre [m].
     psi : ndarray, shape (n, 2)
         Body pitch [rad].
-    duty : ndarray, shape (n, 2)
+    duty : ndarray of int8 or float64, shape (n, 2)
         Duty [%].
     start : ndarray, shape (2,)
         Ball centre at the start of the run [m].
-    clearance : callable or None
-        Returns the distances to the walls; None if there are no walls.
+    walls : Walls
+        :data:`~ballbot_ros.world.clearance.NO_WALLS` if there are none.
     """
 
     time: Floats
     position: Floats
     psi: Floats
-    duty: Floats
+    duty: NDArray[np.int8] | Floats
     start: Floats
-    clearance: Clearance | None
-
-    # The properties are computed on every access: in a run of hours, keeping them would cost more
-    # memory than computing them costs time.
-    @property
-    def pitch(self) -> Floats:
-        """Body pitch [°], shape (n, 2)."""
-        return np.degrees(self.psi)
-
-    @property
-    def second_half(self) -> slice:
-        """The ticks of the second half, after the transient."""
-        return slice(np.searchsorted(self.time, (self.time[0] + self.time[-1]) / 2.0), None)
-
-    @property
-    def distance(self) -> Floats:
-        """Distance of the ball from its start [m], shape (n,)."""
-        return _length(self.position - self.start)
-
-    @property
-    def steps(self) -> Floats:
-        """Distance of the ball from tick to tick [m], shape (n - 1,)."""
-        return _length(np.diff(self.position, axis=0))
-
-    @property
-    def distance_from_mean(self) -> Floats:
-        """Distance of the ball from its mean position in the second half [m], shape (m,)."""
-        position = self.position[self.second_half]
-        return _length(position - position.mean(axis=0))
+    walls: Walls
 
 
 METRICS = MetricRegistry[Motion]()
@@ -84,10 +57,10 @@ METRICS = MetricRegistry[Motion]()
 @METRICS.metric(f'time until both pitches stay within ±{SETTLED_DEG:g}°')
 def settling_time_s(motion: Motion) -> float:
     """Return the time from the first tick until the pitches stay within the band."""
-    pitch = motion.pitch
+    pitch = np.maximum(np.abs(motion.psi[:, 0]), np.abs(motion.psi[:, 1]))
     if np.isnan(pitch).any():
         return math.nan
-    outside = np.flatnonzero(np.abs(pitch).max(axis=1) > SETTLED_DEG)
+    outside = np.flatnonzero(pitch > _SETTLED_RAD)
     if outside.size == 0:
         return 0.0
     last = outside[-1]
@@ -98,22 +71,24 @@ def settling_time_s(motion: Motion) -> float:
 
 @METRICS.metric('largest body pitch of either plane')
 def peak_pitch_deg(motion: Motion) -> float:
-    return float(np.abs(motion.pitch).max())
+    x, y = motion.psi[:, 0], motion.psi[:, 1]
+    return math.degrees(np.max(np.maximum(np.abs(x), np.abs(y))))
 
 
 @METRICS.metric('root mean square of both pitches over the second half')
 def steady_pitch_rms_deg(motion: Motion) -> float:
-    return _rms(motion.pitch[motion.second_half])
+    half = middle(motion.time)
+    return math.degrees(rms_of_both(motion.psi[half:, 0], motion.psi[half:, 1]))
 
 
 @METRICS.metric("root mean square of the ball's distance from its start")
 def position_rms_m(motion: Motion) -> float:
-    return _rms(motion.distance)
+    return math.sqrt(np.mean(squared_distances(motion.position, motion.start[0], motion.start[1])))
 
 
 @METRICS.metric('largest distance of the ball from its start')
 def peak_position_m(motion: Motion) -> float:
-    return float(motion.distance.max())
+    return math.sqrt(np.max(squared_distances(motion.position, motion.start[0], motion.start[1])))
 
 
 @METRICS.metric('how far the ball overshoots its final position, coming from its farthest point')
@@ -123,23 +98,25 @@ def overshoot_m(motion: Motion) -> float:
     On a drive to a new position the farthest point is the start; on a swing back to the start, the
     turning point.
     """
-    beyond = motion.position - motion.position[-1]
-    distance = _length(beyond)
-    farthest = int(np.argmax(distance))
-    if not distance[farthest]:
+    x = motion.position[:, 0] - motion.position[-1, 0]
+    y = motion.position[:, 1] - motion.position[-1, 1]
+    squares = x * x + y * y
+    farthest = np.argmax(squares)
+    distance = math.sqrt(squares[farthest])
+    if distance == 0.0:
         return 0.0
-    direction = -beyond[farthest] / distance[farthest]
-    return float((beyond[farthest:] @ direction).max())
+    along_x, along_y = -x[farthest] / distance, -y[farthest] / distance
+    return float(np.max(x[farthest:] * along_x + y[farthest:] * along_y))
 
 
 @METRICS.metric("root mean square of the ball's distance from its mean position, second half")
 def station_rms_m(motion: Motion) -> float:
-    return _rms(motion.distance_from_mean)
+    return math.sqrt(np.mean(squared_distances_from_mean(motion.position[middle(motion.time) :])))
 
 
 @METRICS.metric('largest distance of the ball from its mean position, second half')
 def station_radius_m(motion: Motion) -> float:
-    return float(motion.distance_from_mean.max())
+    return math.sqrt(np.max(squared_distances_from_mean(motion.position[middle(motion.time) :])))
 
 
 @METRICS.metric('position on plane x at the end, from the start')
@@ -154,34 +131,70 @@ def final_position_y_m(motion: Motion) -> float:
 
 @METRICS.metric("length of the ball's path")
 def distance_driven_m(motion: Motion) -> float:
-    return float(motion.steps.sum())
+    return float(np.sum(np.sqrt(squared_steps(motion.position))))
 
 
 @METRICS.metric('largest speed of the ball')
 def peak_speed_m_per_s(motion: Motion) -> float:
-    return float((motion.steps / np.diff(motion.time)).max(initial=0.0))
+    periods = motion.time[1:] - motion.time[:-1]
+    if periods.size == 0:
+        return 0.0
+    return math.sqrt(np.max(squared_steps(motion.position) / (periods * periods)))
 
 
 @METRICS.metric("smallest distance from the body's outline to a wall, to about 1 cm")
 def wall_clearance_m(motion: Motion) -> float:
-    if motion.clearance is None:
+    if motion.walls.distance.size == 0:
         return math.nan
-    return float(motion.clearance(motion.position[::_CLEARANCE_STRIDE]).min())
+    return float(np.min(clearance(motion.walls, motion.position[::_CLEARANCE_STRIDE])))
 
 
 @METRICS.metric('root mean square of the duties of both motors')
 def duty_rms_percent(motion: Motion) -> float:
-    return _rms(motion.duty)
+    return rms_of_both(as_floats(motion.duty[:, 0]), as_floats(motion.duty[:, 1]))
 
 
 @METRICS.metric('share of duties that are at ±100 %')
 def duty_saturated_share(motion: Motion) -> float:
-    return float(np.where(np.isnan(motion.duty), math.nan, np.abs(motion.duty) >= 100.0).mean())
+    x, y = as_floats(motion.duty[:, 0]), as_floats(motion.duty[:, 1])
+    if np.isnan(x + y).any():
+        return math.nan
+    saturated = np.count_nonzero(np.abs(x) >= 100.0) + np.count_nonzero(np.abs(y) >= 100.0)
+    return float(saturated / (2.0 * len(x)))
 
 
-def _length(vectors: Floats) -> Floats:
-    return np.hypot(vectors[:, 0], vectors[:, 1])
+def as_floats(duty: NDArray[np.int8] | Floats) -> Floats:
+    """Return duties as floats: the square of an int8 overflows."""
+    return duty.astype(np.float64)
 
 
-def _rms(values: Floats) -> float:
-    return math.sqrt(float(np.mean(np.square(values))))
+def middle(time: Floats) -> int:
+    """Return the first tick of the second half, after the transient."""
+    return int(np.searchsorted(time, (time[0] + time[-1]) / 2.0))
+
+
+def squared_distances(position: Floats, x: float, y: float) -> Floats:
+    """Return the squared distances [m²], (n,), of positions (n, 2) [m] from the position x, y."""
+    # Squares, because their roots would take longer to compute than all the rest.
+    to_x: Floats = position[:, 0] - x
+    to_y: Floats = position[:, 1] - y
+    return to_x * to_x + to_y * to_y
+
+
+def squared_distances_from_mean(position: Floats) -> Floats:
+    """Return the squared distances [m²], (n,), of positions (n, 2) [m] from their mean."""
+    return squared_distances(
+        position, float(np.mean(position[:, 0])), float(np.mean(position[:, 1]))
+    )
+
+
+def squared_steps(position: Floats) -> Floats:
+    """Return the squared distances [m²] from tick to tick, (n - 1,), of positions (n, 2) [m]."""
+    x: Floats = position[1:, 0] - position[:-1, 0]
+    y: Floats = position[1:, 1] - position[:-1, 1]
+    return x * x + y * y
+
+
+def rms_of_both(x: Floats, y: Floats) -> float:
+    """Return the root mean square of the values of both planes, each (n,)."""
+    return math.sqrt(np.mean(x * x + y * y) / 2.0)

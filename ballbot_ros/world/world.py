@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.plant.ground_truth import Pair
+from ballbot_ros.world.clearance import Walls, clearance, walls_around
 from ballbot_ros.world.distance import wall_distance
 from ballbot_ros.world.errors import WorldError
 from ballbot_ros.world.floor_map import CELL_M, CELLS_PER_METRE, FloorMap, map_point
@@ -139,42 +141,12 @@ class World:
         )
         return names or ('between two points of the outline',)
 
+    @cached_property
+    def walls(self) -> Walls:
+        """The distances to the walls for the body, for :func:`clearance`."""
+        # Not computed for every run: a node needs no clearance.
+        return walls_around(self.map, self._half_u, self._half_v)
+
     def clearance(self, positions: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the distances [m] from the outline to the nearest wall, (n,), at positions (n, 2).
-
-        They are exact to about 1 cm: 0 if the body is in a wall, inf if the map has no walls, a
-        lower bound if the outline extends beyond the map.
-        """
-        # Imported here, so that nodes without a map start faster.
-        from scipy.ndimage import distance_transform_edt
-
-        free = ~self.map.walls
-        nearest = np.full(len(positions), np.inf)
-        if free.all():
-            return nearest
-        # Subtract half a cell: the transform is the distance to the centre of the nearest wall
-        # cell, whose edge is nearer.
-        field = np.maximum(distance_transform_edt(free) - 0.5, 0.0)
-        size = np.array([self.map.columns, self.map.rows])
-        centres = self.map.points(positions)
-        for corner in self._outline():
-            points = centres + corner
-            column, row = np.clip(np.floor(points), 0, size - 1).astype(int).T
-            # For a point off the map, add the distances to the edge and from there to a wall as a
-            # right angle: the map is convex, so no wall is nearer.
-            off = np.maximum(np.maximum(-points, points - size), 0.0)
-            np.minimum(nearest, np.hypot(field[row, column], np.hypot(*off.T)), out=nearest)
-        # Check for walls below the body, too: they may be far from every point of its outline.
-        nearest[[self.blocked((x, y)) for x, y in positions.tolist()]] = 0.0
-        return nearest * CELL_M
-
-    def _outline(self) -> list[Pair]:
-        """Return points along the outline [cells], at most one cell apart."""
-        us, vs = (
-            np.linspace(-half, half, math.ceil(2.0 * half) + 2).tolist()
-            for half in (self._half_u, self._half_v)
-        )
-        return [
-            *((u, v) for u in (-self._half_u, self._half_u) for v in vs),
-            *((u, v) for v in (-self._half_v, self._half_v) for u in us),
-        ]
+        """Return :func:`clearance` [m] at positions [m], (n, 2)."""
+        return clearance(self.walls, positions)

@@ -4,15 +4,19 @@ import math
 
 import numpy as np
 import pytest
+from compiling import compiled
 from hypothesis import strategies as st
 from laws import given
+from maps import open_floor, with_walls
 from robot import values_of
 
-from ballbot_ros.analysis.metrics import judge, measure
+from ballbot_ros.analysis.metrics import judge, measure, measured_window
 from ballbot_ros.parameters import PLANT
 from ballbot_ros.scenario.metrics import METRICS
 from ballbot_ros.scenario.scenario import Expectation
 from ballbot_ros.simulation.trajectory import Trajectory
+from ballbot_ros.world.clearance import NO_WALLS
+from ballbot_ros.world.world import World
 
 TICK = 0.004
 
@@ -31,9 +35,9 @@ def trajectory(pitch_deg=(0.0,), position=(0.0,), duty=(0,), pitch_y_deg=None, p
     )
 
 
-def metrics(run, *, clearance=None, start=0.0, end=math.inf, **plant):
+def metrics(run, *, walls=NO_WALLS, start=0.0, end=math.inf, **plant):
     values = values_of(PLANT, **{'hold_time': 0.0, **plant})
-    return measure(run, values, clearance, start=start, end=end)
+    return measure(run, values, walls, start=start, end=end)
 
 
 def test_a_robot_at_rest_has_nothing_to_measure():
@@ -133,9 +137,12 @@ def test_the_path_length_counts_motion_in_both_directions():
 
 
 def test_the_clearance_is_the_minimum_along_the_path():
-    run = trajectory(position=np.linspace(0.0, 1.0, 101).tolist())
-    measured = metrics(run, clearance=lambda position: 2.0 - position[:, 0])
-    assert measured['wall_clearance_m'] == pytest.approx(1.0)
+    wall = World(with_walls(200, 200, (0, 200, 190, 200)), 0.1, 0.1).walls
+    run = trajectory(position=[*np.linspace(0.0, 0.5, 51), *np.linspace(0.5, 0.2, 50)])
+    measured = metrics(run, walls=wall)
+    assert measured['wall_clearance_m'] == pytest.approx(0.9 - 0.5 - 0.05, abs=0.0125)
+    open_walls = World(open_floor(200, 200), 0.1, 0.1).walls
+    assert math.isnan(metrics(run, walls=open_walls)['wall_clearance_m'])
 
 
 def test_a_window_counts_its_own_ticks_and_both_ends():
@@ -145,6 +152,25 @@ def test_a_window_counts_its_own_ticks_and_both_ends():
     assert window['final_position_x_m'] == 19.0
     assert window['distance_driven_m'] == pytest.approx(9.0)
     assert metrics(run, start=10 * TICK)['peak_pitch_deg'] == pytest.approx(3.0)
+
+
+def test_the_window_is_the_same_when_compiled():
+    compiled_window = compiled(measured_window)
+
+    @given(
+        st.integers(0, 50), st.floats(0.0, 0.3), st.floats(0.0, 0.3),
+        st.floats(0.0, 0.3) | st.just(math.inf), st.integers(0, 2**32 - 1),
+    )  # fmt: skip
+    def check(count, hold_time, start, end, seed):
+        # Some ticks are missing, as in a damaged recording.
+        ticks = np.random.default_rng(seed).integers(1, 3, count).cumsum()
+        arguments = ticks * TICK, hold_time, start, end
+        first, last = measured_window(*arguments)
+        assert (first, last) == compiled_window(*arguments)
+        inside = (ticks * TICK > max(hold_time, start) - TICK / 2) & (ticks * TICK < end + TICK / 2)
+        assert np.flatnonzero(inside).tolist() == list(range(first, last))
+
+    check()
 
 
 def test_a_window_before_the_release_or_after_the_end_has_no_metrics():

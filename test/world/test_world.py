@@ -4,13 +4,16 @@ import math
 
 import numpy as np
 import pytest
+from compiling import compiled
 from hypothesis import strategies as st
 from laws import given
 from maps import drawn, open_floor, save, with_walls
 from robot import values_of
 
 from ballbot_ros.parameters import PLANT
+from ballbot_ros.world.clearance import clearance
 from ballbot_ros.world.errors import WorldError
+from ballbot_ros.world.library import load_map
 from ballbot_ros.world.world import World
 
 DEPTH, WIDTH = 0.14, 0.10
@@ -135,3 +138,42 @@ def test_off_the_map_the_clearance_is_a_lower_bound():
 def test_without_a_wall_the_clearance_is_infinite():
     world = World(open_floor(50, 50), DEPTH, WIDTH)
     np.testing.assert_array_equal(world.clearance(np.zeros((3, 2))), np.full(3, np.inf))
+
+
+def test_the_clearance_of_an_unknown_position_is_unknown():
+    world = make_world((90, 110, 190, 200))
+    found = world.clearance(np.array([(math.nan, 0.0), (0.0, math.nan), (0.0, math.inf)]))
+    np.testing.assert_array_equal(found, [math.nan, math.nan, math.inf])
+
+
+BODY_SIZES = st.sampled_from([0.0, 0.005, 0.01, 0.135, 0.14, 0.3, 3.0])
+
+
+@given(BODY_SIZES, BODY_SIZES, st.booleans(), st.integers(0, 2**32 - 1))
+def test_the_clearance_is_zero_where_the_body_is_blocked(depth, width, on_edges, seed):
+    generator = np.random.default_rng(seed)
+    rows, columns = generator.integers(1, 200, 2)
+    corners = generator.integers(0, (rows, columns), (9, 2))
+    world = World(
+        with_walls(rows, columns, *((r, r + 2, c, c + 2) for r, c in corners)), depth, width
+    )
+    positions = generator.uniform(-1.5, 1.5, (50, 2))
+    if on_edges:
+        positions = np.round(positions, 2)
+    blocked = np.array([world.blocked(position) for position in positions.tolist()])
+    found = world.clearance(positions) == 0.0
+    assert found[blocked].all()
+    # A body that touches the edge of the map from outside is not blocked.
+    assert on_edges or blocked[found].all()
+
+
+def test_the_clearance_is_the_same_when_compiled():
+    compiled_clearance = compiled(clearance)
+    maps = [load_map('track'), load_map('corridor'), open_floor(50, 50)]
+    for floor_map in maps:
+        walls = World(floor_map, DEPTH, WIDTH).walls
+        positions = np.random.default_rng(1).uniform(-1.5, 1.5, (1000, 2))
+        positions[::100, 0] = math.nan
+        np.testing.assert_array_equal(
+            compiled_clearance(walls, positions), clearance(walls, positions)
+        )
