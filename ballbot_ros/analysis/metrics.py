@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.scenario.metrics import METRICS, Motion
-from ballbot_ros.scenario.scenario import Expectation
+from ballbot_ros.scenario.scenario import Expectation, Measure
 from ballbot_ros.simulation.trajectory import Trajectory
 from ballbot_ros.timing import TICK_S
 from ballbot_ros.world.clearance import NO_WALLS, Walls
@@ -77,23 +77,25 @@ def judge(
 ) -> list[Judgement]:
     """Measure each expectation's metric in its window; for the arguments see :func:`measure`."""
     return [
-        Judgement(
-            each,
-            measure(trajectory, plant, walls, start=each.start, end=each.end)[each.metric],
-        )
+        Judgement(each, measure_one(each.measure, trajectory, plant, walls))
         for each in expectations
     ]
+
+
+def measure_one(
+    measure: Measure, trajectory: Trajectory, plant: PlantParameters, walls: Walls = NO_WALLS
+) -> float:
+    """Return one metric of a run in a window; for the arguments see :func:`measure`."""
+    motion = _motion(trajectory, plant, walls, measure.start, measure.end)
+    return math.nan if motion is None else float(METRICS[measure.metric].compute(motion))
 
 
 def measure(
     trajectory: Trajectory,
     plant: PlantParameters,
     walls: Walls = NO_WALLS,
-    *,
-    start: float = 0.0,
-    end: float = math.inf,
 ) -> dict[str, float]:
-    """Return all metrics of a run; NaN if the data are missing.
+    """Return all metrics of a whole run; NaN if the data are missing.
 
     A trajectory column of NaN was not recorded; metrics that depend on it are NaN.
 
@@ -103,14 +105,20 @@ def measure(
         The parameters of ``plant_sim``, for the start position and the release (``hold_time``).
     walls : Walls
         The walls around the body, for its clearance.
-    start, end : float
-        The measured window [s]; the part of it before the release is left out.
     """
+    motion = _motion(trajectory, plant, walls, 0.0, math.inf)
+    return dict.fromkeys(METRICS, math.nan) if motion is None else METRICS.measure(motion)
+
+
+def _motion(
+    trajectory: Trajectory, plant: PlantParameters, walls: Walls, start: float, end: float
+) -> Motion | None:
+    """Return the motion in a window [s], from the release on; None if no tick is in it."""
     first, last = measured_window(trajectory.time, plant.hold_time, start, end)
     if first >= last:
-        return dict.fromkeys(METRICS, math.nan)
+        return None
     # Slices, not masks: they copy nothing.
-    motion = Motion(
+    return Motion(
         time=trajectory.time[first:last],
         position=trajectory.position[first:last],
         psi=trajectory.psi[first:last],
@@ -118,7 +126,6 @@ def measure(
         start=np.array([plant.start_position_x, plant.start_position_y], dtype=float),
         walls=walls,
     )
-    return METRICS.measure(motion)
 
 
 def measured_window(

@@ -4,10 +4,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from ballbot_ros.parameters import ParameterSet
 from ballbot_ros.plant.ground_truth import Push
 from ballbot_ros.scenario.signal import Segment, StickSignal
+
+
+class Measure(NamedTuple):
+    """A metric of a run, or of the part of it from `start` to `end` [s]."""
+
+    metric: str
+    start: float = 0.0
+    end: float = math.inf
 
 
 @dataclass(frozen=True)
@@ -22,6 +31,11 @@ class Expectation:
     maximum: float | None = None
     start: float = 0.0
     end: float = math.inf
+
+    @property
+    def measure(self) -> Measure:
+        """What is measured."""
+        return Measure(self.metric, self.start, self.end)
 
     def holds(self, value: float) -> bool:
         """Return whether `value` is within the bounds; NaN never is."""

@@ -13,7 +13,7 @@ from functools import cache
 from pathlib import Path
 from tempfile import TemporaryFile
 from types import CodeType, FunctionType, MappingProxyType
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -50,7 +50,7 @@ def compiled(function: Function) -> Function:
         fresh = _with_compiled_globals(function, {})
         known = _numba().njit(fresh, error_model='numpy')
         _functions[function] = known
-    return known
+    return cast(Function, known)
 
 
 _NONE: Mapping[str, Function] = MappingProxyType({})
@@ -81,7 +81,8 @@ def compiled_and_kept(
     fresh.__qualname__ += f'_{name}' if name else ''
     folder = _folder()
     with _cache_folder(numba, folder):
-        return numba.njit(fresh, error_model='numpy', nogil=True, cache=folder is not None)
+        made = numba.njit(fresh, error_model='numpy', nogil=True, cache=folder is not None)
+    return cast(Function, made)
 
 
 @cache

@@ -5,12 +5,13 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Container, Mapping, Sequence
-from typing import Any, NamedTuple, Protocol
+from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.analysis.metrics import Measure, measure_one
+from ballbot_ros.analysis.metrics import measure_one
 from ballbot_ros.codegen.implementation import compose_controller
 from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.parameters import (
@@ -26,7 +27,7 @@ from ballbot_ros.parameters.assignment import assign_values, plain_values
 from ballbot_ros.run.guarded_controller import guarded_implementation
 from ballbot_ros.run.spec import RunSpec
 from ballbot_ros.scenario.metrics import METRICS
-from ballbot_ros.scenario.scenario import Scenario
+from ballbot_ros.scenario.scenario import Measure, Scenario
 from ballbot_ros.scenario.signal import StickSignal
 from ballbot_ros.simulation.closed_loop import ClosedLoop
 from ballbot_ros.simulation.trajectory import TrajectoryLog
@@ -47,7 +48,8 @@ _PLACE = ('start_position_x', 'start_position_y', 'body_depth', 'body_width')
 Floats = NDArray[np.float64]
 
 
-class Samples(NamedTuple):
+@dataclass(frozen=True)
+class Samples:
     """What distinguishes runs from each other.
 
     Attributes
@@ -73,7 +75,8 @@ class Samples(NamedTuple):
         )
 
 
-class Results(NamedTuple):
+@dataclass(frozen=True)
+class Results:
     """What is kept of runs; a row for each.
 
     Attributes
@@ -98,7 +101,13 @@ class Results(NamedTuple):
 
     def part(self, runs: slice) -> Results:
         """Return the part of some runs, in the same memory."""
-        return Results(*(each[runs] for each in self))
+        return Results(
+            self.duty_sha256[runs],
+            self.ticks[runs],
+            self.failed[runs],
+            self.fallen[runs],
+            self.measured[runs],
+        )
 
     @classmethod
     def empty(cls, runs: int, measures: int) -> Results:

@@ -7,7 +7,6 @@ from functools import partial
 
 import numpy as np
 import pytest
-from compiling import compiled
 from generated import random_values
 from robot import physical, values_of
 
@@ -37,6 +36,7 @@ from ballbot_ros.plant.integration import (
 from ballbot_ros.plant.model import mass_matrix
 from ballbot_ros.plant.plant import add_push_forces, shaft_angle, state_after_fall
 from ballbot_ros.plant.wall_contact import state_after_impact
+from ballbot_ros.study.compilation import compiled
 
 COUNT = 5000
 DT = 1e-3
@@ -88,7 +88,7 @@ CONSTANTS = [
 
 @pytest.fixture(scope='module')
 def fast_control():
-    return compiled(control, error_model='numpy')
+    return compiled(control)
 
 
 def assert_the_law_is_compiled(fast_control, constants, volts):

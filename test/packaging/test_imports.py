@@ -21,6 +21,7 @@ FLOORS = (
     ('viewer',),
     ('nodes',),
     ('run',),
+    ('study',),
     ('cli',),
 )
 """From the bottom up: a package imports only packages below it."""

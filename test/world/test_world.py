@@ -4,13 +4,13 @@ import math
 
 import numpy as np
 import pytest
-from compiling import compiled
 from hypothesis import strategies as st
 from laws import given
 from maps import drawn, open_floor, save, with_walls
 from robot import values_of
 
 from ballbot_ros.parameters import PLANT
+from ballbot_ros.study.compilation import compiled
 from ballbot_ros.world.clearance import clearance
 from ballbot_ros.world.errors import WorldError
 from ballbot_ros.world.library import load_map
