@@ -106,7 +106,8 @@ def overshoot_m(motion: Motion) -> float:
     if distance == 0.0:
         return 0.0
     along_x, along_y = -x[farthest] / distance, -y[farthest] / distance
-    return float(np.max(x[farthest:] * along_x + y[farthest:] * along_y))
+    # Adding zero makes 0 of -0, which is the product of the final position, if it is the maximum.
+    return float(np.max(x[farthest:] * along_x + y[farthest:] * along_y) + 0.0)
 
 
 @METRICS.metric("root mean square of the ball's distance from its mean position, second half")

@@ -143,10 +143,13 @@ class World:
 
     @cached_property
     def walls(self) -> Walls:
-        """The distances to the walls for the body, for :func:`clearance`."""
+        """The distances from the body to the walls."""
         # Not computed for every run: a node needs no clearance.
         return walls_around(self.map, self._half_u, self._half_v)
 
     def clearance(self, positions: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return :func:`clearance` [m] at positions [m], (n, 2)."""
+        """Return the distances [m] from the outline to a wall, (n,), at positions (n, 2).
+
+        See :func:`ballbot_ros.world.clearance.clearance`.
+        """
         return clearance(self.walls, positions)

@@ -132,6 +132,15 @@ def test_a_run_of_one_tick_can_be_measured():
     assert measured['duty_rms_percent'] == 20.0
 
 
+def test_the_overshoot_is_beyond_the_final_position_from_the_farthest_point():
+    there = [(0.0, 0.0), (0.6, 0.8), (0.72, 0.96), (0.6, 0.8)]
+    for sign, way, overshoot in ((1.0, there, 0.2), (-1.0, there, 0.2), (-1.0, there[:2], 0.0)):
+        x, y = np.transpose(way) * sign
+        found = metrics(trajectory(position=x.tolist(), position_y=y.tolist()))['overshoot_m']
+        assert found == pytest.approx(overshoot), (sign, way)
+        assert math.copysign(1.0, found) == 1.0, (sign, way)
+
+
 def test_the_path_length_counts_motion_in_both_directions():
     measured = metrics(trajectory(position=[0.0, 0.3, 0.0], position_y=[0.0, 0.4, 0.0]))
     assert measured['distance_driven_m'] == pytest.approx(1.0)
