@@ -117,6 +117,11 @@ setup(
         'parquet': [
             'pyarrow>=14',
         ],
+        # Studies of many runs.
+        'study': [
+            'numba>=0.58',
+            'pyarrow>=14',
+        ],
         # The 3D viewer. viewer/guarded_server.py uses internals of viser, so it stays in one minor
         # series.
         'viewer': [

@@ -28,6 +28,7 @@ ROSDEP_KEYS = {
     'jupytext': None,
     'matplotlib': 'python3-matplotlib',
     'mcap': 'mcap-ros2-support',
+    'numba': 'python3-numba',
     'numpy': 'python3-numpy',
     'pillow': 'python3-pil',
     'playwright': None,
