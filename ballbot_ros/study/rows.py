@@ -139,7 +139,10 @@ def robot_parameter(target: str) -> Parameter:
     known = parameters_of(node)
     if name not in known:
         raise ParameterError(f'{node} has no parameter {name!r}; {suggest(name, known)}')
-    return known[name]
+    parameter = known[name]
+    if isinstance(parameter.default, str) and not parameter.choices:
+        raise ParameterError(f'{target}: must be the same for all runs of a study')
+    return parameter
 
 
 def check_values(parameter: Parameter, target: str, column: NDArray[Any]) -> None:
