@@ -24,6 +24,7 @@ from types import TracebackType
 from typing import NamedTuple
 
 from ballbot_ros.files import read_text
+from ballbot_ros.progress import ProgressCallback
 from ballbot_ros.study.errors import StudyError
 from ballbot_ros.study.manifest import Manifest, PartSummary, StudyRecord
 from ballbot_ros.study.part_file import (
@@ -115,9 +116,7 @@ class StudyFolder:
         """Whether all parts had been written once; a part may be missing again."""
         return bool(self.manifest.finished)
 
-    def check_parts(
-        self, progress: Callable[[int, int], None] = lambda done, total: None
-    ) -> PartCheck:
+    def check_parts(self, progress: ProgressCallback = lambda done, total: None) -> PartCheck:
         """Read all parts completely; move aside those that are damaged, and foreign files.
 
         Parameters
