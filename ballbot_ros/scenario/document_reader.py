@@ -120,15 +120,20 @@ class ExpectationReader(DocumentReader):
         if low > high:
             raise self._error(keys, f'{metric}: min {low:g} is more than max {high:g}')
         start, end = limits.get('from', 0.0), limits.get('to', math.inf)
-        duration = plant.duration
-        if not 0.0 <= start < min(end, duration) or duration < end < math.inf:
-            raise self._error(
-                keys,
-                f'{metric}: the window {start:g} … {end:g} s is empty or not within the run, '
-                f'0 … {duration:g} s',
-            )
-        if end < plant.hold_time:
-            raise self._error(
-                keys, f'{metric}: the window ends before the release at {plant.hold_time:g} s'
-            )
-        return Expectation(metric, limits.get('min'), limits.get('max'), start, end)
+        expectation = Expectation(metric, limits.get('min'), limits.get('max'), start, end)
+        if fault := window_fault(expectation, plant):
+            raise self._error(keys, fault)
+        return expectation
+
+
+def window_fault(expectation: Expectation, plant: PlantParameters) -> str:
+    """Return why the window of an expectation is not possible in a run; '' if it is."""
+    start, end, duration = expectation.start, expectation.end, plant.duration
+    if not 0.0 <= start < min(end, duration) or duration < end < math.inf:
+        return (
+            f'{expectation.metric}: the window {start:g} … {end:g} s is empty or not within the '
+            f'run, 0 … {duration:g} s'
+        )
+    if end < plant.hold_time:
+        return f'{expectation.metric}: the window ends before the release at {plant.hold_time:g} s'
+    return ''

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, cast
 
 from ballbot_ros.parameters import (
@@ -12,7 +12,7 @@ from ballbot_ros.parameters import (
     ParameterSet,
     PlantParameters,
 )
-from ballbot_ros.scenario.scenario import Scenario, ScheduledPush
+from ballbot_ros.scenario.scenario import Expectation, Scenario, ScheduledPush
 from ballbot_ros.scenario.signal import Segment, StickSignal
 from ballbot_ros.yaml_document import parse_value
 
@@ -22,9 +22,9 @@ _EVERY_NODE = '/**'
 def scenario_data(scenario: Scenario) -> dict[str, Any]:
     """Return the content of a file that describes a scenario.
 
-    Everything but sticks and pushes is that of the scenario's text. The paths of files are
-    absolute, so that the file may be in any folder. Read again, the sticks and pushes are the same
-    to the bit.
+    Everything but sticks, pushes and expectations is that of the scenario's text. The paths of
+    files are absolute, so that the file may be in any folder. Read again, the sticks and pushes are
+    the same to the bit.
     """
     data = cast('dict[str, Any]', parse_value(scenario.text))
     if 'map' in data:
@@ -38,6 +38,7 @@ def scenario_data(scenario: Scenario) -> dict[str, Any]:
     for key, content in (
         ('sticks', {stick: _signal(each) for stick, each in sticks.items() if each.segments}),
         ('pushes', [_push(each) for each in scenario.pushes]),
+        ('expectations', _expectations(scenario.expectations)),
     ):
         data.pop(key, None)
         if content:
@@ -72,3 +73,14 @@ def _push(push: ScheduledPush) -> dict[str, Any]:
         'force': push.force,
         'direction': push.direction,
     }
+
+
+def _expectations(expectations: Iterable[Expectation]) -> dict[str, list[dict[str, float]]]:
+    content: dict[str, list[dict[str, float]]] = {}
+    for each in expectations:
+        bounds = {'min': each.minimum, 'max': each.maximum}
+        window = {} if each.start == 0.0 else {'from': each.start}
+        window |= {} if each.end == math.inf else {'to': each.end}
+        given = {key: value for key, value in bounds.items() if value is not None}
+        content.setdefault(each.metric, []).append({**given, **window})
+    return content
