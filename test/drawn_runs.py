@@ -59,7 +59,8 @@ def drawn_run(seed, duration=1.0):
     pushes = tuple(
         ScheduledPush(
             draw.uniform(0.0, duration), draw.uniform(0.001, duration),
-            *(draw.uniform(-1.0, 1.0) * 10.0 ** draw.uniform(-2, 3 * wild) for _ in 'xy'),
+            force=10.0 ** draw.uniform(-2, 3 * wild),
+            direction=draw.choice(('left', draw.uniform(-360.0, 360.0))),
         )
         for _ in range(draw.choice((0, 0, 1, 3)))
     )  # fmt: skip

@@ -19,6 +19,7 @@ from pathlib import Path
 
 import numpy as np
 import scipy
+from pushes import pushes
 from scipy.linalg import expm
 
 from ballbot_ros.numerics.random_numbers import bits_53, philox4x32, uniform
@@ -31,7 +32,7 @@ from ballbot_ros.parameters import (
     parameters_of,
 )
 from ballbot_ros.scenario.library import load_scenario, scenario_names
-from ballbot_ros.scenario.scenario import Scenario, ScheduledPush
+from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.scenario.signal import Segment, StickSignal
 from ballbot_ros.share import share_directory
 from ballbot_ros.simulation.closed_loop import ClosedLoop
@@ -118,8 +119,8 @@ def random_run(seed, model):
     ):
         parameters.set(node, name, value)
     stick = StickSignal([Segment('stick', [(0.1, 0.0), (0.2, draw.number(-100.0, 100.0))])])
-    push = ScheduledPush(0.12, 0.05, draw.number(-1.0, 1.0), draw.number(-1.0, 1.0))
-    return parameters, Scenario(vertical=stick, horizontal=stick, pushes=(push,))
+    push = pushes(0.12, 0.05, draw.number(-1.0, 1.0), draw.number(-1.0, 1.0))
+    return parameters, Scenario(vertical=stick, horizontal=stick, pushes=push)
 
 
 def random_value(draw, row, wild):

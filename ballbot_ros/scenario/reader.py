@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import math
-import reprlib
-from collections.abc import Callable, Collection, Hashable, Mapping
+from collections.abc import Callable, Mapping
 from itertools import pairwise
-from typing import TypeVar, cast
 
 import yaml
 
 from ballbot_ros.controllers.loading import resolve_reference
 from ballbot_ros.files import read_text
-from ballbot_ros.former_names import current_metric
-from ballbot_ros.numerics.elementary import sine_cosine
 from ballbot_ros.parameters import (
     CONTROLLER,
     GYRO,
@@ -24,10 +20,10 @@ from ballbot_ros.parameters import (
 )
 from ballbot_ros.parameters.files import leaves
 from ballbot_ros.plant.ground_truth import FORCE_LIMIT
+from ballbot_ros.scenario.document_reader import ExpectationReader, Keys
 from ballbot_ros.scenario.errors import ScenarioError
-from ballbot_ros.scenario.metrics import METRICS
-from ballbot_ros.scenario.scenario import Expectation, Scenario, ScheduledPush
-from ballbot_ros.scenario.signal import Segment, StickSignal
+from ballbot_ros.scenario.scenario import PUSH_DIRECTIONS, Scenario, ScheduledPush, push_fault
+from ballbot_ros.scenario.signal import Segment, StickSignal, segment_fault
 from ballbot_ros.world.errors import WorldError
 from ballbot_ros.world.library import load_map
 from ballbot_ros.world.world import World
@@ -37,13 +33,6 @@ IDEAL = 'ideal'
 STICK_LIMIT = 100
 TIME_LIMIT = 1e6
 
-# Unit vectors in plane signs: forward, rightward.
-_PUSH_DIRECTIONS = {
-    'forward': (1.0, 0.0),
-    'backward': (-1.0, 0.0),
-    'left': (0.0, -1.0),
-    'right': (0.0, 1.0),
-}
 _PARAMETERS = {
     'duration': (PLANT, 'duration'),
     'seed': (GYRO, 'seed'),
@@ -63,15 +52,12 @@ SCENARIO_KEYS = {
     'expectations',
 }  # fmt: skip
 
-Keys = tuple[Hashable, ...]
-_Part = TypeVar('_Part')
 
-
-class ScenarioReader:
+class ScenarioReader(ExpectationReader):
     """Reads and checks one document; `load_profile` returns the parameters of a profile."""
 
     def __init__(self, document: YamlDocument, load_profile: Callable[[str], ParameterSet]) -> None:
-        self._document = document
+        super().__init__(document)
         self._load_profile = load_profile
 
     def scenario(self, profile: str | None = None) -> Scenario:
@@ -86,12 +72,10 @@ class ScenarioReader:
         for required in ('purpose', 'duration'):
             if required not in data:
                 raise self._error((), f'{required} is missing')
-        for text in ('purpose', 'profile'):
-            value = data.get(text, IDEAL)
-            if not isinstance(value, str) or len(value.splitlines()) != 1:
-                raise self._error((text,), f'{text}: {value!r} is not a line of text')
+        self._check_lines_of_text(data, ('purpose', 'profile'))
         parameters = self._parameters(data, profile)
-        duration = parameters.of(PlantParameters).duration
+        plant = parameters.of(PlantParameters)
+        duration = plant.duration
         sticks = self._mapping(data.get('sticks', {}), ('sticks',), ('vertical', 'horizontal'))
         return Scenario(
             name=self._document.path.stem,
@@ -103,7 +87,7 @@ class ScenarioReader:
                 sticks.get('horizontal', []), ('sticks', 'horizontal'), duration
             ),
             pushes=tuple(self._pushes(data.get('pushes', []), duration)),
-            expectations=tuple(self._expectations(data.get('expectations', {}), parameters)),
+            expectations=tuple(self._expectations(data.get('expectations', {}), plant)),
             text=self._text(data, profile),
         )
 
@@ -149,7 +133,7 @@ class ScenarioReader:
         if not low <= degrees <= high:
             unit = 'deg/s' if name.startswith('start_pitch_rate') else 'deg'
             raise self._error(
-                keys, f'{_label(keys)}: {degrees:g} is not within {low:.1f} … {high:.1f} {unit}'
+                keys, f'{self._label(keys)}: {degrees:g} is not within {low:.1f} … {high:.1f} {unit}'
             )
         return math.radians(degrees)
 
@@ -176,19 +160,8 @@ class ScenarioReader:
 
     def _signal(self, data: object, keys: Keys, duration: float) -> StickSignal:
         segments = self._each(data, keys, self._segment)
-        for index, segment in enumerate(segments):
-            if segment.start >= duration:
-                raise self._error(
-                    (*keys, index), f'{segment.name!r} begins after the end of the run'
-                )
-        for index, (before, after) in enumerate(pairwise(segments), 1):
-            if after.start < before.end:
-                raise self._error(
-                    (*keys, index),
-                    f'time goes back: {after.name!r} begins at {after.start:g} s, '
-                    f'{before.name!r} lasts until '
-                    + ('the end' if before.end == math.inf else f'{before.end:g} s'),
-                )
+        if fault := segment_fault(segments, duration):
+            raise self._error((*keys, fault[0]), fault[1])
         return StickSignal(tuple(segments))
 
     def _segment(self, data: object, keys: Keys) -> Segment:
@@ -218,7 +191,7 @@ class ScenarioReader:
         if end <= start:
             raise self._error((*keys, 'to'), f'time goes back from {start:g} to {end:g} s')
         value = self._stick(values['value'], (*keys, 'value'))
-        return Segment(name, ((start, value), (end, value)))
+        return Segment.step(name, start, end, value)
 
     def _point(self, data: object, keys: Keys) -> tuple[float, float]:
         if not isinstance(data, list) or len(data) != 2:
@@ -239,9 +212,8 @@ class ScenarioReader:
 
     def _pushes(self, data: object, duration: float) -> list[ScheduledPush]:
         pushes = self._each(data, ('pushes',), self._push)
-        for index, push in enumerate(pushes):
-            if push.time >= duration:
-                raise self._error(('pushes', index), 'a push begins after the end of the run')
+        if fault := push_fault(pushes, duration):
+            raise self._error(('pushes', fault[0]), fault[1])
         return pushes
 
     def _push(self, data: object, keys: Keys) -> ScheduledPush:
@@ -253,120 +225,30 @@ class ScenarioReader:
         force = self._number(values['force'], (*keys, 'force'))
         if not 0.0 <= force <= FORCE_LIMIT:
             raise self._error((*keys, 'force'), f'{force:g} is not within 0 … {FORCE_LIMIT:g} N')
-        forward, rightward = self._direction(values['direction'], (*keys, 'direction'))
+        direction = self._direction(values['direction'], (*keys, 'direction'))
         lasting = self._time(values['duration'], (*keys, 'duration'))
         if lasting == 0.0:
             raise self._error((*keys, 'duration'), 'a push must last longer than 0 s')
         return ScheduledPush(
             self._time(values['time'], (*keys, 'time')),
             lasting,
-            force * forward,
-            force * rightward,
+            force=force,
+            direction=direction,
         )
 
-    def _direction(self, value: object, keys: Keys) -> tuple[float, float]:
-        if isinstance(value, str):
-            if value not in _PUSH_DIRECTIONS:
-                words = ', '.join(_PUSH_DIRECTIONS)
-                raise self._error(
-                    keys, f'{value!r} is neither one of {words} nor a number of degrees'
-                )
-            return _PUSH_DIRECTIONS[value]
-        # Counterclockwise from forward (REP 103); plane y is positive to the right.
-        sine, cosine = sine_cosine(math.radians(self._number(value, keys)))
-        return cosine, -sine
-
-    def _expectations(self, data: object, parameters: ParameterSet) -> list[Expectation]:
-        expectations: list[Expectation] = []
-        plant = parameters.of(PlantParameters)
-        for name, bounds in self._mapping(data, ('expectations',)).items():
-            keys: Keys = ('expectations', name)
-            metric = current_metric(name)
-            if metric not in METRICS:
-                known = ', '.join(METRICS)
-                raise self._error(keys, f'unknown metric {metric!r}; known: {known}')
-            if metric == 'wall_clearance_m' and not plant.map:
-                raise self._error(keys, f'{metric} needs a map')
-
-            def read(item: object, at: Keys) -> Expectation:
-                return self._expectation(at, item, plant)
-
-            if isinstance(bounds, list):
-                if not bounds:
-                    raise self._error(keys, f'{metric} has neither min nor max')
-                expectations += self._each(bounds, keys, read)
-            else:
-                expectations.append(read(bounds, keys))
-        return expectations
-
-    def _expectation(self, keys: Keys, data: object, plant: PlantParameters) -> Expectation:
-        metric = current_metric(str(keys[1]))
-        limits = {
-            key: self._number(value, (*keys, key))
-            for key, value in self._mapping(data, keys, ('min', 'max', 'from', 'to')).items()
-        }
-        if 'min' not in limits and 'max' not in limits:
-            raise self._error(keys, f'{metric} has neither min nor max')
-        low, high = limits.get('min', -math.inf), limits.get('max', math.inf)
-        if low > high:
-            raise self._error(keys, f'{metric}: min {low:g} is more than max {high:g}')
-        start, end = limits.get('from', 0.0), limits.get('to', math.inf)
-        duration = plant.duration
-        if not 0.0 <= start < min(end, duration) or duration < end < math.inf:
-            raise self._error(
-                keys,
-                f'{metric}: the window {start:g} … {end:g} s is empty or not within the run, '
-                f'0 … {duration:g} s',
-            )
-        if end < plant.hold_time:
-            raise self._error(
-                keys, f'{metric}: the window ends before the release at {plant.hold_time:g} s'
-            )
-        return Expectation(metric, limits.get('min'), limits.get('max'), start, end)
-
-    def _mapping(
-        self, data: object, keys: Keys, allowed: Collection[str] | None = None
-    ) -> Mapping[str, object]:
-        if not isinstance(data, dict):
-            raise self._error(keys, f'{_label(keys)} is not a mapping (`key: value`)')
-        for key in data:
-            if allowed is not None and key not in allowed:
-                words = ', '.join(sorted(allowed))
-                raise self._error((*keys, key), f'unknown key {key!r}; known: {words}')
-        # A key that is not text is refused as unknown, if not above, then by the caller.
-        return cast('Mapping[str, object]', data)
-
-    def _each(self, data: object, keys: Keys, read: Callable[[object, Keys], _Part]) -> list[_Part]:
-        if not isinstance(data, list):
-            raise self._error(keys, f'{_label(keys)} is not a list')
-        return [read(item, (*keys, index)) for index, item in enumerate(data)]
-
-    def _number(self, value: object, keys: Keys) -> float:
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise self._error(keys, f'{_label(keys)}: {value!r} is not a number')
-        if not math.isfinite(value):
-            raise self._error(keys, f'{_label(keys)}: {value!r} is not finite')
-        return float(value)
+    def _direction(self, value: object, keys: Keys) -> str | float:
+        if not isinstance(value, str):
+            return self._number(value, keys)
+        if value not in PUSH_DIRECTIONS:
+            words = ', '.join(PUSH_DIRECTIONS)
+            raise self._error(keys, f'{value!r} is neither one of {words} nor a number of degrees')
+        return value
 
     def _set(
         self, parameters: ParameterSet, node: object, name: object, value: object, keys: Keys
     ) -> None:
         parameters.set(str(node), str(name), value, self._document.where(*keys))
 
-    def _error(self, keys: Keys, text: str) -> ScenarioError:
-        return ScenarioError(f'{self._document.where(*keys)}: {text}')
-
 
 def _own_profile(data: Mapping[str, object]) -> str:
     return str(data.get('profile', IDEAL))
-
-
-def _label(keys: Keys) -> str:
-    """Return the name of a part of the file: its key, and its index in a list."""
-    names = [key for key in keys if isinstance(key, str)]
-    if not names:
-        return 'the scenario'
-    last = len(keys) - 1 - keys[::-1].index(names[-1])
-    return reprlib.repr(names[-1]) + ''.join(
-        f' {int(cast(int, index)) + 1}' for index in keys[last + 1 :]
-    )

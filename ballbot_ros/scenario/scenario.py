@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import KW_ONLY, dataclass, field
 from typing import Any, NamedTuple, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot_ros.numerics.elementary import sine_cosine
 from ballbot_ros.parameters import ParameterSet
 from ballbot_ros.plant.ground_truth import Push
 from ballbot_ros.scenario.signal import Segment, StickSignal
@@ -72,14 +74,45 @@ class Expectation:
         return ' and '.join(parts)
 
 
+PUSH_DIRECTIONS = {
+    'forward': (1.0, 0.0),
+    'backward': (-1.0, 0.0),
+    'left': (0.0, -1.0),
+    'right': (0.0, 1.0),
+}
+"""Unit vectors in plane signs: forward, rightward."""
+
+
 @dataclass(frozen=True)
 class ScheduledPush:
-    """A push in a scenario: times [s] from the start of the run, forces [N] in plane signs."""
+    """A push in a scenario.
+
+    Attributes
+    ----------
+    time, duration : float
+        From the start of the run [s].
+    force : float
+        Its magnitude [N].
+    direction : str or float
+        One of :data:`PUSH_DIRECTIONS`, or an angle [deg], counterclockwise from forward (REP 103).
+    """
 
     time: float
     duration: float
-    force_x: float = 0.0
-    force_y: float = 0.0
+    _: KW_ONLY
+    force: float = 0.0
+    direction: str | float = 'forward'
+
+    @property
+    def components(self) -> tuple[float, float]:
+        """The forces on planes x and y [N], in plane signs."""
+        if isinstance(self.direction, str):
+            forward, rightward = PUSH_DIRECTIONS[self.direction]
+        else:
+            # Plane y is positive to the right.
+            sine, forward = sine_cosine(math.radians(self.direction))
+            rightward = -sine
+        return self.force * forward, self.force * rightward
 
 
 @dataclass(frozen=True)
@@ -125,7 +158,15 @@ class Scenario:
             Push(
                 start_ns + round(push.time * 1e9),
                 start_ns + round((push.time + push.duration) * 1e9),
-                (push.force_x, push.force_y),
+                push.components,
             )
             for push in self.pushes
         ]
+
+
+def push_fault(pushes: Sequence[ScheduledPush], duration: float) -> tuple[int, str] | None:
+    """Return the index of the first push that a run of `duration` [s] can't have, and why."""
+    for index, push in enumerate(pushes):
+        if push.time >= duration:
+            return index, 'a push begins after the end of the run'
+    return None

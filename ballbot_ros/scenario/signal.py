@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 from ballbot_ros.brick.units import quantise
 
@@ -19,6 +21,16 @@ class Segment:
 
     name: str
     points: Sequence[tuple[float, float]]
+
+    @classmethod
+    def step(cls, name: str, start: float, end: float, value: float) -> Segment:
+        """Return a segment of one value from `start` to `end` [s]."""
+        return cls(name, ((start, value), (end, value)))
+
+    @property
+    def is_step(self) -> bool:
+        """Whether it has one value, between two points."""
+        return len(self.points) == 2 and self.points[0][1] == self.points[1][1]
 
     @property
     def start(self) -> float:
@@ -70,3 +82,18 @@ class StickSignal:
         """Return the value at `time` [s], rounded to a whole number."""
         times, values = self.points
         return signal_value(times, values, time)
+
+
+def segment_fault(segments: Sequence[Segment], duration: float) -> tuple[int, str] | None:
+    """Return the index of the first segment that a run of `duration` [s] can't have, and why."""
+    for index, segment in enumerate(segments):
+        if segment.start >= duration:
+            return index, f'{segment.name!r} begins after the end of the run'
+    for index, (before, after) in enumerate(pairwise(segments), 1):
+        if after.start < before.end:
+            last = 'the end' if before.end == math.inf else f'{before.end:g} s'
+            return index, (
+                f'time goes back: {after.name!r} begins at {after.start:g} s, '
+                f'{before.name!r} lasts until {last}'
+            )
+    return None

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from copy import copy
-from dataclasses import fields
-from typing import Any, Literal, get_args, get_origin, get_type_hints
+from dataclasses import fields, replace
+from typing import Any, Literal, cast, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.controllers.document.constants import ProgramConstants, Single
 from ballbot_ros.parameters import (
+    ALL_NODES,
     ControllerParameters,
     EncoderParameters,
     GyroParameters,
@@ -115,24 +116,69 @@ class RobotRows:
     def _set(self, target: str, column: NDArray[Any]) -> None:
         parameter = robot_parameter(target)
         check_values(parameter, target, column)
+        whole, element = split_element(target)
         for node in parameter.nodes:
             table = self._tables.get(node)
-            if table is None or parameter.name not in (table.dtype.names or ()):
+            name = whole.partition('.')[2]
+            if table is None or name not in (table.dtype.names or ()):
                 continue
             if parameter.choices and isinstance(parameter.default, str):
                 column = np.array([parameter.choices.index(each) for each in column.tolist()])
-            table[parameter.name] = column
+            if element is None:
+                table[name] = column
+            else:
+                table[name][:, element] = column
+
+
+def split_element(target: str) -> tuple[str, int | None]:
+    """Return ``node.param`` and the index of an element, or None for a whole parameter.
+
+    The elements of the gains are ``controller.k_f.1`` ... ``controller.k_f.4``.
+    """
+    whole, _, number = target.rpartition('.')
+    node, _, name = whole.partition('.')
+    known = parameters_of(node).get(name) if node in ALL_NODES else None
+    if known is None or not isinstance(known.default, tuple):
+        return target, None
+    numbers = [str(each) for each in range(1, len(known.default) + 1)]
+    if number not in numbers:
+        raise ParameterError(
+            f'{whole} has no element {number!r}: its elements are 1 … {len(numbers)}'
+        )
+    return whole, numbers.index(number)
+
+
+def whole_values(parameters: ParameterSet, values: Mapping[str, object]) -> dict[str, object]:
+    """Return values by ``node.param``; elements are put into the parameter that they belong to.
+
+    The other elements are those of `parameters`, or of an earlier one of the values.
+    """
+    wholes: dict[str, object] = {}
+    for target, value in values.items():
+        whole, element = split_element(target)
+        if element is None:
+            wholes[target] = value
+            continue
+        node, _, name = whole.partition('.')
+        before = wholes.get(whole, parameters.of_node(node).values()[name])
+        elements = list(cast('Sequence[object]', before))
+        elements[element] = value
+        wholes[whole] = elements
+    return wholes
 
 
 def robot_parameter(target: str) -> Parameter:
     """Return the parameter of a robot that has the name ``node.param``.
+
+    For an element, such as ``controller.k_f.1``, it is a parameter of one number.
 
     Raises
     ------
     ParameterError
         If there is none; the message is one line.
     """
-    node, _, name = target.partition('.')
+    whole, element = split_element(target)
+    node, _, name = whole.partition('.')
     if node not in {cls.node for cls in ROBOT_CLASSES}:
         nodes = ', '.join(cls.node for cls in ROBOT_CLASSES)
         raise ParameterError(f'{target}: not a parameter of one of {nodes}')
@@ -142,7 +188,11 @@ def robot_parameter(target: str) -> Parameter:
     parameter = known[name]
     if isinstance(parameter.default, str) and not parameter.choices:
         raise ParameterError(f'{target}: must be the same for all runs of a study')
-    return parameter
+    if element is None:
+        return parameter
+    assert isinstance(parameter.default, tuple)
+    default = parameter.default[element]
+    return replace(parameter, name=f'{name}.{element + 1}', default=default)
 
 
 def check_values(parameter: Parameter, target: str, column: NDArray[Any]) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Callable, Container, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
@@ -34,7 +34,7 @@ from ballbot_ros.simulation.trajectory import TrajectoryLog
 from ballbot_ros.study.compilation import compiled_and_kept
 from ballbot_ros.study.kernel import END, Events, Floor, Log, simulate_runs
 from ballbot_ros.study.measurement import measure_runs
-from ballbot_ros.study.rows import RobotRows, program_rows
+from ballbot_ros.study.rows import RobotRows, program_rows, whole_values
 from ballbot_ros.timing import FIRST_TICK_NS, SECOND_NS, TICK_NS
 from ballbot_ros.world.clearance import NO_WALLS
 from ballbot_ros.world.world import World, half_cells, is_blocked
@@ -60,11 +60,14 @@ class Samples:
         Values of parameters by ``node.param``, one for each run.
     scenarios : sequence of Scenario
         Sticks and pushes of each run; empty if they are those of the study's scenario.
+    events : mapping of str to ndarray
+        The varied values of sticks and pushes, for each run, from which `scenarios` were made.
     """
 
     count: int
     values: Mapping[str, NDArray[Any]]
     scenarios: Sequence[Scenario] = ()
+    events: Mapping[str, NDArray[Any]] = field(default_factory=dict)
 
     def part(self, first: int, last: int) -> Samples:
         """Return the samples of the runs from `first` up to, but not including, `last`."""
@@ -72,6 +75,7 @@ class Samples:
             last - first,
             {name: column[first:last] for name, column in self.values.items()},
             self.scenarios[first:last],
+            {name: column[first:last] for name, column in self.events.items()},
         )
 
 
@@ -291,10 +295,10 @@ class CompiledSimulator:
 
 
 def with_values(parameters: ParameterSet, values: Mapping[str, Any]) -> ParameterSet:
-    """Return parameters with other values for some, by ``node.param``."""
+    """Return parameters with other values for some, by ``node.param`` or element of it."""
     changed = ParameterSet()
     changed.update(parameters)
-    assign_values(changed, plain_values(values))
+    assign_values(changed, whole_values(changed, plain_values(values)))
     return changed
 
 

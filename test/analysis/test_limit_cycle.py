@@ -122,7 +122,7 @@ def test_an_oscillation_that_is_driven_is_none(unstable):
 
 def test_after_a_push_is_the_time_that_counts(unstable):
     def pushed(end):
-        pushes = (ScheduledPush(end - 0.1, 0.1, 1.0),)
+        pushes = (ScheduledPush(end - 0.1, 0.1, force=1.0),)
         scenario = replace(unstable.attached.scenario, pushes=pushes)
         return replace(unstable, attached=replace(unstable.attached, scenario=scenario))
 

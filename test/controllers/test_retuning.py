@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 from own_controllers import BALANCE
+from pushes import pushes
 from shipped_controllers import duties
 
 from ballbot_ros.brick.brick import DeviceInputs
@@ -19,7 +20,7 @@ from ballbot_ros.parameters import (
     ParameterError,
     ParameterSet,
 )
-from ballbot_ros.scenario.scenario import Scenario, ScheduledPush
+from ballbot_ros.scenario.scenario import Scenario
 
 SHIPPED = ('python', 'pid', 'lqg', 'drift_filter', 'mpc')
 GAINS = {
@@ -79,7 +80,7 @@ class Robot:
         return outputs.duty
 
 
-LEANING = Scenario(pushes=(ScheduledPush(2.0, 60.0, 0.3, -0.2),))
+LEANING = Scenario(pushes=pushes(2.0, 60.0, 0.3, -0.2))
 """A robot that leans against a force: its gains act on steady errors, and cancel each other."""
 
 
@@ -140,9 +141,7 @@ def test_nothing_of_the_old_gains_remains(controller):
 
 @pytest.mark.parametrize('controller', SHIPPED)
 def test_a_change_during_a_push_and_back_does_no_harm(controller):
-    _, loop = duties(
-        controller, ticks=1000, sticks=Scenario(pushes=(ScheduledPush(3.9, 0.2, 0.8),))
-    )
+    _, loop = duties(controller, ticks=1000, sticks=Scenario(pushes=pushes(3.9, 0.2, 0.8)))
     before = composed(controller)
     for parameters in (one_gain(controller, before), before) * 3:
         loop.program.retune(parameters)

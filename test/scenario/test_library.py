@@ -89,9 +89,9 @@ def test_a_scenario_sets_everything_that_it_names(load):
     assert scenario.sticks_at(3.5) == (50, 20)
     assert scenario.sticks_at(1e6) == (0, 20)
     forward, left, slanting = scenario.pushes
-    assert forward == ScheduledPush(2.0, 0.1, 1.5, 0.0)
-    assert left == ScheduledPush(4.0, 0.2, 0.0, -0.5)
-    assert (slanting.force_x, slanting.force_y) == pytest.approx((math.sqrt(3.0), -1.0))
+    assert forward == ScheduledPush(2.0, 0.1, force=1.5, direction='forward')
+    assert left == ScheduledPush(4.0, 0.2, force=0.5, direction='left')
+    assert slanting.components == pytest.approx((math.sqrt(3.0), -1.0))
     assert scenario.expectations == (
         Expectation('settling_time_s', maximum=3.0),
         Expectation('final_position_x_m', 0.1, 2.0),

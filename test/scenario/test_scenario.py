@@ -45,9 +45,11 @@ def test_sticks_are_vertical_then_horizontal():
 
 
 def test_pushes_count_from_the_start_of_the_run():
-    scenario = Scenario(pushes=(ScheduledPush(1.5, 0.1, 2.0, -3.0), ScheduledPush(0.0, 0.004)))
+    scenario = Scenario(
+        pushes=(ScheduledPush(1.5, 0.1, force=2.0, direction='left'), ScheduledPush(0.0, 0.004))
+    )
     assert scenario.pushes_from(10**9) == [
-        Push(2_500_000_000, 2_600_000_000, (2.0, -3.0)),
+        Push(2_500_000_000, 2_600_000_000, (0.0, -2.0)),
         Push(1_000_000_000, 1_004_000_000, (0.0, 0.0)),
     ]
 

@@ -4,11 +4,12 @@ import math
 
 import numpy as np
 import pytest
+from pushes import pushes
 from robot import make_loop, run_loop, step, steps
 
 from ballbot_ros.parameters import PLANT
 from ballbot_ros.scenario.library import load_profile
-from ballbot_ros.scenario.scenario import Scenario, ScheduledPush
+from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.simulation.closed_loop import ClosedLoop
 from ballbot_ros.simulation.trajectory import TrajectoryLog
 
@@ -64,7 +65,7 @@ def test_it_does_not_recover_from_eight_degrees_and_stops_within_a_second_of_the
 @pytest.mark.parametrize('model', MODELS)
 @pytest.mark.parametrize('force', [(3.0, 0.0), (0.0, -3.0), (-2.0, 2.5)])
 def test_it_stops_within_a_second_of_being_pushed_over(force, model):
-    scenario = Scenario(pushes=(ScheduledPush(2.0, 0.1, *force),))
+    scenario = Scenario(pushes=pushes(2.0, 0.1, *force))
     loop = make_loop({'plant_sim.plant_model': model, **NOISY}, scenario)
     assert_stops_after_the_fall(loop, run_loop(loop, 5.0))
 

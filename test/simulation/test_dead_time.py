@@ -4,16 +4,17 @@ from collections import deque
 from dataclasses import replace
 
 import pytest
+from pushes import pushes
 from robot import make_loop, run_loop, steps
 
 from ballbot_ros.codegen.implementation import implementation_for
 from ballbot_ros.parameters import ControllerParameters, ParameterSet
-from ballbot_ros.scenario.scenario import Scenario, ScheduledPush
+from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.simulation.closed_loop import ClosedLoop
 
 ROBOT = {'plant_sim.start_pitch_x': 0.03, 'plant_sim.hold_time': 0.2, 'controller.time_start': 200}
 SCENARIO = Scenario(
-    vertical=steps((0.0, 0), (0.3, -60), (0.5, 100)), pushes=(ScheduledPush(0.35, 0.05, 0.5, -0.3),)
+    vertical=steps((0.0, 0), (0.3, -60), (0.5, 100)), pushes=pushes(0.35, 0.05, 0.5, -0.3)
 )
 PLANTS = {
     'linear': {},

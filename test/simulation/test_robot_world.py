@@ -7,11 +7,12 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, rule
 from lockstep_world import DRIVERS, ROLES
+from pushes import pushes
 from robot import steps
 from robot_world import RobotWorld
 
 from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, ParameterSet
-from ballbot_ros.scenario.scenario import Scenario, ScheduledPush
+from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.simulation.closed_loop import ClosedLoop
 from ballbot_ros.simulation.trajectory import TrajectoryLog
 from ballbot_ros.timing import TICK_NS
@@ -20,7 +21,7 @@ TICKS = 500
 SCENARIO = Scenario(
     vertical=steps((0.0, 0), (0.3, -60), (0.5, 40)),
     horizontal=steps((0.0, 0), (0.4, 100)),
-    pushes=(ScheduledPush(0.35, 0.05, 0.5, -0.3),),
+    pushes=pushes(0.35, 0.05, 0.5, -0.3),
 )
 TASKS = ('task_ts1', 'task_ts2', 'task_ts3', 'task_lcd')
 
