@@ -103,7 +103,7 @@ def run(
     help='One process per node; all nodes in one process; or no nodes, the same loop without ROS.',
 )
 @click.option(
-    '--output', type=PATH, help="Folder for recording and picture.  [default: FOLDER/reruns/NUMBER]"
+    '--output', type=PATH, help='Folder for recording and picture.  [default: FOLDER/reruns/NUMBER]'
 )
 @click.option('--json', 'as_json', is_flag=True, help='Print one JSON object.')
 def rerun(

@@ -10,55 +10,63 @@ from rich.table import Table
 
 from ballbot_ros.analysis.metrics import number
 from ballbot_ros.cli.study_progress import share_text
-from ballbot_ros.study.study_data import QUANTILES, MeasureSummary, StudyData
+from ballbot_ros.study.columns import MeasureColumn
+from ballbot_ros.study.study_data import QUANTILES, MeasureSummary, StudyData, StudySummary
 
 WORST_SHOWN = 3
 
 
 def print_summary(data: StudyData) -> None:
-    """Print share passed, quantiles of the measures, and the worst runs."""
+    """Print the share that passed, quantiles of the measures, and the worst runs."""
     summary, study = data.summary(WORST_SHOWN), data.study
-    totals = summary.totals
     console = Console(highlight=False, markup=False)
-    title = f'{study.name}, {totals.runs:,} runs, seed {study.seed}'
-    table = Table(title=title, title_justify='left')
-    table.add_column('measure')
-    for quantile in QUANTILES:
-        table.add_column(f'{100 * quantile:g} %', justify='right')
-    table.add_column('expected')
-    table.add_column('worst runs')
+    title = f'{study.name}, {summary.totals.runs:,} runs, seed {study.seed}'
+    quantiles = Table(title=title, title_justify='left')
+    quantiles.add_column('measure', no_wrap=True)
+    for share in QUANTILES:
+        quantiles.add_column(f'{100 * share:g} %', justify='right', no_wrap=True)
+    worst = Table()
+    worst.add_column('measure', no_wrap=True)
+    worst.add_column('expected', no_wrap=True)
+    worst.add_column('worst values, and the numbers of their runs')
     for each in summary.measures:
-        _add_measure(table, each)
-    console.print(table)
-    lines = [f'passed  {share_text(totals)}']
-    if totals.failed:
-        lines.append(f'failed  {totals.failed:,} runs ended early')
-    if totals.fallen:
-        lines.append(f'fallen  {totals.fallen:,} robots')
-    lines.append(f'results  {data.path}')
-    shown = next((each.worst[0].number for each in summary.measures if each.worst), 0)
-    folder = shlex.quote(str(data.path))
-    lines.append(f'one run again  ballbot study rerun {folder} {shown}')
-    for line in lines:
+        quantiles.add_row(_name(each.column), *(f'{value:.3g}' for value in each.quantiles))
+        worst.add_row(each.column.name, bounds_text(each.column), _worst_runs(each))
+    # A pipe has no width; a measure that is cut off would be of no use.
+    console.width = max(console.width, console.measure(quantiles).maximum)
+    console.print(quantiles)
+    console.print(worst)
+    for line in _lines(data, summary):
         console.print(line, soft_wrap=True)
 
 
-def _add_measure(table: Table, summary: MeasureSummary) -> None:
-    column = summary.column
-    unit = f' {column.unit}' if column.unit else ''
-    missing = f' ({summary.missing:,} without)' if summary.missing else ''
-    table.add_row(
-        f'{column.name}{missing}',
-        *(f'{value:.4g}{unit}' for value in summary.quantiles),
-        _bounds(summary),
-        ', '.join(str(each.number) for each in summary.worst),
-    )
+def _lines(data: StudyData, summary: StudySummary) -> list[str]:
+    totals, measures = summary.totals, summary.measures
+    lines = [f'passed   {share_text(totals)}']
+    if totals.failed:
+        lines.append(f'failed   {totals.failed:,} runs: they ended early')
+    if totals.fallen:
+        lines.append(f'fallen   {totals.fallen:,} robots')
+    lines.append(f'results  {data.path}')
+    shown = next((each.worst[0].number for each in measures if each.worst), 0)
+    lines.append(f'again    ballbot study rerun {shlex.quote(str(data.path))} {shown}')
+    return lines
 
 
-def _bounds(summary: MeasureSummary) -> str:
-    low, high = summary.column.minimum, summary.column.maximum
-    parts = [f'≥ {low:g}'] if low is not None else []
-    parts += [f'≤ {high:g}'] if high is not None else []
+def _name(column: MeasureColumn) -> str:
+    return f'{column.name} [{column.unit}]' if column.unit else column.name
+
+
+def _worst_runs(summary: MeasureSummary) -> str:
+    runs = ', '.join(f'{each.value:.3g} ({each.number})' for each in summary.worst)
+    missing = f'{summary.missing:,} runs without a value' if summary.missing else ''
+    return '; '.join(filter(None, (runs, missing)))
+
+
+def bounds_text(column: MeasureColumn) -> str:
+    """Return the bounds that a study expects, as text."""
+    parts = [f'≥ {column.minimum:g}'] if column.minimum is not None else []
+    parts += [f'≤ {column.maximum:g}'] if column.maximum is not None else []
     return ' and '.join(parts)
 
 
@@ -82,9 +90,7 @@ def print_json(data: StudyData) -> None:
                     f'{quantile:g}': number(float(value))
                     for quantile, value in zip(QUANTILES, each.quantiles, strict=True)
                 },
-                'worst': [
-                    {'number': run.number, 'value': number(run.value)} for run in each.worst
-                ],
+                'worst': [{'number': run.number, 'value': number(run.value)} for run in each.worst],
             }
             for each in summary.measures
         },

@@ -23,9 +23,11 @@ from typing import Protocol
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.parameters import ControllerParameters
 from ballbot_ros.stop_request import StopRequest
+from ballbot_ros.study.compilation import is_kept
 from ballbot_ros.study.data_set import StudyFolder, begin_or_resume
 from ballbot_ros.study.errors import StudyError
 from ballbot_ros.study.job import Job
+from ballbot_ros.study.kernel import simulate_runs
 from ballbot_ros.study.manifest import PartSummary
 from ballbot_ros.study.runs import Advance, Samples
 
@@ -190,6 +192,8 @@ def _do_parts(
     workers: Workers | None,
     missing: list[int],
 ) -> int:
+    if workers is None and is_compiled(job) and not is_kept(simulate_runs):
+        observer.notice('compiling, which takes about 20 s the first time ...')
     with StopRequest() as stop, _local(workers, job, observer) as doing:
         parts = iter(missing)
         in_work: set[Future[PartSummary]] = set()

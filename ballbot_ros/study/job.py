@@ -11,6 +11,7 @@ from threading import Lock
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot_ros.analysis.recorded_controller import ControllerIdentity
 from ballbot_ros.parameters import ControllerParameters
 from ballbot_ros.run.spec import RunSpec
 from ballbot_ros.scenario.scenario import Expectation, Measure
@@ -96,7 +97,9 @@ def job_of(study: Study, folder: Path) -> Job:
         seed=study.seed,
         runs_per_part=_runs_per_part(study),
         varied=tuple(
-            Column(each.name, ColumnKind.of(varied[each.name]), each.unit, each.meaning)
+            Column(
+                each.name, ColumnKind.of(varied[each.name]), each.unit, each.parameter.description
+            )
             for each in study.variables
         ),
         measures=tuple(MeasureColumn.of(each, study.expectations) for each in study.measures),
@@ -111,7 +114,7 @@ def _identities(spec: RunSpec) -> str:
         digest = hashlib.sha256(read_map_file(spec.plant.map)).hexdigest()
         lines.append(f'# map {spec.plant.map}: SHA-256 {digest}\n')
     if spec.controller:
-        lines.append(f'# controller: SHA-256 {spec.controller.code.sha256}\n')
+        lines.append(f'# controller: SHA-256 {ControllerIdentity.of(spec.controller).sha256}\n')
     return ''.join(lines)
 
 

@@ -19,8 +19,8 @@ from ballbot_ros.study.errors import StudyError
 from ballbot_ros.study.events import event_part, is_event, scenarios_of
 from ballbot_ros.study.manifest import StudyRecord
 from ballbot_ros.study.runs import with_values
-from ballbot_ros.study.variables import SEED
 from ballbot_ros.study.study_data import Row, StudyData
+from ballbot_ros.study.variables import SEED
 
 RERUNS = 'reruns'
 """Name of the folder of the runs that were run again, in the study's folder."""
