@@ -68,13 +68,12 @@ def measure_studies(repeat: int, progress: Console) -> list[Figure]:
     """Return the figures of studies."""
     with tempfile.TemporaryDirectory(prefix='ballbot_bench_') as scratch:
         folders = (Path(scratch) / str(number) for number in count())
-        figures = [
+        return [
             *(_ratio(name, repeat, folders, progress) for name in RATIOS),
             _cores(repeat, folders, progress),
             _growth(repeat, folders, progress),
             *_command(repeat, folders, progress),
         ]
-    return figures
 
 
 def _ratio(name: str, repeat: int, folders: Iterator[Path], progress: Console) -> Figure:
