@@ -286,13 +286,8 @@ class StudyData:
     def failed(self) -> Iterator[int]:
         """Yield the numbers of the runs that failed, in order."""
         for table in self.parts([NUMBER.name, OUTCOME.name]):
-            outcomes = table.column(OUTCOME.name).to_pylist()
-            numbers = table.column(NUMBER.name).to_pylist()
-            yield from (
-                number
-                for number, outcome in zip(numbers, outcomes, strict=True)
-                if outcome == Outcome.FAILED
-            )
+            outcomes = table.column(OUTCOME.name).cast('string').to_numpy()
+            yield from _numbers(table.column(NUMBER.name))[outcomes == Outcome.FAILED].tolist()
 
     def not_passed(self) -> Iterator[int]:
         """Yield the numbers of the runs that did not pass, in order; the failed are among them."""
