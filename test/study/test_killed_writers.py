@@ -17,7 +17,8 @@ from ballbot_ros.study.manifest import PartSummary
 from ballbot_ros.study.study_data import StudyData
 
 KILLS = 100
-MAX_DELAY_S = 0.06
+MOST_PARTS = 8
+MAX_DELAY_S = 0.02
 
 
 @contextmanager
@@ -32,8 +33,8 @@ def part_writers():
         bufsize=1,
     ) as program:
 
-        def write(folder, delay_s=''):
-            print(delay_s, folder, sep='\t', file=program.stdin)
+        def write(folder, parts='', delay_s=0.0):
+            print(parts, delay_s, folder, sep='\t', file=program.stdin)
             return int(program.stdout.readline())
 
         try:
@@ -52,7 +53,9 @@ def test_kills_lose_no_complete_part_and_double_none(tmp_path):
             if not folders or len(complete) == study.parts:
                 folders.append(tmp_path / f'study_{len(folders)}')
                 complete = set()
-            status = write(folders[-1], moments.uniform(0, MAX_DELAY_S))
+            status = write(
+                folders[-1], moments.randint(0, MOST_PARTS), moments.uniform(0, MAX_DELAY_S)
+            )
             assert status in (0, -signal.SIGKILL)
             kills += status != 0
             there = {each.name for each in folders[-1].glob('parts/*.parquet')}
@@ -60,6 +63,8 @@ def test_kills_lose_no_complete_part_and_double_none(tmp_path):
             complete = there
         for folder in folders:
             assert write(folder) == 0
+    # The studies got on in spite of the kills.
+    assert len(folders) > 1
     whole = sum((rows_of(study, part).summary for part in range(study.parts)), PartSummary())
     for folder in folders:
         data = StudyData.open(folder)
