@@ -120,7 +120,7 @@ setup(
         # Studies of many runs.
         'study': [
             'numba>=0.58',
-            'pyarrow>=14',
+            'pyarrow>=15',
         ],
         # The 3D viewer. viewer/guarded_server.py uses internals of viser, so it stays in one minor
         # series.
@@ -160,7 +160,7 @@ setup(
             'osqp>=1.0',
             'pandas>=2.1',
             'polars>=1.0',
-            'pyarrow>=14',
+            'pyarrow>=15',
             'types-PyYAML>=6.0',
             'yourdfpy>=0.0.56',
         ],
