@@ -54,6 +54,12 @@ class PlantParameters(
     start_pitch_y: float = quantity(
         0.0, 'rad', (-1.5, 1.5), 'body pitch at the start, plane y', '8.2'
     )
+    start_pitch_rate_x: float = quantity(
+        0.0, 'rad/s', (-20.0, 20.0), 'rate of the body pitch at the release, plane x', 'project'
+    )
+    start_pitch_rate_y: float = quantity(
+        0.0, 'rad/s', (-20.0, 20.0), 'rate of the body pitch at the release, plane y', 'project'
+    )
     start_position_x: float = quantity(
         0.0, 'm', (-1000.0, 1000.0), 'ball position at the start, plane x', '3.2'
     )

@@ -79,6 +79,16 @@ def add_push_forces(
     return force_theta, force_psi
 
 
+def is_release(time_ns: int, hold_until: int) -> bool:
+    """Return whether the step that begins at a time [ns] is the first after the hold [ns]."""
+    return time_ns - STEP_NS < hold_until <= time_ns
+
+
+def released(state: PlaneState, pitch_rate: float) -> PlaneState:
+    """Return the state of a plane that is released with a rate of its pitch [rad/s]."""
+    return state[0], state[1], state[2], state[3] + pitch_rate
+
+
 class PlantState(NamedTuple):
     """Everything in a plant that changes with time; its parameters are not in it.
 
@@ -163,6 +173,7 @@ class Plant:
         self._half_play: float = parameters.backlash / 2.0
         self._start = (parameters.start_position_x, parameters.start_position_y)
         self._start_psi: Pair = (parameters.start_pitch_x, parameters.start_pitch_y)
+        self._start_rates = (parameters.start_pitch_rate_x, parameters.start_pitch_rate_y)
         self._planes: list[PlaneState] = [(0.0, psi, 0.0, 0.0) for psi in self._start_psi]
         self._shaft = [0.0, 0.0]
         self._voltage: Pair = (0.0, 0.0)
@@ -239,6 +250,9 @@ class Plant:
         )
 
     def _move(self) -> None:
+        if is_release(self.time_ns, self._hold_until):
+            rate_x, rate_y = self._start_rates
+            self._planes = [released(self._planes[0], rate_x), released(self._planes[1], rate_y)]
         x, y = self._planes
         voltage_x, voltage_y = self._voltage
         if self._pushes:

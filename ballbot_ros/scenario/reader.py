@@ -42,6 +42,8 @@ _PARAMETERS = {
 _START = {
     'pitch_x_deg': 'start_pitch_x',
     'pitch_y_deg': 'start_pitch_y',
+    'pitch_rate_x_deg_per_s': 'start_pitch_rate_x',
+    'pitch_rate_y_deg_per_s': 'start_pitch_rate_y',
     'position_x': 'start_position_x',
     'position_y': 'start_position_y',
 }
@@ -111,7 +113,7 @@ class ScenarioReader(ExpectationReader):
             self._set(parameters, PLANT, 'map', self._map(data['map']), ('map',))
         for key, value in self._mapping(data.get('start', {}), ('start',), _START).items():
             number = self._number(value, ('start', key))
-            if key.endswith('_deg'):
+            if '_deg' in key:
                 number = self._radians(number, _START[key], ('start', key))
             self._set(parameters, PLANT, _START[key], number, ('start', key))
         for node, values in self._mapping(data.get('parameters', {}), ('parameters',)).items():
@@ -126,11 +128,13 @@ class ScenarioReader(ExpectationReader):
         return parameters
 
     def _radians(self, degrees: float, name: str, keys: Keys) -> float:
-        """Convert an angle of the plant to radians; an error shows it in degrees, as given."""
+        """Convert an angle, or its rate, to radians; an error shows it in degrees, as given."""
         low, high = map(math.degrees, parameters_of(PLANT)[name].bounds or (-math.inf, math.inf))
         if not low <= degrees <= high:
+            unit = 'deg/s' if name.startswith('start_pitch_rate') else 'deg'
             raise self._error(
-                keys, f'{self._label(keys)}: {degrees:g} is not within {low:.1f} … {high:.1f} deg'
+                keys,
+                f'{self._label(keys)}: {degrees:g} is not within {low:.1f} … {high:.1f} {unit}',
             )
         return math.radians(degrees)
 

@@ -1,7 +1,7 @@
-"""Errors in studies."""
+"""The error of this package."""
 
 from ballbot_ros.errors import BallbotError
 
 
 class StudyError(BallbotError):
-    """An unknown study, or a file that does not describe one."""
+    """A study can't be read, run or kept."""

@@ -47,6 +47,8 @@ from ballbot_ros.plant.model import gear_ratio, mass_matrix, torque_per_volt
 from ballbot_ros.plant.plant import (
     add_push_forces,
     has_fallen,
+    is_release,
+    released,
     shaft_angle,
     state_after_fall,
     wheel_angle,
@@ -495,6 +497,9 @@ def simulate_run(
                     plant.battery_voltage, charge_slope, plant.battery_resistance,
                 )  # fmt: skip
             if now_ns >= hold_until and not fallen:
+                if is_release(now_ns, hold_until):
+                    x = released(x, plant.start_pitch_rate_x)
+                    y = released(y, plant.start_pitch_rate_y)
                 before = x, y
                 force_x = force_y = (0.0, 0.0)
                 if pushes:

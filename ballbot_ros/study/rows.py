@@ -186,6 +186,8 @@ def robot_parameter(target: str) -> Parameter:
     if name not in known:
         raise ParameterError(f'{node} has no parameter {name!r}; {suggest(name, known)}')
     parameter = known[name]
+    if isinstance(parameter.default, str) and not parameter.choices:
+        raise ParameterError(f'{target}: must be the same for all runs of a study')
     if element is None:
         return parameter
     assert isinstance(parameter.default, tuple)

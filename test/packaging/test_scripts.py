@@ -242,9 +242,13 @@ def test_each_script_installs_what_it_needs_once(machine):
     assert venv == f'venv {machine.venv}'
     assert pip == 'pip install --no-input -e .[ros,drive,gym,mpc,viewer,pandas,study]'
     machine.run('test')
-    assert machine.calls() == ['pip install --no-input -e .[ros,drive,gym,mpc,viewer,pandas,study,test]']
+    assert machine.calls() == [
+        'pip install --no-input -e .[ros,drive,gym,mpc,viewer,pandas,study,test]'
+    ]
     machine.start('docs').communicate(timeout=LAST_RESORT_S)
-    assert machine.calls() == ['pip install --no-input -e .[ros,drive,gym,mpc,viewer,pandas,study,docs]']
+    assert machine.calls() == [
+        'pip install --no-input -e .[ros,drive,gym,mpc,viewer,pandas,study,docs]'
+    ]
     assert machine.run('run').messages == machine.run('test').messages == ''
     assert machine.calls() == []
 
@@ -259,7 +263,9 @@ def test_changed_requirements_and_nodes_update_the_environment(machine):
             'pip install --no-input -e .[ros,drive,gym,mpc,viewer,pandas,study]'
         ], name
     machine.run('test')
-    assert machine.calls() == ['pip install --no-input -e .[ros,drive,gym,mpc,viewer,pandas,study,test]']
+    assert machine.calls() == [
+        'pip install --no-input -e .[ros,drive,gym,mpc,viewer,pandas,study,test]'
+    ]
 
 
 def test_a_failed_update_leaves_the_environment_as_it_was(machine):

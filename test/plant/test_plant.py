@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 from laws import given
-from robot import START_NS, make_plant, run_plant
+from robot import START_NS, make_plant, physical, run_plant
 
 from ballbot_ros.plant.ground_truth import Push
+from ballbot_ros.plant.integration import linear_step, nonlinear_step
 
 MODELS = ['linear', 'nonlinear']
 RATIO = 0.026 / 0.021
@@ -50,6 +51,20 @@ def test_it_is_held_still_until_the_hold_time_to_the_millisecond(hold_ms, model)
     for truth in run_plant(plant, [(50, 50)] * 20):
         moved = truth.psi != (0.05, 0.0) or truth.psi_rate != (0.0, 0.0)
         assert moved == (truth.stamp_ns > START_NS + hold_ms * 1_000_000)
+
+
+@pytest.mark.parametrize('model', MODELS)
+@given(st.integers(0, 12), st.floats(-2.0, 2.0), st.floats(-2.0, 2.0))
+def test_it_is_released_with_a_rate_of_its_pitch(model, hold_ms, rate_x, rate_y):
+    rates = {'start_pitch_rate_x': rate_x, 'start_pitch_rate_y': rate_y}
+    plant = make_plant(plant_model=model, hold_time=hold_ms * 1e-3, **rates)
+    step = (nonlinear_step if model == 'nonlinear' else linear_step)(physical(), 1e-3)
+    x, y = (0.0, 0.0, 0.0, rate_x), (0.0, 0.0, 0.0, rate_y)
+    for _ in range(16 - hold_ms):
+        x, y = step(x, 0.0, 0.0, 0.0), step(y, 0.0, 0.0, 0.0)
+    assert all(truth.psi_rate == (0.0, 0.0) for truth in run_plant(plant, [(0, 0)] * 4)
+               if truth.stamp_ns <= START_NS + hold_ms * 1_000_000)  # fmt: skip
+    assert plant.save_state().planes == (x, y)
 
 
 @pytest.mark.parametrize('model', MODELS)

@@ -29,7 +29,8 @@ purpose: everything at once
 duration: 12.5
 seed: 7
 profile: ideal
-start: {pitch_x_deg: 4, pitch_y_deg: -2.0, position_x: 0.5, position_y: -1}
+start: {pitch_x_deg: 4, pitch_y_deg: -2.0, pitch_rate_y_deg_per_s: 30,
+        position_x: 0.5, position_y: -1}
 plant_model: nonlinear
 mode: autonomous
 sticks:
@@ -73,6 +74,7 @@ def test_a_scenario_sets_everything_that_it_names(load):
     assert plant.duration == 12.5
     assert plant.start_pitch_x == math.radians(4.0)
     assert plant.start_pitch_y == math.radians(-2.0)
+    assert plant.start_pitch_rate_y == math.radians(30.0)
     assert (plant.start_position_x, plant.start_position_y) == (0.5, -1.0)
     assert plant.plant_model == 'nonlinear'
     assert plant.ball_radius == 0.03
@@ -176,6 +178,11 @@ MISTAKES = [
         "'pitch_x_deg': 90 is not within -85.9 … 85.9 deg",
     ),
     (HEAD + 'start:\n  pitch_deg: 4\n', 4, "unknown key 'pitch_deg'"),
+    (
+        HEAD + 'start:\n  pitch_rate_x_deg_per_s: 2000\n',
+        4,
+        "'pitch_rate_x_deg_per_s': 2000 is not within -1145.9 … 1145.9 deg/s",
+    ),
     (HEAD + 'start:\n  pitch_x_deg: .nan\n', 4, 'nan is not finite'),
     (HEAD + 'start:\n  pitch_x_deg: x\n', 4, "'x' is not a number"),
     (HEAD + 'sticks:\n  left: []\n', 4, "unknown key 'left'"),
