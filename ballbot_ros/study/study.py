@@ -130,8 +130,8 @@ class Study:
         scenarios = scenarios_of(self.spec.scenario, self.parts, events, durations, first)
         return Samples(count, values, scenarios, events)
 
-    def parameter_values(self, row: Mapping[str, object]) -> dict[str, object]:
-        """Return the values of parameters of a run, fixed and varied, for :class:`RunOptions`.
+    def run_options(self, row: Mapping[str, object]) -> RunOptions:
+        """Return the options that make :meth:`scenario_data` of the same values a run again.
 
         Parameters
         ----------
@@ -139,7 +139,8 @@ class Study:
             The values of all of :attr:`columns`.
         """
         varied = {name: _plain(row[name]) for name in self.columns if name not in self.parts}
-        return {**self.options.values, **whole_values(self.spec.parameters, varied)}
+        values = whole_values(self.spec.parameters, varied)
+        return replace(self.options, values={**self.options.values, **values})
 
     def scenario_data(self, row: Mapping[str, object]) -> dict[str, Any]:
         """Return the content of a scenario file for a run, for the same arguments.

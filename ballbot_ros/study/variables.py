@@ -28,13 +28,11 @@ CONE_RAYS = f'{SONAR}.cone_rays'
 WITHOUT_EFFECT = frozenset(
     {
         'lockstep', 'real_time_factor', 'timeout', 'startup_timeout', 'on_timeout',
-        'require_recorder', 'rejoin', 'scenario', 'trajectory_file', 'push_duration', 'lsb',
-        'log_count', 'sound_freq', 'sound_dur', 'sound_volume', 'tone_gain',
+        'require_recorder', 'rejoin', 'push_duration', 'lsb', 'log_count', 'sound_freq',
+        'sound_dur', 'sound_volume', 'tone_gain',
     }
 )  # fmt: skip
-"""Parameters on which the motion of a run does not depend: pace, graph, files, sound and log."""
-
-_SAME_IN_ALL = ('map', 'implementation')
+"""Parameters on which the motion of a run does not depend: pace, graph, sound and log."""
 
 
 @dataclass(frozen=True)
@@ -81,11 +79,6 @@ def find_variable(name: str, spec: RunSpec) -> tuple[Parameter, EventPart | None
     parameter = replace(robot_parameter(name), name=name)
     if rest in WITHOUT_EFFECT:
         raise StudyError(f'{name} cannot vary: the motion of a run does not depend on it')
-    if rest in _SAME_IN_ALL:
-        raise StudyError(
-            f'{name} cannot vary: all runs of a study have the same map and controller; '
-            'make a study for each'
-        )
     if isinstance(parameter.default, tuple):
         last = len(parameter.default)
         raise StudyError(f'{name} cannot vary as a whole; its elements can: {name}.1 … {last}')

@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 from laws import refusal
+from pushes import pushes
 
-from ballbot_ros.parameters import ParameterError
+from ballbot_ros.parameters import ControllerParameters, ParameterError
 from ballbot_ros.run.processes import Processes
 from ballbot_ros.run.spec import RunOptions, RunSpec
 from ballbot_ros.scenario.metrics import METRICS
-from ballbot_ros.scenario.scenario import Measure, Scenario, ScheduledPush
+from ballbot_ros.scenario.scenario import Measure, Scenario
 from ballbot_ros.study.runs import (
     CompiledSimulator,
     OrdinarySimulator,
@@ -57,6 +58,10 @@ VARIED = {
         'plant_sim.body_width': np.array([0.1, 0.12] * 3),
         'plant_sim.duration': np.array([3.0, 2.0, 1.0, 0.5, 2.5, 3.0]),
     },
+    'forward_backward': {
+        'controller.k_f.2': np.linspace(-1.7, -1.4, 6),
+        'controller.k_f.4': np.array([-0.23, -0.25] * 3),
+    },
 }  # fmt: skip
 
 
@@ -71,7 +76,7 @@ def test_both_simulators_give_the_same_results(name):
 
 def test_each_run_can_have_pushes_and_sticks_of_its_own():
     scenarios = [
-        Scenario(pushes=tuple(ScheduledPush(1.2, 0.1, 5.0 * n, -n) for n in range(1, run + 1)))
+        Scenario(pushes=sum((pushes(1.2, 0.1, 5.0 * n, -n) for n in range(1, run + 1)), ()))
         for run in range(4)
     ]
     spec, samples = spec_of('push'), Samples(4, {}, scenarios)
@@ -120,6 +125,8 @@ def test_only_the_documents_program_is_compiled():
         ({'gyro_driver.delay': [1.0, 2.5]}, 'gyro_driver.delay: 2.5 is not a whole number (run 1)'),
         ({'plant_sim.plant_model': ['linear', 'flat']}, "'flat' is not one of linear, nonlinear"),
         ({'controller.ts2_period': [20, 30]}, 'controller.ts2_period: 30 is not one of 4, 20, 100'),
+        ({'controller.k_f.2': [-1.5, 1e10]}, 'controller.k_f.2: 10000000000.0 is not within'),
+        ({'controller.k_f.5': [1.0]}, "controller.k_f has no element '5': its elements are 1 … 4"),
         ({'controller.k_f': [[1.0, 2.0]]}, 'is not a list of 4 numbers (run 0)'),
     ],
 )  # fmt: skip
@@ -141,3 +148,11 @@ def test_values_change_no_parameters_but_their_own():
     spec = spec_of('stationary')
     changed = with_values(spec.parameters, {'plant_sim.body_mass': np.float64(0.5)})
     assert {name for _, name, _ in set(changed) - set(spec.parameters)} == {'body_mass'}
+
+
+def test_an_element_leaves_the_others_unchanged():
+    parameters = spec_of('stationary').parameters
+    before = parameters.of(ControllerParameters).k_f
+    values = {'controller.k_f.2': np.float64(-1.0), 'controller.k_f.4': np.float64(-2.0)}
+    changed = with_values(parameters, values).of(ControllerParameters).k_f
+    assert changed == (before[0], -1.0, before[2], -2.0)
