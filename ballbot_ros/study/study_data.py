@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot_ros.analysis.proportion import ProportionInterval, wilson_interval
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.numerics.proportion import ProportionInterval, wilson_interval
 from ballbot_ros.study.columns import (
     DUTY_SHA256,
     FALLEN,

@@ -1,9 +1,11 @@
 """`ballbot study`: run, list, rerun, and its mistakes."""
 
 import json
+import subprocess
 
 import pytest
 import yaml
+from graph import BALLBOT, LAST_RESORT_S, environment
 
 CONTENT = {
     'purpose': 'a test',
@@ -66,11 +68,15 @@ def test_a_run_again_has_the_same_duties(command, results):
         assert status in (0, 1)
 
 
-def test_a_run_again_in_the_graph_has_the_same_duties(start_run, results):
+@pytest.mark.graph
+def test_a_run_again_in_the_graph_has_the_same_duties(domain, results):
     """By default it is the node graph, with its recording."""
-    process = start_run('study', 'rerun', str(results), '3')
-    text, _ = process.communicate(timeout=200)
-    assert 'duties  as in the study: ' in text
+    words = ('study', 'rerun', str(results), '3')
+    done = subprocess.run(
+        [*BALLBOT, *words], env=environment(domain), capture_output=True, text=True, check=False,
+        timeout=LAST_RESORT_S,
+    )  # fmt: skip
+    assert 'duties  as in the study: ' in done.stdout, done.stderr
     assert (results / 'reruns/3/tried_3.mcap').exists()
 
 

@@ -11,8 +11,8 @@ from study_folders import MEASURES, NOW, record, rows_of, write_study
 
 pytest.importorskip('pyarrow')
 
+from ballbot_ros.analysis.proportion import wilson_interval
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.numerics.proportion import wilson_interval
 from ballbot_ros.study.data_set import begin_or_resume
 from ballbot_ros.study.errors import StudyError
 from ballbot_ros.study.part_file import PartRows, write_part
