@@ -10,18 +10,20 @@ if TYPE_CHECKING:
     from ballbot_ros.errors import BallbotError
     from ballbot_ros.run.library import linear_model, loop, sampled_loop, simulate
     from ballbot_ros.run.library import open as open  # noqa: A004
+    from ballbot_ros.study.from_python import study
 
 __version__ = '0.1.0'
 
 # Without `open`, with which `from ballbot_ros import *` would replace Python's.
-__all__ = ['BallbotError', 'Run', 'linear_model', 'loop', 'sampled_loop', 'simulate']
+__all__ = ['BallbotError', 'Run', 'linear_model', 'loop', 'sampled_loop', 'simulate', 'study']
 
 
 def __getattr__(name: str) -> Any:
     # Imported at their first use, so that a node's start does not wait for them.
     if name not in (*__all__, 'open'):
         raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
-    return getattr(import_module(f'{__name__}.run.library'), name)
+    module = 'study.from_python' if name == 'study' else 'run.library'
+    return getattr(import_module(f'{__name__}.{module}'), name)
 
 
 def __dir__() -> list[str]:

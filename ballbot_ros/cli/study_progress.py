@@ -53,8 +53,10 @@ class StudyProgress:
     def advance(self, runs: int) -> None:
         """Show that so many more runs have been simulated."""
         with self._lock:
-            self._simulated += runs
             now = time.monotonic()
+            if not self._simulated:  # what came before was no simulation, but compiling
+                self._begun = now
+            self._simulated += runs
             if now - self._shown < PROGRESS_PERIOD_S:
                 return
             self._shown = now

@@ -12,7 +12,6 @@ import math
 import os
 import re
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -32,12 +31,11 @@ from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.controllers.interface import Estimates, OperatingState, PlaneEstimates
 from ballbot_ros.controllers.loading import LoadedController, shown_line
 from ballbot_ros.errors import BallbotError, one_line
-from ballbot_ros.nodes.processes import END_WITH_PARENT, end_with_parent, threads_by_process
+from ballbot_ros.nodes.processes import end_with_parent, threads_by_process
 from ballbot_ros.parameters import ControllerParameters, PlantParameters
+from ballbot_ros.run.child_process import start_child
 from ballbot_ros.simulation.silence_timer import SilenceTimer
 
-_PROGRAM = f'from {__name__} import main; main()'
-_STANDARD_ERROR = 2
 _POLL_S = 0.05
 _STACK_S = 0.5
 _FRAME = re.compile(r'File "(.+)", line (\d+)')
@@ -153,20 +151,11 @@ class _Child:
 
     def __init__(self, parameters: ControllerParameters, loaded: LoadedController) -> None:
         self._loaded = loaded
-        ours, theirs = socket.socketpair()
         # In memory: where the controller is, if it does not return.
         stack = os.fdopen(os.memfd_create('stack'), 'rb', buffering=0)
-        with theirs:
-            self._process = subprocess.Popen(
-                [sys.executable, '-c', _PROGRAM, str(theirs.fileno()), str(stack.fileno())],
-                env={**os.environ, END_WITH_PARENT: str(os.getpid())},
-                pass_fds=[theirs.fileno(), stack.fileno()],
-                stdin=subprocess.DEVNULL,
-                stdout=_STANDARD_ERROR,
-                # Keep Ctrl-C from the controller: the run gets it, and ends the controller.
-                start_new_session=True,
-            )
-        self._connection, self._stack = Connection(ours.detach()), stack
+        # Ctrl-C is for the run, which ends the controller.
+        self._process, self._connection = start_child(__name__, [stack.fileno()])
+        self._stack = stack
         self._end = weakref.finalize(self, _end, self._process, self._connection, stack)
         self._connection.send((sys.path, parameters, loaded.code.source.sha256))
 

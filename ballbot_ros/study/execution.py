@@ -2,19 +2,10 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import os
-import signal
+import threading
 from collections.abc import Callable, Iterator
-from concurrent.futures import (
-    FIRST_COMPLETED,
-    BrokenExecutor,
-    Executor,
-    Future,
-    ProcessPoolExecutor,
-    ThreadPoolExecutor,
-    wait,
-)
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
@@ -30,6 +21,7 @@ from ballbot_ros.study.job import Job
 from ballbot_ros.study.kernel import simulate_runs
 from ballbot_ros.study.manifest import PartSummary
 from ballbot_ros.study.runs import Advance, Samples
+from ballbot_ros.study.worker_process import WorkerProcess
 
 POLL_S = 0.2
 """Longest time after which a signal is noticed [s]."""
@@ -81,27 +73,35 @@ class LocalWorkers:
     compiled : bool
         Whether the runs are compiled.
     advance : callable
-        Called with the number of runs done; by threads only.
+        Called with the number of runs done.
     """
 
     def __init__(self, compiled: bool, advance: Advance) -> None:
         self.count = len(os.sched_getaffinity(0))
         self._advance = advance
-        self._stopped = False
-        self._pool: Executor
-        if compiled:
-            self._pool = ThreadPoolExecutor(self.count)
-        else:
-            self._pool = ProcessPoolExecutor(
-                self.count, multiprocessing.get_context('forkserver'), _ignore_keyboard
-            )
         self._compiled = compiled
+        self._stopped = False
+        self._processes: list[WorkerProcess] = []
+        self._of_thread = threading.local()
+        self._pool = ThreadPoolExecutor(self.count)
 
     def submit(self, job: Job, part: int, samples: Samples) -> Future[PartSummary]:
         """Have a part done."""
         if self._compiled:
             return self._pool.submit(job.do, part, samples, self._on_runs)
-        return self._pool.submit(_do, job, part, samples)
+        return self._pool.submit(self._do_in_process, job, part, samples)
+
+    def _do_in_process(self, job: Job, part: int, samples: Samples) -> PartSummary:
+        """Have a part done by the process of this thread."""
+        process: WorkerProcess | None = getattr(self._of_thread, 'process', None)
+        if self._stopped:
+            raise StoppedError('the study is stopped')
+        if process is None:
+            process = self._of_thread.process = WorkerProcess()
+            self._processes.append(process)
+        summary = process.do(job, part, samples)
+        self._on_runs(summary.runs)
+        return summary
 
     def _on_runs(self, runs: int) -> None:
         if self._stopped:
@@ -111,19 +111,9 @@ class LocalWorkers:
     def stop(self) -> None:
         """Give up the parts in work."""
         self._stopped = True
-        if not self._compiled:
-            for process in multiprocessing.active_children():
-                process.terminate()
+        for each in self._processes:
+            each.kill()
         self._pool.shutdown(wait=True, cancel_futures=True)
-
-
-def _do(job: Job, part: int, samples: Samples) -> PartSummary:
-    return job.do(part, samples, lambda runs: None)
-
-
-def _ignore_keyboard() -> None:
-    """Leave Ctrl-C, which a terminal sends to all processes, to the one that started this."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def is_compiled(job: Job) -> bool:
@@ -206,18 +196,8 @@ def _do_parts(
                 return 0
             done, in_work = wait(in_work, POLL_S, FIRST_COMPLETED)
             for each in done:
-                observer.part(_summary(each))
+                observer.part(each.result())
         return int(stop.signal)
-
-
-def _summary(future: Future[PartSummary]) -> PartSummary:
-    try:
-        return future.result()
-    except BrokenExecutor:
-        raise StudyError(
-            'a worker has ended unexpectedly (no memory left?); give the command again, which '
-            'goes on where it stopped'
-        ) from None
 
 
 @contextmanager
