@@ -41,8 +41,9 @@ def test_a_row_is_a_run_of_simulate():
 
 NOTEBOOK = """
 import ballbot_ros as bb
+from ballbot_ros.controllers import Controller
 
-class Lazy(bb.controllers.Controller):
+class Lazy(Controller):
     '''Does nothing.'''
     def tick(self, readings):
         return 0, 0
@@ -59,12 +60,7 @@ assert frame['fallen'].all(), frame
 
 def test_a_controller_of_the_main_program_runs_in_a_study(tmp_path):
     path = tmp_path / 'program.py'
-    path.write_text(
-        NOTEBOOK.replace('bb.controllers.', '').replace(
-            'import ballbot_ros as bb',
-            'import ballbot_ros as bb\nfrom ballbot_ros.controllers import Controller',
-        )
-    )
+    path.write_text(NOTEBOOK)
     done = subprocess.run([sys.executable, path], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
 
