@@ -171,6 +171,8 @@ class ProgramState(NamedTuple):
         Of the planes.
     errors : tuple of Single
         theta_diff and psi_diff of plane x, then of plane y.
+    ts2_ms, ts3_ms : int
+        When these tasks are due [ms]: a comparison is faster than a remainder.
     """
 
     x: Any
@@ -184,6 +186,8 @@ class ProgramState(NamedTuple):
     flag_auto: Any
     timer_stop: Any
     sonar_reply: Any
+    ts2_ms: Any
+    ts3_ms: Any
 
 
 def run_tasks(
@@ -202,7 +206,7 @@ def run_tasks(
     """
     (
         x, y, errors, control_mode, battery, distance_cm, echo_time,
-        flag_avoid, flag_auto, timer_stop, sonar_reply,
+        flag_avoid, flag_auto, timer_stop, sonar_reply, ts2_ms, ts3_ms,
     ) = state  # fmt: skip
     gyro_x, gyro_y = inputs.gyro
     if elapsed_ms == 0:  # task_init
@@ -231,14 +235,16 @@ def run_tasks(
         x = (calibrated_offset(x[0], gyro_x, program.a_gc), x[1], x[2], x[3], x[4], x[5])
         y = (calibrated_offset(y[0], gyro_y, program.a_gc), y[1], y[2], y[3], y[4], y[5])
 
-    if elapsed_ms % program.ts2_period == 0:  # task_ts2
+    if elapsed_ms == ts2_ms:  # task_ts2
+        ts2_ms += program.ts2_period
         sonar_cm, sonar_reply = sonar_reply, inputs.sonar_cm
         distance_cm, echo_time = held_distance(
             distance_cm, echo_time, sonar_cm, now_ms, program.sonar_hold
         )
         flag_avoid = distance_cm <= program.dst_thr
 
-    if elapsed_ms % program.ts3_period == 0:  # task_ts3
+    if elapsed_ms == ts3_ms:  # task_ts3
+        ts3_ms += program.ts3_period
         battery = averaged_battery(battery, inputs.battery_mv, program.a_b)
         flag_auto = elapsed_ms >= program.time_auto
         theta_limit, psi_limit = program.theta_diff_thr, program.psi_diff_thr
@@ -252,7 +258,7 @@ def run_tasks(
 
     state = ProgramState(
         x, y, errors, control_mode, battery, distance_cm, echo_time,
-        flag_avoid, flag_auto, timer_stop, sonar_reply,
+        flag_avoid, flag_auto, timer_stop, sonar_reply, ts2_ms, ts3_ms,
     )  # fmt: skip
     return state, duty_x, duty_y
 
@@ -385,7 +391,7 @@ def simulate_run(
     rest = (ZERO, ZERO, ZERO, ZERO, ZERO, ZERO)
     state = ProgramState(
         rest, rest, (ZERO, ZERO, ZERO, ZERO), ControlMode.CALIBRATION, ZERO, NO_ECHO_CM, 0,
-        False, False, 0, 0,
+        False, False, 0, 0, 0, 0,
     )  # fmt: skip
     constants = constants_of(program)
 

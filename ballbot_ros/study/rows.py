@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import fields, replace
+from functools import cache
 from typing import Any, Literal, cast, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -41,6 +42,7 @@ ROBOT_CLASSES: tuple[type[NodeParameters], ...] = (
 _NUMBERS: dict[Any, str] = {float: 'f8', int: 'i8', bool: '?', Single: 'f4'}
 
 
+@cache
 def row_type(cls: type) -> np.dtype[np.void]:
     """Return the type of a row for a dataclass: its numbers, switches, and choices by their index.
 
@@ -61,6 +63,7 @@ def row_type(cls: type) -> np.dtype[np.void]:
     return np.dtype(columns)
 
 
+@cache
 def choice(cls: type, name: str, value: str) -> int:
     """Return the number that stands for a value of a choice in the rows of a dataclass."""
     return get_args(get_type_hints(cls)[name]).index(value)
