@@ -20,6 +20,7 @@ from ballbot_ros.cli.invoke import invoke
 from ballbot_ros.parameters import CONTROLLER, NODES
 from benchmark.figures import MILLISECONDS, RATIO, REAL_TIME, Figure, as_json, table_of
 from benchmark.runs import SCENARIO, Run, RunError, run_ballbot, run_nodes, run_relay
+from benchmark.study import measure_studies
 
 Measurements = dict[str, list[Run]]
 
@@ -29,6 +30,7 @@ ONE = 'one'
 NONE = 'none'
 NONE_RECORDED = 'none_recorded'
 EVENTS = 'events_executor'
+STUDY = 'study'
 CONTROLLER_SINGLE = 'controller_single_threaded'
 ALL_SINGLE = 'all_single_threaded'
 
@@ -77,6 +79,7 @@ PARTS = {
     'one': (ONE,),
     'none': (NONE, NONE_RECORDED),
     'executors': (EVENTS, CONTROLLER_SINGLE, ALL_SINGLE),
+    STUDY: (),
 }
 """The arrangements needed for each part of the benchmark, in order."""
 
@@ -116,6 +119,8 @@ def bench(print_json: bool, repeat: int, duration: float, only: tuple[str, ...])
     measurements = measure(arrangements, repeat, duration, progress)
     duty_sha256 = common_hash(measurements)
     figures = figures_of(measurements)
+    if STUDY in (only or PARTS):
+        figures += measure_studies(repeat, progress)
 
     console = Console(stderr=print_json, highlight=False)
     if not console.is_terminal:

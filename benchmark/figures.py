@@ -9,7 +9,8 @@ from typing import Any
 
 from rich.table import Table
 
-REAL_TIME, MILLISECONDS, RATIO = '×', 'ms', ''
+REAL_TIME, MILLISECONDS, SECONDS, RATIO = '×', 'ms', 's', ''
+MEGABYTES, BYTES = 'MB', 'B'
 
 
 @dataclass(frozen=True)
@@ -26,6 +27,8 @@ class Figure:
         One per repeat.
     bar, aim : float or None
         Required minimum, and a desirable value.
+    at_most : bool
+        Whether they are maxima.
     """
 
     name: str
@@ -34,6 +37,7 @@ class Figure:
     values: Sequence[float]
     bar: float | None = None
     aim: float | None = None
+    at_most: bool = False
 
     @property
     def median(self) -> float:
@@ -45,9 +49,12 @@ class Figure:
         """``reached``, ``aim reached`` or ``missed``; None without a bar."""
         if self.bar is None:
             return None
-        if self.median < self.bar:
+        if not self._reaches(self.bar):
             return 'missed'
-        return 'aim reached' if self.aim and self.median >= self.aim else 'reached'
+        return 'aim reached' if self.aim and self._reaches(self.aim) else 'reached'
+
+    def _reaches(self, value: float) -> bool:
+        return self.median <= value if self.at_most else self.median >= value
 
     def as_json(self) -> dict[str, Any]:
         """Return the figure for the JSON object."""
@@ -60,6 +67,7 @@ class Figure:
             'max': max(self.values),
             'bar': self.bar,
             'aim': self.aim,
+            'at_most': self.at_most,
             'verdict': self.verdict,
         }
 
@@ -77,7 +85,7 @@ def table_of(figures: Sequence[Figure], title: str) -> Table:
     table.add_column('verdict', no_wrap=True)
     for figure in figures:
         least, most = _short(min(figure.values)), _short(max(figure.values))
-        bar = '' if figure.bar is None else f'≥ {figure.bar:g}'
+        bar = '' if figure.bar is None else f'{"≤" if figure.at_most else "≥"} {figure.bar:g}'
         aim = '' if figure.aim is None else f' ({figure.aim:g})'
         verdict = figure.verdict or ''
         table.add_row(

@@ -132,10 +132,8 @@ class ScenarioReader(ExpectationReader):
         low, high = map(math.degrees, parameters_of(PLANT)[name].bounds or (-math.inf, math.inf))
         if not low <= degrees <= high:
             unit = 'deg/s' if name.startswith('start_pitch_rate') else 'deg'
-            raise self._error(
-                keys,
-                f'{self._label(keys)}: {degrees:g} is not within {low:.1f} … {high:.1f} {unit}',
-            )
+            limits = f'{low:.1f} … {high:.1f} {unit}'
+            raise self._error(keys, f'{self._label(keys)}: {degrees:g} is not within {limits}')
         return math.radians(degrees)
 
     def _check_world(self, parameters: ParameterSet) -> None:

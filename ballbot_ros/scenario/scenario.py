@@ -5,7 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple, overload
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ballbot_ros.numerics.elementary import sine_cosine
 from ballbot_ros.parameters import ParameterSet
@@ -39,11 +42,15 @@ class Expectation:
         """What is measured."""
         return Measure(self.metric, self.start, self.end)
 
-    def holds(self, value: float) -> bool:
-        """Return whether `value` is within the bounds; NaN never is."""
+    @overload
+    def holds(self, value: float) -> bool: ...
+    @overload
+    def holds(self, value: NDArray[np.float64]) -> NDArray[np.bool_]: ...
+    def holds(self, value: Any) -> Any:
+        """Return whether `value`, or each of an array, is within the bounds; NaN never is."""
         low = self.minimum is None or value >= self.minimum
         high = self.maximum is None or value <= self.maximum
-        return low and high and value == value
+        return low & high & (value == value)
 
     @property
     def covers_whole_run(self) -> bool:

@@ -31,6 +31,7 @@ class CompilationError(BallbotError):
 
 
 _functions: dict[Function, Any] = {}
+_kept_functions: dict[tuple[Function, str], Any] = {}
 
 
 def compiled(function: Function) -> Function:
@@ -77,12 +78,21 @@ def compiled_and_kept(
         If numba is not installed.
     """
     numba = _numba()
-    fresh = _with_compiled_globals(function, others)
-    fresh.__qualname__ += f'_{name}' if name else ''
+    known = _kept_functions.get((function, name))
+    if known is None:
+        fresh = _with_compiled_globals(function, others)
+        fresh.__qualname__ += f'_{name}' if name else ''
+        folder = _folder()
+        with _cache_folder(numba, folder):
+            known = numba.njit(fresh, error_model='numpy', nogil=True, cache=folder is not None)
+        _kept_functions[function, name] = known
+    return cast(Function, known)
+
+
+def is_kept(function: Function) -> bool:
+    """Return whether the machine code of a function is on disk, so that it need not be compiled."""
     folder = _folder()
-    with _cache_folder(numba, folder):
-        made = numba.njit(fresh, error_model='numpy', nogil=True, cache=folder is not None)
-    return cast(Function, made)
+    return folder is not None and any(folder.rglob(f'*.{function.__qualname__}-*.nbi'))
 
 
 @cache

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -125,10 +125,18 @@ class Results:
         )
 
 
+Advance = Callable[[int], None]
+"""Called with the number of runs done since the last call; may raise an error to end the work."""
+
+
+def _ignore(runs: int) -> None:
+    """Show no progress."""
+
+
 class Simulator(Protocol):
     """Simulates runs of a specification."""
 
-    def simulate(self, samples: Samples) -> Results:
+    def simulate(self, samples: Samples, advance: Advance = _ignore) -> Results:
         """Return the results of runs; BallbotError if one of them is not possible."""
 
 
@@ -154,7 +162,7 @@ class OrdinarySimulator:
         self._spec = spec
         self._measures = measures
 
-    def simulate(self, samples: Samples) -> Results:
+    def simulate(self, samples: Samples, advance: Advance = _ignore) -> Results:
         """Return the results of runs.
 
         Raises
@@ -167,6 +175,7 @@ class OrdinarySimulator:
             values = {name: column[run] for name, column in samples.values.items()}
             scenario = samples.scenarios[run] if samples.scenarios else self._spec.scenario
             self._simulate(run, values, scenario, results)
+            advance(1)
         return results
 
     def _simulate(
@@ -218,7 +227,7 @@ class CompiledSimulator:
             for each in measures
         }
 
-    def simulate(self, samples: Samples) -> Results:
+    def simulate(self, samples: Samples, advance: Advance = _ignore) -> Results:
         """Return the results of runs.
 
         Raises
@@ -243,6 +252,7 @@ class CompiledSimulator:
             runs = slice(first, min(first + together, samples.count))
             part = Events(*(each[runs] for each in events)) if samples.scenarios else events
             self._simulate(rows.part(runs), part, log, time, results.part(runs))
+            advance(runs.stop - runs.start)
         return results
 
     def _check_starts(self, rows: RobotRows, varied: Container[str]) -> None:

@@ -1,0 +1,149 @@
+"""`ballbot study`: very many runs of a scenario, and any of them once more."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from ballbot_ros.cli.path_types import PATH
+from ballbot_ros.run.processes import Processes
+
+if TYPE_CHECKING:
+    from ballbot_ros.run.spec import RunSpec
+
+
+class _StudyGroup(click.Group):
+    """A word that is not a command is a study: `study robustness` means `study run robustness`."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        if args and args[0] not in self.commands and args[0] not in ctx.help_option_names:
+            args = ['run', *args]
+        return super().parse_args(ctx, args)
+
+
+@click.group('study', cls=_StudyGroup, invoke_without_command=True)
+@click.pass_context
+def command(context: click.Context) -> None:
+    """Run a scenario very many times, with values that vary from run to run.
+
+    `ballbot study NAME` runs a shipped study, `ballbot study FILE.yaml` your own. Without an
+    argument, the shipped studies are listed.
+    """
+    if context.invoked_subcommand is None:
+        _list_studies()
+
+
+def _list_studies() -> None:
+    from ballbot_ros.study.library import read_study, study_names
+
+    names = study_names()
+    width = max(map(len, names))
+    for name in names:
+        click.echo(f'{name:<{width}}  {read_study(name).purpose}')
+
+
+@command.command('run')
+@click.argument('study')
+@click.option('--runs', type=click.IntRange(1), help="Number of runs.  [default: the study's]")
+@click.option('--seed', type=click.IntRange(0), help="Seed of the samples.  [default: the study's]")
+@click.option(
+    '--output', type=PATH, help='Folder for the results.  [default: studies/<name of the study>]'
+)
+@click.option('--again', is_flag=True, help='Do all runs again, also those that are done.')
+@click.option('--json', 'as_json', is_flag=True, help='Print one JSON object.')
+def run(
+    study: str,
+    runs: int | None,
+    seed: int | None,
+    output: Path | None,
+    again: bool,
+    as_json: bool,
+) -> int:
+    """Run STUDY, a name or a YAML file, on all cores; print a summary.
+
+    The results are Parquet files. An interrupted study goes on with the same command, and a
+    finished one is not run again. Exit status: 0 if all runs are done, whether they passed or not;
+    2 for a mistake in the arguments; 130 after Ctrl-C.
+    """
+    from ballbot_ros.cli.study_output import print_json, print_summary
+    from ballbot_ros.cli.study_progress import StudyProgress
+    from ballbot_ros.standard_streams import stdout_to_stderr
+    from ballbot_ros.study.execution import folder_of, run_study
+    from ballbot_ros.study.job import job_of
+    from ballbot_ros.study.library import read_study
+    from ballbot_ros.study.sampling import Sampler
+    from ballbot_ros.study.study_data import StudyData
+
+    with stdout_to_stderr():  # a controller may print while its class is loaded
+        described = read_study(study, runs=runs, seed=seed)
+        folder = folder_of(described.name, output)
+        job = job_of(described, folder)
+        with StudyProgress(described.name) as progress:
+            stopped = run_study(job, Sampler(described).part, progress, again=again)
+    if stopped:
+        click.echo(f'stopped; the same command goes on from there: {folder}', err=True)
+        return 128 + stopped
+    data = StudyData.open(folder)
+    (print_json if as_json else print_summary)(data)
+    return 0
+
+
+@command.command('rerun')
+@click.argument('folder', type=PATH)
+@click.argument('number', type=click.IntRange(0), required=False)
+@click.option('--worst', metavar='MEASURE', help='The run with the worst value of this measure.')
+@click.option('--failed', is_flag=True, help='The first run that did not pass.')
+@click.option(
+    '--processes',
+    type=click.Choice([each.value for each in Processes]),
+    default=Processes.SEPARATE.value,
+    show_default=True,
+    help='One process per node; all nodes in one process; or no nodes, the same loop without ROS.',
+)
+@click.option(
+    '--output', type=PATH, help='Folder for recording and picture.  [default: FOLDER/reruns/NUMBER]'
+)
+@click.option('--json', 'as_json', is_flag=True, help='Print one JSON object.')
+def rerun(
+    folder: Path,
+    number: int | None,
+    worst: str | None,
+    failed: bool,
+    processes: str,
+    output: Path | None,
+    as_json: bool,
+) -> int:
+    """Run the run NUMBER of the study in FOLDER once more, as a full run with its recording.
+
+    Its duties are those of the study, bit for bit. Exit status: that of `ballbot run`, and 1 if the
+    duties differ.
+    """
+    if sum((number is not None, worst is not None, failed)) != 1:
+        raise click.UsageError('choose the run by its NUMBER, or by --worst or --failed')
+    from ballbot_ros.study.rerun import choose_run, new_folder, rerun_spec
+    from ballbot_ros.study.study_data import StudyData
+
+    data = StudyData.open(folder)
+    row = choose_run(data, number, worst)
+    place = output or new_folder(folder, row.number)
+    spec = rerun_spec(data.study, row, place, Processes(processes))
+    return _execute(spec, row.duty_sha256, as_json)
+
+
+def _execute(spec: RunSpec, expected: str, as_json: bool) -> int:
+    """Execute a run, print its result, and compare its duties with those of the study."""
+    from ballbot_ros.cli.progress import Progress
+    from ballbot_ros.cli.result import print_json, print_table
+    from ballbot_ros.run.execution import execute
+    from ballbot_ros.standard_streams import stdout_to_stderr
+
+    with Progress(spec.name, spec.plant.duration) as progress, stdout_to_stderr():
+        result = execute(spec, progress)
+    (print_json if as_json else print_table)(spec, result)
+    if result.duty_sha256 == expected:
+        click.echo(f'duties  as in the study: {expected}', err=as_json)
+        return result.exit_status
+    click.echo(f'error: the duties differ from those of the study: {expected}', err=True)
+    return 1

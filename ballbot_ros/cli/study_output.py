@@ -1,0 +1,99 @@
+"""What `ballbot study` prints about its results."""
+
+from __future__ import annotations
+
+import json
+import shlex
+
+from rich.console import Console
+from rich.table import Table
+
+from ballbot_ros.analysis.metrics import number
+from ballbot_ros.cli.study_progress import share_text
+from ballbot_ros.study.columns import MeasureColumn
+from ballbot_ros.study.study_data import QUANTILES, MeasureSummary, StudyData, StudySummary
+
+WORST_SHOWN = 3
+
+
+def print_summary(data: StudyData) -> None:
+    """Print the share that passed, quantiles of the measures, and the worst runs."""
+    summary, study = data.summary(WORST_SHOWN), data.study
+    console = Console(highlight=False, markup=False)
+    title = f'{study.name}, {summary.totals.runs:,} runs, seed {study.seed}'
+    quantiles = Table(title=title, title_justify='left')
+    quantiles.add_column('measure', no_wrap=True)
+    for share in QUANTILES:
+        quantiles.add_column(f'{100 * share:g} %', justify='right', no_wrap=True)
+    worst = Table()
+    worst.add_column('measure', no_wrap=True)
+    worst.add_column('expected', no_wrap=True)
+    worst.add_column('worst values, and the numbers of their runs')
+    for each in summary.measures:
+        quantiles.add_row(_name(each.column), *(f'{value:.3g}' for value in each.quantiles))
+        worst.add_row(each.column.name, bounds_text(each.column), _worst_runs(each))
+    # A pipe has no width; a measure that is cut off would be of no use.
+    console.width = max(console.width, console.measure(quantiles).maximum)
+    console.print(quantiles)
+    console.print(worst)
+    for line in _lines(data, summary):
+        console.print(line, soft_wrap=True)
+
+
+def _lines(data: StudyData, summary: StudySummary) -> list[str]:
+    totals, measures = summary.totals, summary.measures
+    lines = [f'passed   {share_text(totals)}']
+    if totals.failed:
+        lines.append(f'failed   {totals.failed:,} runs: they ended early')
+    if totals.fallen:
+        lines.append(f'fallen   {totals.fallen:,} robots')
+    lines.append(f'results  {data.path}')
+    shown = next((each.worst[0].number for each in measures if each.worst), 0)
+    lines.append(f'again    ballbot study rerun {shlex.quote(str(data.path))} {shown}')
+    return lines
+
+
+def _name(column: MeasureColumn) -> str:
+    return f'{column.name} [{column.unit}]' if column.unit else column.name
+
+
+def _worst_runs(summary: MeasureSummary) -> str:
+    runs = ', '.join(f'{each.value:.3g} ({each.number})' for each in summary.worst)
+    missing = f'{summary.missing:,} runs without a value' if summary.missing else ''
+    return '; '.join(filter(None, (runs, missing)))
+
+
+def bounds_text(column: MeasureColumn) -> str:
+    """Return the bounds that a study expects, as text."""
+    parts = [f'≥ {column.minimum:g}'] if column.minimum is not None else []
+    parts += [f'≤ {column.maximum:g}'] if column.maximum is not None else []
+    return ' and '.join(parts)
+
+
+def print_json(data: StudyData) -> None:
+    """Print the summary as one JSON object; a missing number is null."""
+    summary, study = data.summary(WORST_SHOWN), data.study
+    content = {
+        'study': study.name,
+        'runs': summary.totals.runs,
+        'seed': study.seed,
+        'passed': summary.totals.passed,
+        'failed': summary.totals.failed,
+        'fallen': summary.totals.fallen,
+        'share_passed': number(summary.share_passed),
+        'share_passed_interval': list(summary.interval),
+        'measures': {
+            each.column.name: {
+                'unit': each.column.unit,
+                'missing': each.missing,
+                'quantiles': {
+                    f'{quantile:g}': number(float(value))
+                    for quantile, value in zip(QUANTILES, each.quantiles, strict=True)
+                },
+                'worst': [{'number': run.number, 'value': number(run.value)} for run in each.worst],
+            }
+            for each in summary.measures
+        },
+        'results': str(data.path),
+    }
+    print(json.dumps(content, indent=2, allow_nan=False))

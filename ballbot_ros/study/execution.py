@@ -1,0 +1,238 @@
+"""Carrying out a study: which parts are missing, who does them, when to stop."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+from collections.abc import Callable, Iterator
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    ThreadPoolExecutor,
+    wait,
+)
+from contextlib import contextmanager
+from datetime import datetime
+from pathlib import Path
+from typing import Protocol
+
+from ballbot_ros.errors import BallbotError
+from ballbot_ros.parameters import ControllerParameters
+from ballbot_ros.stop_request import StopRequest
+from ballbot_ros.study.compilation import is_kept
+from ballbot_ros.study.data_set import StudyFolder, begin_or_resume
+from ballbot_ros.study.errors import StudyError
+from ballbot_ros.study.job import Job
+from ballbot_ros.study.kernel import simulate_runs
+from ballbot_ros.study.manifest import PartSummary
+from ballbot_ros.study.runs import Advance, Samples
+
+POLL_S = 0.2
+"""Longest time after which a signal is noticed [s]."""
+
+
+class StudyObserver(Protocol):
+    """Sees how a study goes on."""
+
+    def begin(self, runs: int, done: PartSummary) -> None:
+        """Show that a study of so many runs begins, or goes on after those that are done."""
+
+    def advance(self, runs: int) -> None:
+        """Show that so many more runs have been simulated; called by any thread."""
+
+    def part(self, summary: PartSummary) -> None:
+        """Show the runs of a part that has been written."""
+
+    def notice(self, text: str) -> None:
+        """Show a line."""
+
+
+class Workers(Protocol):
+    """Those who do parts.
+
+    Attributes
+    ----------
+    count : int
+        How many parts they do at a time.
+    """
+
+    count: int
+
+    def submit(self, job: Job, part: int, samples: Samples) -> Future[PartSummary]:
+        """Have a part done."""
+
+
+class StoppedError(BallbotError):
+    """A part is given up, because the study is stopped."""
+
+
+class LocalWorkers:
+    """The cores of this machine: threads for compiled runs, or else processes.
+
+    Compiled code runs in parallel in the threads of one process. Parts in work are given up when
+    the workers are left by an error or by :meth:`stop`.
+
+    Parameters
+    ----------
+    compiled : bool
+        Whether the runs are compiled.
+    advance : callable
+        Called with the number of runs done; by threads only.
+    """
+
+    def __init__(self, compiled: bool, advance: Advance) -> None:
+        self.count = len(os.sched_getaffinity(0))
+        self._advance = advance
+        self._stopped = False
+        self._pool: Executor
+        if compiled:
+            self._pool = ThreadPoolExecutor(self.count)
+        else:
+            self._pool = ProcessPoolExecutor(
+                self.count, multiprocessing.get_context('forkserver'), _ignore_keyboard
+            )
+        self._compiled = compiled
+
+    def submit(self, job: Job, part: int, samples: Samples) -> Future[PartSummary]:
+        """Have a part done."""
+        if self._compiled:
+            return self._pool.submit(job.do, part, samples, self._on_runs)
+        return self._pool.submit(_do, job, part, samples)
+
+    def _on_runs(self, runs: int) -> None:
+        if self._stopped:
+            raise StoppedError('the study is stopped')
+        self._advance(runs)
+
+    def stop(self) -> None:
+        """Give up the parts in work."""
+        self._stopped = True
+        if not self._compiled:
+            for process in multiprocessing.active_children():
+                process.terminate()
+        self._pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _do(job: Job, part: int, samples: Samples) -> PartSummary:
+    return job.do(part, samples, lambda runs: None)
+
+
+def _ignore_keyboard() -> None:
+    """Leave Ctrl-C, which a terminal sends to all processes, to the one that started this."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def is_compiled(job: Job) -> bool:
+    """Return whether a study's runs are compiled."""
+    return job.spec.parameters.of(ControllerParameters).implementation == 'python'
+
+
+def run_study(
+    job: Job,
+    sample: Callable[[int, int], Samples],
+    observer: StudyObserver,
+    workers: Workers | None = None,
+    *,
+    again: bool = False,
+) -> int:
+    """Do all parts of a study that are missing in its folder.
+
+    Parameters
+    ----------
+    sample : callable
+        Returns the samples of the runs from one number up to, but not including, another.
+    workers : Workers or None
+        None for the cores of this machine.
+    again : bool
+        Whether a study that is finished, or begun, is done from the start.
+
+    Returns
+    -------
+    int
+        0 if all parts are done, or else the number of the signal that stopped it.
+
+    Raises
+    ------
+    BallbotError
+        If the folder is another study's or can't be written, or a run is not possible.
+    """
+    with begin_or_resume(job.folder, job.record, datetime.now().astimezone()) as folder:
+        if again and folder.resumed:
+            folder.restart(datetime.now().astimezone())
+        check = folder.check_parts()
+        for each in check.notices:
+            observer.notice(each)
+        observer.begin(job.record.runs, check.summary)
+        if check.missing:
+            stopped = _do_parts(job, sample, observer, workers, check.missing)
+            if stopped:
+                return stopped
+        if check.missing or not folder.is_finished:
+            _finish(folder)
+    return 0
+
+
+def _finish(folder: StudyFolder) -> None:
+    check = folder.finish(datetime.now().astimezone())
+    if check.missing:
+        raise StudyError(
+            f'{folder.path}: {len(check.missing)} parts are missing or damaged; give the command '
+            'again, which redoes them'
+        )
+
+
+def _do_parts(
+    job: Job,
+    sample: Callable[[int, int], Samples],
+    observer: StudyObserver,
+    workers: Workers | None,
+    missing: list[int],
+) -> int:
+    if workers is None and is_compiled(job) and not is_kept(simulate_runs):
+        observer.notice('compiling, which takes about 20 s the first time ...')
+    with StopRequest() as stop, _local(workers, job, observer) as doing:
+        parts = iter(missing)
+        in_work: set[Future[PartSummary]] = set()
+        while not stop.signal:
+            while len(in_work) < 2 * doing.count and (part := next(parts, None)) is not None:
+                numbers = job.record.numbers(part)
+                samples = sample(numbers.start, numbers.stop)
+                in_work.add(doing.submit(job, part, samples))
+            if not in_work:
+                return 0
+            done, in_work = wait(in_work, POLL_S, FIRST_COMPLETED)
+            for each in done:
+                observer.part(_summary(each))
+        return int(stop.signal)
+
+
+def _summary(future: Future[PartSummary]) -> PartSummary:
+    try:
+        return future.result()
+    except BrokenExecutor:
+        raise StudyError(
+            'a worker has ended unexpectedly (no memory left?); give the command again, which '
+            'goes on where it stopped'
+        ) from None
+
+
+@contextmanager
+def _local(workers: Workers | None, job: Job, observer: StudyObserver) -> Iterator[Workers]:
+    """Provide workers, by default those of this machine, which are stopped in the end."""
+    if workers is not None:
+        yield workers
+        return
+    local = LocalWorkers(is_compiled(job), observer.advance)
+    try:
+        yield local
+    finally:
+        local.stop()
+
+
+def folder_of(name: str, output: Path | None) -> Path:
+    """Return the folder of a study's results: the given one, or ``studies/NAME``."""
+    return output or Path('studies') / name
