@@ -120,7 +120,7 @@ setup(
         # Studies of many runs.
         'study': [
             'numba>=0.58',
-            'pyarrow>=14',
+            'pyarrow>=15',
         ],
         # The 3D viewer. viewer/guarded_server.py uses internals of viser, so it stays in one minor
         # series.
@@ -153,12 +153,14 @@ setup(
             'numpydoc>=1.8',
             'colcon-common-extensions>=0.3',
             'cyclonedds>=11.0',
+            'duckdb>=1.0',
             'gymnasium>=1.0',
             'mcap-ros2-support>=0.5',
             'numba>=0.58',
             'osqp>=1.0',
             'pandas>=2.1',
-            'pyarrow>=14',
+            'polars>=1.0',
+            'pyarrow>=15',
             'types-PyYAML>=6.0',
             'yourdfpy>=0.0.56',
         ],

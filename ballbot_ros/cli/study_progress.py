@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as Bar
 
-from ballbot_ros.numerics.proportion import wilson_interval
+from ballbot_ros.analysis.proportion import wilson_interval
 from ballbot_ros.progress import PROGRESS_PERIOD_S
 from ballbot_ros.study.manifest import PartSummary
 

@@ -77,7 +77,8 @@ class _Lock:
         except BlockingIOError:
             os.close(descriptor)
             raise StudyError(
-                f'{folder}: another command runs this study; wait for its end, or {_REMEDY}'
+                f'{folder}: in use by another command, or by its last workers; '
+                f'wait for their end, or {_REMEDY}'
             ) from None
         except OSError as error:
             os.close(descriptor)
@@ -85,7 +86,9 @@ class _Lock:
         return cls(descriptor)
 
     def release(self) -> None:
+        # Forked workers have inherited the open file, so closing it does not unlock it.
         with suppress(OSError):
+            fcntl.flock(self.descriptor, fcntl.LOCK_UN)
             os.close(self.descriptor)
 
 
@@ -139,13 +142,13 @@ class StudyFolder:
             ]
             missing, summary = [], PartSummary()
             for part, name in enumerate(names):
-                if name not in there:
-                    missing.append(part)
-                    continue
-                try:
-                    summary += check_part(self.path / PARTS / name, self.study, part)
-                except DamagedPartError as error:
-                    notices.append(self._move_aside(name, error.reason))
+                if name in there:
+                    try:
+                        summary += check_part(self.path / PARTS / name, self.study, part)
+                    except DamagedPartError as error:
+                        notices.append(self._move_aside(name, error.reason))
+                        missing.append(part)
+                else:
                     missing.append(part)
                 progress(part + 1, len(names))
         except OSError as error:

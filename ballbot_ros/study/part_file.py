@@ -250,19 +250,13 @@ def read_part(path: Path, study: StudyRecord, part: int) -> Any:
 def read_columns(path: Path, study: StudyRecord, part: int, names: Sequence[str]) -> Any:
     """Return some columns of a part, and read no more of its file.
 
-    The checksums of the pages find damage. It raises as :func:`check_part` does.
+    The checksums of the pages find most damage, :func:`check_part` finds any. It raises as that
+    does.
     """
     arrow = load_pyarrow()
     with _reading(path), arrow.parquet.ParquetFile(path, page_checksum_verification=True) as file:
         _belonging(path, file, study, part)
         return file.read(columns=list(names), use_threads=False)
-
-
-def read_summary(path: Path, study: StudyRecord, part: int) -> PartSummary:
-    """Return a part's numbers of runs from its metadata; raises as :func:`check_part` does."""
-    arrow = load_pyarrow()
-    with _reading(path), arrow.parquet.ParquetFile(path) as file:
-        return _belonging(path, file, study, part)
 
 
 def load_pyarrow() -> Any:

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot_ros.analysis.proportion import ProportionInterval, wilson_interval
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.numerics.proportion import ProportionInterval, wilson_interval
 from ballbot_ros.study.columns import (
     DUTY_SHA256,
     FALLEN,
@@ -30,10 +30,10 @@ from ballbot_ros.study.manifest import Manifest, PartSummary, StudyRecord
 from ballbot_ros.study.part_file import (
     PARTS,
     DamagedPartError,
+    check_part,
     load_pyarrow,
     read_columns,
     read_part,
-    read_summary,
 )
 
 if TYPE_CHECKING:
@@ -130,8 +130,9 @@ class StudySummary:
 class StudyData:
     """Results of a study, finished or not.
 
-    Nothing is kept in memory. Methods that cover the study read a part, or a column of a part, at a
-    time.
+    No rows are kept in memory. Methods that cover the study read a part, or a column of a part, at
+    a time. Each part is checked once, completely, before a column of it is read: the checksums of a
+    column do not cover the description of the file.
 
     Attributes
     ----------
@@ -145,6 +146,7 @@ class StudyData:
     path: Path
     manifest: Manifest
     present: tuple[int, ...]
+    _summaries: dict[int, PartSummary] = field(default_factory=dict, repr=False, compare=False)
 
     @classmethod
     def open(cls, path: Path) -> StudyData:
@@ -180,7 +182,7 @@ class StudyData:
         return tuple(sorted(set(range(self.study.parts)).difference(self.present)))
 
     def totals(self) -> PartSummary:
-        """Return the numbers of runs, from the metadata of the parts.
+        """Return the numbers of runs.
 
         Raises
         ------
@@ -188,8 +190,7 @@ class StudyData:
             If a part is damaged; so do the other methods.
         """
         with _with_remedy():
-            each = (read_summary(self._file(part), self.study, part) for part in self.present)
-            return sum(each, PartSummary())
+            return sum(map(self._checked, self.present), PartSummary())
 
     def parts(self, names: Sequence[str] = ()) -> Iterator[Any]:
         """Yield the parts as tables of pyarrow, in the order of the runs.
@@ -207,6 +208,7 @@ class StudyData:
         for part in self.present:
             with _with_remedy():
                 if names:
+                    self._checked(part)
                     table = read_columns(self._file(part), self.study, part, names)
                 else:
                     table = read_part(self._file(part), self.study, part)
@@ -286,13 +288,8 @@ class StudyData:
     def failed(self) -> Iterator[int]:
         """Yield the numbers of the runs that failed, in order."""
         for table in self.parts([NUMBER.name, OUTCOME.name]):
-            outcomes = table.column(OUTCOME.name).to_pylist()
-            numbers = table.column(NUMBER.name).to_pylist()
-            yield from (
-                number
-                for number, outcome in zip(numbers, outcomes, strict=True)
-                if outcome == Outcome.FAILED
-            )
+            outcomes = table.column(OUTCOME.name).cast('string').to_numpy()
+            yield from _numbers(table.column(NUMBER.name))[outcomes == Outcome.FAILED].tolist()
 
     def not_passed(self) -> Iterator[int]:
         """Yield the numbers of the runs that did not pass, in order; the failed are among them."""
@@ -366,6 +363,12 @@ class StudyData:
         ranges = map(self.study.numbers, self.present)
         numbers = [np.arange(each.start, each.stop) for each in ranges]
         return np.concatenate([np.empty(0, np.int64), *numbers])
+
+    def _checked(self, part: int) -> PartSummary:
+        """Return the numbers of runs of a part that is undamaged."""
+        if part not in self._summaries:
+            self._summaries[part] = check_part(self._file(part), self.study, part)
+        return self._summaries[part]
 
     def _file(self, part: int) -> Path:
         return self.path / PARTS / self.study.part_name(part)

@@ -52,6 +52,7 @@ ROSDEP_KEYS = {
 ROSDEP_TEST_KEYS = {
     'colcon-common-extensions': 'python3-colcon-common-extensions',
     'cyclonedds': None,
+    'duckdb': None,
     'gymnasium': None,
     'hypothesis': 'python3-hypothesis',
     'mcap-ros2-support': 'mcap-ros2-support',
@@ -60,6 +61,7 @@ ROSDEP_TEST_KEYS = {
     'numpydoc': None,
     'osqp': None,
     'pandas': 'python3-pandas',
+    'polars': None,
     'pyarrow': None,
     'pytest': 'python3-pytest',
     'pytest-timeout': 'python3-pytest-timeout',

@@ -1,0 +1,88 @@
+"""Studies with made-up results."""
+
+from dataclasses import replace
+from datetime import datetime, timezone
+
+import numpy as np
+
+from ballbot_ros.scenario.scenario import Expectation, Measure
+from ballbot_ros.study.columns import Column, ColumnKind, MeasureColumn
+from ballbot_ros.study.data_set import begin_or_resume
+from ballbot_ros.study.manifest import StudyRecord, Versions
+from ballbot_ros.study.part_file import PartRows, write_part
+from ballbot_ros.study.runs import Results
+
+NOW = datetime(2026, 1, 2, 3, 4, 5, tzinfo=timezone.utc)
+
+VARIED = (
+    Column('plant_sim.body_mass', unit='kg', meaning='mass of the body'),
+    Column('controller.dead_ticks', ColumnKind.INTEGER),
+    Column('plant_sim.model', ColumnKind.TEXT),
+)
+EXPECTATIONS = (
+    Expectation('peak_pitch_deg', maximum=5.0),
+    Expectation('final_position_x_m', minimum=0.1, maximum=0.3, end=7.5),
+)
+MEASURES = tuple(
+    MeasureColumn.of(each, EXPECTATIONS)
+    for each in (
+        Measure('peak_pitch_deg'),
+        Measure('settling_time_s'),
+        Measure('final_position_x_m', end=7.5),
+        Measure('wall_clearance_m'),
+    )
+)
+
+
+def record(**changes):
+    """Return a study of 3 parts, of which the last has fewer runs."""
+    study = StudyRecord(
+        'robustness',
+        text='runs: 25\n',
+        scenario='purpose: stand – straight\n',
+        parameters='plant_sim: {}\n',
+        runs=25,
+        seed=1,
+        runs_per_part=10,
+        varied=VARIED,
+        measures=MEASURES,
+        code_sha256='0' * 64,
+        versions=Versions('0.1', '3.12', '2.0', '1.14', '0.60', '18.0'),
+    )
+    return replace(study, **changes)
+
+
+def rows_of(study, part, seed=0):
+    """Return random rows of a part; the same for the same arguments."""
+    numbers = study.numbers(part)
+    runs = len(numbers)
+    random = np.random.default_rng([seed, part])
+    failed = random.random(runs) < 0.2
+    measured = random.normal(0.0, 3.0, (runs, len(study.measures)))
+    measured[failed, 1] = np.nan
+    measured[:, 3] = np.nan  # no walls
+    results = Results(
+        random.integers(0, 256, (runs, 32), np.uint8),
+        np.where(failed, 100, 2500),
+        failed,
+        failed | (random.random(runs) < 0.1),
+        measured,
+    )
+    varied = [
+        random.uniform(0.8, 1.2, runs),
+        random.integers(0, 5, runs),
+        random.choice(np.array(['linear', 'nonlinear']), runs),
+    ]
+    return PartRows(
+        random.integers(0, 2**63, runs), varied, results, ~failed & (measured[:, 0] < 5)
+    )
+
+
+def write_study(folder, study=None, parts=None):
+    """Write a study, finished if all parts are written."""
+    study = study or record()
+    with begin_or_resume(folder, study, NOW) as begun:
+        for part in range(study.parts) if parts is None else parts:
+            write_part(folder, study, part, rows_of(study, part))
+        begun.finish(NOW)
+    return study
