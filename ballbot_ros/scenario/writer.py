@@ -8,6 +8,7 @@ from typing import Any, cast
 
 from ballbot_ros.parameters import (
     CONTROLLER,
+    PLANT,
     ControllerParameters,
     ParameterSet,
     PlantParameters,
@@ -17,14 +18,21 @@ from ballbot_ros.scenario.signal import Segment, StickSignal
 from ballbot_ros.yaml_document import parse_value
 
 _EVERY_NODE = '/**'
+_OF_THE_GRAPH = ('scenario', 'real_time_factor', 'trajectory_file', 'lockstep')
 
 
-def scenario_data(scenario: Scenario) -> dict[str, Any]:
+def scenario_data(scenario: Scenario, plant: PlantParameters | None = None) -> dict[str, Any]:
     """Return the content of a file that describes a scenario.
 
     Everything but sticks, pushes and expectations is that of the scenario's text. The paths of
     files are absolute, so that the file may be in any folder. Read again, the sticks and pushes are
     the same to the bit.
+
+    Parameters
+    ----------
+    plant : PlantParameters or None
+        The plant of the run, if it is another than the scenario's. The scenario's duration remains
+        if it is the longer one, for pushes that the run does not reach.
     """
     data = cast('dict[str, Any]', parse_value(scenario.text))
     if 'map' in data:
@@ -34,6 +42,8 @@ def scenario_data(scenario: Scenario) -> dict[str, Any]:
             node: _with_absolute_path(node, values, scenario.parameters)
             for node, values in data['parameters'].items()
         }
+    if plant is not None:
+        _set_plant(data, scenario.parameters.of(PlantParameters), plant)
     sticks = {'vertical': scenario.vertical, 'horizontal': scenario.horizontal}
     for key, content in (
         ('sticks', {stick: _signal(each) for stick, each in sticks.items() if each.segments}),
@@ -44,6 +54,20 @@ def scenario_data(scenario: Scenario) -> dict[str, Any]:
         if content:
             data[key] = content
     return data
+
+
+def _set_plant(data: dict[str, Any], before: PlantParameters, plant: PlantParameters) -> None:
+    """Set the parameters in which the plant of a run differs from the scenario's."""
+    old = before.values()
+    new = {**plant.values(), 'duration': max(before.duration, plant.duration)}
+    changed = [name for name in new if new[name] != old[name] and name not in _OF_THE_GRAPH]
+    if not changed:
+        return
+    data['duration'] = new['duration']
+    nodes = dict(data.get('parameters', {}))
+    # The last node prevails, also over the scenario's other keys.
+    names = dict.fromkeys((*nodes.pop(PLANT, {}), *changed))
+    data['parameters'] = {**nodes, PLANT: {name: new[name] for name in names}}
 
 
 def _with_absolute_path(

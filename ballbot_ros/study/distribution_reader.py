@@ -19,9 +19,11 @@ from ballbot_ros.study.distributions import (
     Uniform,
     whole_numbers,
 )
-from ballbot_ros.study.study import MAX_RUNS
 
 UNIFORM, LOG_UNIFORM, NORMAL, LIST, GRID = 'uniform', 'log_uniform', 'normal', 'list', 'grid'
+MAX_LEVELS = 100_000
+"""Largest number of values of one variable in a grid."""
+
 DISTRIBUTIONS = (UNIFORM, LOG_UNIFORM, NORMAL, LIST, GRID)
 
 
@@ -60,9 +62,11 @@ class DistributionReader(ExpectationReader):
         levels = self._each(data, keys, lambda item, at: self._allowed(item, at, parameter))
         if not levels:
             raise self._error(keys, f'{parameter.name}: the list is empty')
+        known = set()
         for index, value in enumerate(levels):
-            if value in levels[:index]:
+            if value in known:
                 raise self._error((*keys, index), f'{parameter.name}: {value!r} is doubled')
+            known.add(value)
         return Levels(tuple(levels))
 
     def _grid(self, data: object, keys: Keys, parameter: Parameter) -> Levels:
@@ -70,8 +74,8 @@ class DistributionReader(ExpectationReader):
             raise self._error(keys, f'{GRID} is not a list [first, last, number of levels]')
         first, last = self._ends(data[:2], keys, parameter)
         number = data[2]
-        if isinstance(number, bool) or not isinstance(number, int) or not 2 <= number <= MAX_RUNS:
-            raise self._error(keys, f'{number!r} is not a whole number of levels, 2 … {MAX_RUNS:g}')
+        if isinstance(number, bool) or not isinstance(number, int) or not 2 <= number <= MAX_LEVELS:
+            raise self._error(keys, f'{number!r} is not a whole number of levels, 2 … {MAX_LEVELS}')
         levels = np.linspace(first, last, number).tolist()
         if isinstance(parameter.default, int):
             broken = [each for each in levels if each % 1]

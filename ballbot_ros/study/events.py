@@ -211,10 +211,13 @@ def _scenario(
         else:
             segments = sticks[part.stick]
             segments[part.index] = _with_field(segments[part.index], part.field, value)
-    for stick in {part.stick for part, _ in values if isinstance(part, SegmentPart)}:
-        _check_segments(stick, sticks[stick], duration, which)
-    if fault := push_fault(pushes, duration):
-        raise StudyError(f'{PUSH}.{fault[0] + 1}: {fault[1]} ({which})')
+    # Others may begin after the end: a run may be shorter than the scenario's.
+    for part, _ in values:
+        if isinstance(part, PushPart):
+            if fault := push_fault([pushes[part.index]], duration):
+                raise StudyError(f'{part.label}: {fault[1]} ({which})')
+        else:
+            _check_segment(part, sticks[part.stick], duration, which)
     vertical, horizontal = (StickSignal(tuple(sticks[stick])) for stick in STICKS)
     return replace(scenario, pushes=tuple(pushes), vertical=vertical, horizontal=horizontal)
 
@@ -224,13 +227,14 @@ def _with_field(segment: Segment, field: str, value: float) -> Segment:
     return Segment.step(segment.name, parts['from'], parts['to'], parts['value'])
 
 
-def _check_segments(stick: str, segments: Sequence[Segment], duration: float, which: str) -> None:
-    for each in segments:
-        if each.end <= each.start:
-            end = 'the end' if each.end == math.inf else f'{each.end:g} s'
-            raise StudyError(
-                f'{STICK}.{stick}.{each.name}: time goes back from {each.start:g} to {end} '
-                f'({which})'
-            )
-    if fault := segment_fault(segments, duration):
-        raise StudyError(f'{STICK}.{stick}: {fault[1]} ({which})')
+def _check_segment(
+    part: SegmentPart, segments: Sequence[Segment], duration: float, which: str
+) -> None:
+    changed = segments[part.index]
+    if changed.end <= changed.start:
+        raise StudyError(
+            f'{STICK}.{part.stick}.{changed.name}: time goes back from {changed.start:g} to '
+            f'{changed.end:g} s ({which})'
+        )
+    if fault := segment_fault([changed], duration) or segment_fault(segments, math.inf):
+        raise StudyError(f'{STICK}.{part.stick}: {fault[1]} ({which})')

@@ -12,13 +12,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot_ros.parameters import PlantParameters
+from ballbot_ros.parameters.assignment import plain_value
 from ballbot_ros.run.spec import RunOptions, RunSpec
 from ballbot_ros.scenario.scenario import Expectation, Measure
 from ballbot_ros.scenario.writer import scenario_data
 from ballbot_ros.study.distributions import Levels
 from ballbot_ros.study.events import EventPart, scenarios_of
 from ballbot_ros.study.rows import whole_values
-from ballbot_ros.study.runs import Samples
+from ballbot_ros.study.runs import Samples, with_values
 from ballbot_ros.study.variables import DURATION, SEED, Variable
 from ballbot_ros.text_enum import TextEnum
 
@@ -138,29 +140,36 @@ class Study:
         row : mapping of str to object
             The values of all of :attr:`columns`.
         """
-        varied = {name: _plain(row[name]) for name in self.columns if name not in self.parts}
-        values = whole_values(self.spec.parameters, varied)
+        values = whole_values(self.spec.parameters, self._parameter_values(row))
         return replace(self.options, values={**self.options.values, **values})
 
+    def _parameter_values(self, row: Mapping[str, object]) -> dict[str, object]:
+        return {name: plain_value(row[name]) for name in self.columns if name not in self.parts}
+
+    def base_scenario_data(self) -> dict[str, Any]:
+        """Return the content of a scenario file that all runs are like.
+
+        The expectations are the study's. It is as long as the longest run.
+        """
+        ends = {each.name: each.distribution.ends for each in self.variables}
+        plant = self.spec.plant
+        if DURATION in ends:
+            plant = replace(plant, duration=float(ends[DURATION][1]))
+        return scenario_data(replace(self.spec.scenario, expectations=self.expectations), plant)
+
     def scenario_data(self, row: Mapping[str, object]) -> dict[str, Any]:
-        """Return the content of a scenario file for a run, for the same arguments.
+        """Return the content of a scenario file for a run, for the arguments of `run_options`.
 
         Sticks and pushes are those of the run, to the bit. The expectations are the study's.
         """
         columns = {name: np.array([row[name]]) for name in self.columns}
         scenarios = self.samples(columns).scenarios
         scenario = scenarios[0] if scenarios else self.spec.scenario
-        data = scenario_data(replace(scenario, expectations=self.expectations))
-        data['duration'] = _plain(row.get(DURATION, self.spec.plant.duration))
-        return data
+        plant = with_values(self.spec.parameters, self._parameter_values(row)).of(PlantParameters)
+        return scenario_data(replace(scenario, expectations=self.expectations), plant)
 
 
 def grid_points(variables: tuple[Variable, ...]) -> int:
     """Return the number of combinations of the levels of all variables."""
     levels = [each.distribution for each in variables]
     return math.prod(len(each.levels) for each in levels if isinstance(each, Levels))
-
-
-def _plain(value: object) -> object:
-    """Return a value without numpy's type."""
-    return value.item() if isinstance(value, np.generic) else value

@@ -13,6 +13,7 @@ from ballbot_ros.parameters import (
     Parameter,
     ParameterSet,
     is_own,
+    parameters_of,
     suggest,
 )
 from ballbot_ros.run.spec import RunSpec
@@ -33,6 +34,15 @@ WITHOUT_EFFECT = frozenset(
     }
 )  # fmt: skip
 """Parameters on which the motion of a run does not depend: pace, graph, sound and log."""
+
+_ROBOT_NODES = frozenset(cls.node for cls in ROBOT_CLASSES)
+_SAME_IN_ALL = frozenset(
+    name
+    for node in _ROBOT_NODES
+    for name, each in parameters_of(node).items()
+    if isinstance(each.default, str) and not each.choices
+)
+"""Texts, which can't vary."""
 
 
 @dataclass(frozen=True)
@@ -111,12 +121,12 @@ def fixed_identities(parameters: ParameterSet) -> frozenset[Hashable]:
     """Return the identities of the parameters of robots that are set."""
     fixed: set[Hashable] = set()
     for node, name, value in parameters:
+        if node not in _ROBOT_NODES or name in _SAME_IN_ALL:
+            continue
         target = f'{node}.{name}'
         names = [target]
         if isinstance(value, tuple):
             names += [f'{target}.{number}' for number in range(1, len(value) + 1)]
-        for each in names:
-            if node in {cls.node for cls in ROBOT_CLASSES}:
-                fixed.add(identity(each, robot_parameter(each)))
+        fixed |= {identity(each, robot_parameter(each)) for each in names}
     fixed |= {((CONTROLLER,), name) for name in parameters.undeclared}
     return frozenset(fixed)

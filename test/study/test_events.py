@@ -1,17 +1,20 @@
 """Pushes and sticks that vary, and the runs of a study as scenarios."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import yaml
 from laws import refusal
 
+from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.run.execution import execute
 from ballbot_ros.run.spec import RunSpec
 from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.scenario.scenario import ScheduledPush
 from ballbot_ros.study.errors import StudyError
 from ballbot_ros.study.library import read_study
-from ballbot_ros.study.runs import CompiledSimulator, OrdinarySimulator
+from ballbot_ros.study.runs import CompiledSimulator, OrdinarySimulator, with_values
 from ballbot_ros.study.sampling import Sampler
 
 PUSHES = """purpose: x
@@ -124,7 +127,7 @@ def test_any_run_can_be_repeated_from_a_scenario_file(study_of, text, tmp_path):
     for run in range(2):
         row = row_of(samples, run)
         path = tmp_path / f'run_{run}.yaml'
-        path.write_text(yaml.safe_dump(study.scenario_data(row)))
+        path.write_text(yaml.safe_dump(study.scenario_data(row), sort_keys=False))
         again = load_scenario(str(path))
         assert again.pushes == samples.scenarios[run].pushes
         for stick in ('vertical', 'horizontal'):
@@ -133,3 +136,38 @@ def test_any_run_can_be_repeated_from_a_scenario_file(study_of, text, tmp_path):
         assert again.expectations == study.expectations
         result = execute(RunSpec.of_scenario(str(path), study.run_options(row)))
         assert result.duty_sha256 == compiled.duty_sha256[run].tobytes().hex()
+
+
+OTHER_PLANTS = (
+    # Shorter than the scenario: its last pushes are not reached.
+    ('push', 'duration: 9, hold_time: 0.5', 'push.1.force: {uniform: [0.0, 2.0]}',
+     'peak_pitch_deg: {max: 9.0, to: 0.75}'),
+    # Longer, with a push and a window after the scenario's end.
+    ('push', 'duration: 30', 'push.4.time: {uniform: [23.0, 25.0]}',
+     'peak_pitch_deg: {max: 9.0, to: 29.0}'),
+    ('push', 'ball_mass: 0.02', 'plant_sim.duration: {uniform: [25.0, 40.0]}',
+     'peak_pitch_deg: {max: 9.0, to: 25.0}'),
+    # Another map and start.
+    ('stationary', 'map: track, start_position_x: -0.7, start_position_y: -0.55',
+     'plant_sim.body_mass: {uniform: [0.6, 0.8]}', 'wall_clearance_m: {min: 0.0}'),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(('scenario', 'plant', 'vary', 'expectation'), OTHER_PLANTS)
+def test_a_scenario_file_fits_a_plant_other_than_its_own(
+    study_of, scenario, plant, vary, expectation, tmp_path
+):
+    study = study_of(
+        f'purpose: x\nscenario: {scenario}\nruns: 5\nparameters: {{plant_sim: {{{plant}}}}}\n'
+        f'vary:\n  {vary}\nexpectations:\n  {expectation}\n'
+    )
+    row = row_of(Sampler(study).part(3, 4), 0)
+    path = tmp_path / 'run.yaml'
+    for data in (study.scenario_data(row), study.base_scenario_data()):
+        path.write_text(yaml.safe_dump(data, sort_keys=False))
+        again = load_scenario(str(path))
+        assert again.expectations == study.expectations
+        spec = RunSpec.of_scenario(str(path), study.run_options(row))
+        varied = {name: each for name, each in row.items() if name not in study.parts}
+        plant = with_values(study.spec.parameters, varied).of(PlantParameters)
+        assert spec.plant == replace(plant, scenario=str(path))

@@ -243,6 +243,7 @@ MISTAKES = [
     (GRID + '{uniform: [0, 0.1]}\n', 5, 'sampling grid needs grid or list'),
     (GRID + '{grid: [0, 0.1]}\n', 5, 'is not a list [first, last, number of levels]'),
     (GRID + '{grid: [0, 0.1, 1]}\n', 5, '1 is not a whole number of levels'),
+    (GRID + '{grid: [0, 0.1, 1000000000]}\n', 5, 'number of levels, 2 … 100000'),
     (GRID + '{grid: [0, 0.1, 2.5]}\n', 5, '2.5 is not a whole number of levels'),
     (GRID + '{grid: [0, 0.6, 3]}\n', 5, '0.6 is not within 0 … 0.5 rad'),
     (GRID + '{grid: [0, 5.0e-324, 9]}\n', 5, 'too close'),
