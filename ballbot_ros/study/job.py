@@ -85,13 +85,12 @@ def job_of(study: Study, folder: Path) -> Job:
         If the map can't be read, or values of the first run are not possible.
     """
     spec = replace(study.spec, controller=None)
-    scenario = replace(spec.scenario, expectations=study.expectations)
     first = Sampler(study).part(0, 1)
     varied = {**first.values, **first.events}
     record = StudyRecord.of_this_code(
         study.name,
         text=study.text,
-        scenario=scenario_text(scenario),
+        scenario=scenario_text(*study.common_scenario),
         parameters=parameter_text(spec.parameters) + _identities(study.spec),
         runs=study.runs,
         seed=study.seed,

@@ -113,7 +113,6 @@ class StudyReader(DistributionReader):
         return Study(
             name=self._document.path.stem,
             purpose=str(data['purpose']),
-            path=self._document.path.resolve(),
             text=read_text(self._document.path),
             runs=runs,
             seed=self._seed_of(data),
@@ -122,8 +121,6 @@ class StudyReader(DistributionReader):
             draws_seeds=draws_seeds,
             metrics=self._metrics(data, spec, expectations),
             expectations=expectations,
-            options=options,
-            scenario=reference,
             spec=spec,
         )
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from ballbot_ros.parameters import NODES, ParameterSet, parameters_of
+from ballbot_ros.parameters import NODES, ParameterSet, PlantParameters, parameters_of
 from ballbot_ros.parameters.files import format_parameters
 from ballbot_ros.run.processes import Processes
 from ballbot_ros.run.spec import RunOptions, RunSpec
@@ -29,9 +29,10 @@ PARAMETER_FILE = 'parameters.yaml'
 _OF_A_RUN = ('scenario', 'device', 'output', 'attachments', 'trajectory_file')
 
 
-def scenario_text(scenario: Scenario) -> str:
-    """Return the text of a scenario's file that can be in any folder."""
-    return yaml.safe_dump(scenario_data(scenario), sort_keys=False, allow_unicode=True)
+def scenario_text(scenario: Scenario, plant: PlantParameters) -> str:
+    """Return the text of a file of a scenario with a plant; it can be in any folder."""
+    data = scenario_data(scenario, plant)
+    return yaml.safe_dump(data, sort_keys=False, allow_unicode=True)
 
 
 def parameter_text(parameters: ParameterSet) -> str:
@@ -101,10 +102,10 @@ def rerun_spec(record: StudyRecord, row: Row, folder: Path, processes: Processes
         path.write_text(record.scenario, encoding='utf-8')
         parameter_file.write_text(record.parameters, encoding='utf-8')
         parameters = RunSpec.of_scenario(str(path), options).parameters
-        parameter_file.write_text(
-            parameter_text(with_values(parameters, _values(row))), encoding='utf-8'
-        )
-        path.write_text(scenario_text(_scenario(path, row)), encoding='utf-8')
+        changed = with_values(parameters, _values(row))
+        parameter_file.write_text(parameter_text(changed), encoding='utf-8')
+        text = scenario_text(_scenario(path, row), changed.of(PlantParameters))
+        path.write_text(text, encoding='utf-8')
     except OSError as error:
         raise StudyError(f'{folder}: {error.strerror}; choose another --output') from None
     return RunSpec.of_scenario(str(path), options)

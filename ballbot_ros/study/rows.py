@@ -221,7 +221,7 @@ def _doubtful(parameter: Parameter, column: NDArray[Any]) -> Sequence[int]:
 
 def _row(parameters: NodeParameters) -> Rows:
     """Return the parameters of a node as a table of one row."""
-    cls = type(parameters)
+    cls: Any = type(parameters)
     row = np.zeros(1, row_type(cls))
     for name in row.dtype.names or ():
         value = getattr(parameters, name)

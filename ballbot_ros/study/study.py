@@ -6,21 +6,17 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.parameters import PlantParameters
-from ballbot_ros.parameters.assignment import plain_value
-from ballbot_ros.run.spec import RunOptions, RunSpec
-from ballbot_ros.scenario.scenario import Expectation, Measure
-from ballbot_ros.scenario.writer import scenario_data
+from ballbot_ros.run.spec import RunSpec
+from ballbot_ros.scenario.scenario import Expectation, Measure, Scenario
 from ballbot_ros.study.distributions import Levels
 from ballbot_ros.study.events import EventPart, scenarios_of
-from ballbot_ros.study.rows import whole_values
-from ballbot_ros.study.runs import Samples, with_values
+from ballbot_ros.study.runs import Samples
 from ballbot_ros.study.variables import DURATION, SEED, Variable
 from ballbot_ros.text_enum import TextEnum
 
@@ -46,8 +42,6 @@ class Study:
     ----------
     name, purpose : str
         Name of the file, and one line on the purpose.
-    path : Path
-        The file.
     text : str
         Text of the file.
     runs : int
@@ -60,17 +54,12 @@ class Study:
         Whether each run has its own seed of the device noise, drawn with the samples.
     metrics : tuple of str
         Metrics of the whole run.
-    options : RunOptions
-        The options that make the scenario the study's run, with the study's fixed values.
-    scenario : str
-        Name of a shipped scenario, or the path of a file.
     spec : RunSpec
         The run that all are like, but for their samples.
     """
 
     name: str
     purpose: str
-    path: Path
     text: str
     runs: int
     seed: int
@@ -79,8 +68,6 @@ class Study:
     draws_seeds: bool
     metrics: tuple[str, ...]
     expectations: tuple[Expectation, ...]
-    options: RunOptions
-    scenario: str
     spec: RunSpec
 
     @property
@@ -132,22 +119,9 @@ class Study:
         scenarios = scenarios_of(self.spec.scenario, self.parts, events, durations, first)
         return Samples(count, values, scenarios, events)
 
-    def run_options(self, row: Mapping[str, object]) -> RunOptions:
-        """Return the options that make :meth:`scenario_data` of the same values a run again.
-
-        Parameters
-        ----------
-        row : mapping of str to object
-            The values of all of :attr:`columns`.
-        """
-        values = whole_values(self.spec.parameters, self._parameter_values(row))
-        return replace(self.options, values={**self.options.values, **values})
-
-    def _parameter_values(self, row: Mapping[str, object]) -> dict[str, object]:
-        return {name: plain_value(row[name]) for name in self.columns if name not in self.parts}
-
-    def base_scenario_data(self) -> dict[str, Any]:
-        """Return the content of a scenario file that all runs are like.
+    @property
+    def common_scenario(self) -> tuple[Scenario, PlantParameters]:
+        """The scenario that all runs are like, and its plant, for a scenario file.
 
         The expectations are the study's. It is as long as the longest run.
         """
@@ -155,18 +129,7 @@ class Study:
         plant = self.spec.plant
         if DURATION in ends:
             plant = replace(plant, duration=float(ends[DURATION][1]))
-        return scenario_data(replace(self.spec.scenario, expectations=self.expectations), plant)
-
-    def scenario_data(self, row: Mapping[str, object]) -> dict[str, Any]:
-        """Return the content of a scenario file for a run, for the arguments of `run_options`.
-
-        Sticks and pushes are those of the run, to the bit. The expectations are the study's.
-        """
-        columns = {name: np.array([row[name]]) for name in self.columns}
-        scenarios = self.samples(columns).scenarios
-        scenario = scenarios[0] if scenarios else self.spec.scenario
-        plant = with_values(self.spec.parameters, self._parameter_values(row)).of(PlantParameters)
-        return scenario_data(replace(scenario, expectations=self.expectations), plant)
+        return replace(self.spec.scenario, expectations=self.expectations), plant
 
 
 def grid_points(variables: tuple[Variable, ...]) -> int:

@@ -4,13 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import yaml
 from laws import refusal
+from study_reruns import rerun_of
 
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.run.execution import execute
-from ballbot_ros.run.spec import RunSpec
-from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.scenario.scenario import ScheduledPush
 from ballbot_ros.study.errors import StudyError
 from ballbot_ros.study.library import read_study
@@ -125,16 +123,14 @@ def test_any_run_can_be_repeated_from_a_scenario_file(study_of, text, tmp_path):
     ordinary = OrdinarySimulator(study.spec, study.measures).simulate(samples.part(1, 2))
     np.testing.assert_array_equal(compiled.duty_sha256[1:2], ordinary.duty_sha256)
     for run in range(2):
-        row = row_of(samples, run)
-        path = tmp_path / f'run_{run}.yaml'
-        path.write_text(yaml.safe_dump(study.scenario_data(row), sort_keys=False))
-        again = load_scenario(str(path))
+        spec = rerun_of(study, samples, run, tmp_path / str(run))
+        again = spec.scenario
         assert again.pushes == samples.scenarios[run].pushes
         for stick in ('vertical', 'horizontal'):
             segments = getattr(samples.scenarios[run], stick).segments
             assert getattr(again, stick).segments == segments
         assert again.expectations == study.expectations
-        result = execute(RunSpec.of_scenario(str(path), study.run_options(row)))
+        result = execute(spec)
         assert result.duty_sha256 == compiled.duty_sha256[run].tobytes().hex()
 
 
@@ -161,13 +157,9 @@ def test_a_scenario_file_fits_a_plant_other_than_its_own(
         f'purpose: x\nscenario: {scenario}\nruns: 5\nparameters: {{plant_sim: {{{plant}}}}}\n'
         f'vary:\n  {vary}\nexpectations:\n  {expectation}\n'
     )
-    row = row_of(Sampler(study).part(3, 4), 0)
-    path = tmp_path / 'run.yaml'
-    for data in (study.scenario_data(row), study.base_scenario_data()):
-        path.write_text(yaml.safe_dump(data, sort_keys=False))
-        again = load_scenario(str(path))
-        assert again.expectations == study.expectations
-        spec = RunSpec.of_scenario(str(path), study.run_options(row))
-        varied = {name: each for name, each in row.items() if name not in study.parts}
-        plant = with_values(study.spec.parameters, varied).of(PlantParameters)
-        assert spec.plant == replace(plant, scenario=str(path))
+    samples = Sampler(study).part(3, 4)
+    spec = rerun_of(study, samples, 0, tmp_path)
+    assert spec.scenario.expectations == study.expectations
+    varied = {name: each[0] for name, each in samples.values.items()}
+    plant = with_values(study.spec.parameters, varied).of(PlantParameters)
+    assert spec.plant == replace(plant, scenario=spec.plant.scenario)

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-import yaml
+from study_reruns import rerun_of
 
-from ballbot_ros.run.spec import RunSpec
 from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.study.library import read_study, study_names
+from ballbot_ros.study.rerun import scenario_text
 from ballbot_ros.study.rows import ROBOT_CLASSES
 from ballbot_ros.study.runs import CompiledSimulator, with_values
 from ballbot_ros.study.sampling import Sampler
@@ -43,14 +43,13 @@ def test_a_shipped_study_has_cases_that_pass_and_cases_that_fail(name):
 def test_a_run_of_a_shipped_study_can_be_a_scenario(name, tmp_path):
     study = read_study(name)
     samples = Sampler(study).part(5, 6)
-    row = {each: column[0] for each, column in {**samples.values, **samples.events}.items()}
-    path = tmp_path / 'run.yaml'
-    path.write_text(yaml.safe_dump(study.scenario_data(row), sort_keys=False))
-    again = RunSpec.of_scenario(str(path), study.run_options(row))
+    row = {each: column[0] for each, column in samples.values.items()}
+    again = rerun_of(study, samples, 0, tmp_path)
     expected = with_values(study.spec.parameters, row)
     # The name of the scenario is that of the new file.
-    expected.set('plant_sim', 'scenario', str(path))
+    expected.set('plant_sim', 'scenario', again.plant.scenario)
+    path = tmp_path / 'base.yaml'
     for cls in ROBOT_CLASSES:
         assert again.parameters.of(cls) == expected.of(cls)
-    path.write_text(yaml.safe_dump(study.base_scenario_data(), sort_keys=False))
+    path.write_text(scenario_text(*study.common_scenario))
     assert load_scenario(str(path)).expectations == study.expectations

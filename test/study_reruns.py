@@ -1,0 +1,18 @@
+"""Runs of a study once more, without its results."""
+
+from ballbot_ros.parameters.assignment import plain_value
+from ballbot_ros.run.processes import Processes
+from ballbot_ros.study.columns import Outcome
+from ballbot_ros.study.job import job_of
+from ballbot_ros.study.rerun import rerun_spec
+from ballbot_ros.study.study_data import Row
+from ballbot_ros.study.variables import SEED
+
+
+def rerun_of(study, samples, run, folder):
+    """Return the specification of a run of some samples; its files are in a new folder."""
+    columns = {**samples.values, **samples.events}
+    values = {name: plain_value(column[run]) for name, column in columns.items()}
+    seed = values.pop(SEED, study.spec.plant.seed)
+    row = Row(run, seed, values, {}, True, Outcome.COMPLETED, False, 0, '')
+    return rerun_spec(job_of(study, folder).record, row, folder / 'again', Processes.NONE)
