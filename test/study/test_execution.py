@@ -195,7 +195,7 @@ def await_parts(output, count):
     raise AssertionError('no parts')
 
 
-LONG = {'runs': 20_000, 'vary': {'plant_sim.body_mass': {'uniform': [0.6, 0.75]}}}
+LONG = {'runs': 6_000, 'vary': {'plant_sim.body_mass': {'uniform': [0.6, 0.75]}}}
 
 
 @pytest.mark.parametrize(
@@ -218,7 +218,7 @@ def test_a_signal_costs_the_parts_in_work_only(number, times, tmp_path):
         answer, errors = process.communicate(timeout=200)
     assert process.returncode == 0, errors
     assert 'goes on after' in errors
-    assert json.loads(answer)['runs'] == 20_000
+    assert json.loads(answer)['runs'] == 6_000
     data = StudyData.open(output)
     assert left < data.study.parts
-    assert data.table()['number'].to_pylist() == list(range(20_000))
+    assert data.table()['number'].to_pylist() == list(range(6_000))
