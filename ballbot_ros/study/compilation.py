@@ -10,6 +10,7 @@ import shutil
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryFile
 from types import CodeType, FunctionType, MappingProxyType
@@ -22,6 +23,9 @@ from ballbot_ros.errors import BallbotError
 
 _PACKAGE = ballbot_ros.__name__
 _KEPT_FOLDERS = 4
+
+REMEDY = "pip install 'ballbot_ros[study]'"
+"""How to install what studies need."""
 
 Function = Callable[..., Any]
 
@@ -128,13 +132,16 @@ def _global_names(code: CodeType) -> set[str]:
     return names.union(*inner)
 
 
+def can_compile() -> bool:
+    """Return whether numba is installed."""
+    return find_spec('numba') is not None
+
+
 def _numba() -> Any:
     try:
         import numba
     except ImportError:
-        raise CompilationError(
-            "compiled runs need numba: pip install 'ballbot_ros[study]'"
-        ) from None
+        raise CompilationError(f'compiled runs need numba: {REMEDY}') from None
     return numba
 
 

@@ -12,16 +12,18 @@ from pathlib import Path
 from typing import Protocol
 
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.parameters import ControllerParameters
 from ballbot_ros.stop_request import StopRequest
-from ballbot_ros.study.compilation import is_kept
+from ballbot_ros.study.compilation import REMEDY, is_kept
 from ballbot_ros.study.data_set import StudyFolder, begin_or_resume
 from ballbot_ros.study.errors import StudyError
 from ballbot_ros.study.job import Job
 from ballbot_ros.study.kernel import simulate_runs
 from ballbot_ros.study.manifest import PartSummary
-from ballbot_ros.study.runs import Advance, Samples
+from ballbot_ros.study.runs import Advance, Samples, has_documents_program, is_compiled
 from ballbot_ros.study.worker_process import WorkerProcess
+
+ORDINARY_LIMIT_S = 50_000.0
+"""Most sim time [s] for which the runs of a study are not compiled, though they could be."""
 
 POLL_S = 0.2
 """Longest time after which a signal is noticed [s]."""
@@ -116,9 +118,23 @@ class LocalWorkers:
         self._pool.shutdown(wait=True, cancel_futures=True)
 
 
-def is_compiled(job: Job) -> bool:
-    """Return whether a study's runs are compiled."""
-    return job.spec.parameters.of(ControllerParameters).implementation == 'python'
+def check_speed(job: Job) -> str:
+    """Return a notice if a study's runs could be compiled, but numba is not installed; or ''.
+
+    Raises
+    ------
+    StudyError
+        If the study is too long for the ordinary loop.
+    """
+    if is_compiled(job.spec) or not has_documents_program(job.spec):
+        return ''
+    length_s = job.record.runs * job.spec.plant.duration
+    if length_s > ORDINARY_LIMIT_S:
+        raise StudyError(
+            f'{job.record.name}: {length_s:.3g} s of simulation need numba, {ORDINARY_LIMIT_S:g} s '
+            f'at most do not: {REMEDY}'
+        )
+    return f'numba is not installed, so the runs take several hundred times as long: {REMEDY}'
 
 
 def run_study(
@@ -150,6 +166,8 @@ def run_study(
     BallbotError
         If the folder is another study's or can't be written, or a run is not possible.
     """
+    if workers is None and (slow := check_speed(job)):
+        observer.notice(slow)
     with begin_or_resume(job.folder, job.record, datetime.now().astimezone()) as folder:
         if again and folder.resumed:
             folder.restart(datetime.now().astimezone())
@@ -182,7 +200,7 @@ def _do_parts(
     workers: Workers | None,
     missing: list[int],
 ) -> int:
-    if workers is None and is_compiled(job) and not is_kept(simulate_runs):
+    if workers is None and is_compiled(job.spec) and not is_kept(simulate_runs):
         observer.notice('compiling, which takes about 20 s the first time ...')
     with StopRequest() as stop, _local(workers, job, observer) as doing:
         parts = iter(missing)
@@ -206,7 +224,7 @@ def _local(workers: Workers | None, job: Job, observer: StudyObserver) -> Iterat
     if workers is not None:
         yield workers
         return
-    local = LocalWorkers(is_compiled(job), observer.advance)
+    local = LocalWorkers(is_compiled(job.spec), observer.advance)
     try:
         yield local
     finally:

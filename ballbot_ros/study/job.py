@@ -11,15 +11,20 @@ from threading import Lock
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.analysis.recorded_controller import ControllerIdentity
-from ballbot_ros.parameters import ControllerParameters
 from ballbot_ros.run.spec import RunSpec
 from ballbot_ros.scenario.scenario import Expectation, Measure
 from ballbot_ros.study.columns import Column, ColumnKind, MeasureColumn
 from ballbot_ros.study.manifest import PartSummary, StudyRecord
 from ballbot_ros.study.part_file import PartRows, write_part
 from ballbot_ros.study.rerun import parameter_text, scenario_text
-from ballbot_ros.study.runs import Advance, Results, Samples, Simulator, simulator_for
+from ballbot_ros.study.runs import (
+    Advance,
+    Results,
+    Samples,
+    Simulator,
+    is_compiled,
+    simulator_for,
+)
 from ballbot_ros.study.sampling import Sampler
 from ballbot_ros.study.study import Study
 from ballbot_ros.study.variables import SEED
@@ -113,14 +118,16 @@ def _identities(spec: RunSpec) -> str:
         digest = hashlib.sha256(read_map_file(spec.plant.map)).hexdigest()
         lines.append(f'# map {spec.plant.map}: SHA-256 {digest}\n')
     if spec.controller:
+        # Imported here, because it takes 0.2 s.
+        from ballbot_ros.analysis.recorded_controller import ControllerIdentity
+
         lines.append(f'# controller: SHA-256 {ControllerIdentity.of(spec.controller).sha256}\n')
     return ''.join(lines)
 
 
 def _runs_per_part(study: Study) -> int:
     """Return how many runs a part has: a few seconds of work, but some parts for every core."""
-    compiled = study.spec.parameters.of(ControllerParameters).implementation == 'python'
-    work_s = COMPILED_PART_S if compiled else ORDINARY_PART_S
+    work_s = COMPILED_PART_S if is_compiled(study.spec) else ORDINARY_PART_S
     runs = min(work_s / study.spec.plant.duration, study.runs / FEWEST_PARTS)
     return max(1, round(runs), -(-study.runs // MOST_PARTS))
 

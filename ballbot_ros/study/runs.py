@@ -31,7 +31,7 @@ from ballbot_ros.scenario.scenario import Measure, Scenario
 from ballbot_ros.scenario.signal import StickSignal
 from ballbot_ros.simulation.closed_loop import ClosedLoop
 from ballbot_ros.simulation.trajectory import TrajectoryLog
-from ballbot_ros.study.compilation import compiled_and_kept
+from ballbot_ros.study.compilation import can_compile, compiled_and_kept
 from ballbot_ros.study.kernel import END, Events, Floor, Log, simulate_runs
 from ballbot_ros.study.measurement import measure_runs
 from ballbot_ros.study.rows import RobotRows, program_rows, whole_values
@@ -142,9 +142,18 @@ class Simulator(Protocol):
 
 def simulator_for(spec: RunSpec, measures: Sequence[Measure]) -> Simulator:
     """Return the fastest simulator of a specification's runs."""
-    if spec.parameters.of(ControllerParameters).implementation == 'python':
-        return CompiledSimulator(spec, measures)
-    return OrdinarySimulator(spec, measures)
+    kind = CompiledSimulator if is_compiled(spec) else OrdinarySimulator
+    return kind(spec, measures)
+
+
+def is_compiled(spec: RunSpec) -> bool:
+    """Return whether a specification's runs are compiled: those of the document's program."""
+    return has_documents_program(spec) and can_compile()
+
+
+def has_documents_program(spec: RunSpec) -> bool:
+    """Return whether the controller is the document's program in Python."""
+    return spec.parameters.of(ControllerParameters).implementation == 'python'
 
 
 class OrdinarySimulator:

@@ -177,6 +177,38 @@ def test_another_controller_runs_by_the_ordinary_loop(tmp_path):
         assert log.duty_sha256 == row.duty_sha256
 
 
+def test_without_numba_a_small_study_runs_and_a_large_one_is_refused(
+    finished, tmp_path, monkeypatch
+):
+    for name in ('runs', 'execution', 'job'):
+        module = sys.modules[f'ballbot_ros.study.{name}']
+        monkeypatch.setattr(module, 'is_compiled', lambda spec: False, raising=False)
+    path = write(tmp_path)
+    study = read_study(str(path), runs=4)
+    observer = Observer()
+    job = job_of(study, tmp_path / 'results')
+    workers = SameProcess()
+    monkeypatch.setattr('ballbot_ros.study.execution.WorkerProcess', lambda: workers)
+    assert run_study(job, Sampler(study).part, observer) == 0
+    assert [notice.partition(',')[0] for notice in observer.notices] == ['numba is not installed']
+    few = StudyData.open(tmp_path / 'results').table().column('duty_sha256').to_pylist()
+    assert few == finished[0].table().column('duty_sha256').to_pylist()[:4]
+    large = read_study(str(path), runs=1_000_000)
+    with pytest.raises(BallbotError, match='s of simulation need numba'):
+        run_study(job_of(large, tmp_path / 'large'), Sampler(large).part, observer)
+    assert not (tmp_path / 'large').exists()
+
+
+class SameProcess:
+    """Does parts in this process."""
+
+    def do(self, job, part, samples):
+        return job.do(part, samples, lambda runs: None)
+
+    def kill(self):
+        pass
+
+
 def command(*words, **popen):
     return subprocess.Popen(
         [sys.executable, '-m', 'ballbot_ros.cli.main', 'study', *map(str, words)],
