@@ -87,7 +87,11 @@ def test_a_fault_ends_a_run_without_nodes_with_the_motors_off(folder, class_name
 
 
 def test_a_controller_that_ends_its_connection_is_told(folder, monkeypatch):
-    monkeypatch.setattr(guarded_controller, '_PROGRAM', 'pass')
+    start = guarded_controller.start_child
+    without_main = 'sys'
+    monkeypatch.setattr(
+        guarded_controller, 'start_child', lambda _, *rest: start(without_main, *rest)
+    )
     result, _ = execute_faulty('Raises')
     assert result.reason == 'controller: faulty.py: its process ended'
 
