@@ -93,7 +93,7 @@ class Axis:
         """
         levels = extent.levels
         if levels is not None and levels.dtype.kind == 'U':
-            return cls(column, np.arange(len(levels) + 1) - 0.5, levels)
+            return cls(column, np.arange(-0.5, len(levels)), levels)
         repeated = levels is not None and (
             is_grid or column.kind is ColumnKind.INTEGER or 2 * len(levels) <= runs
         )
@@ -137,9 +137,14 @@ class Axis:
         if self.levels is not None:
             return self.levels
         if self.column.kind is ColumnKind.INTEGER:
-            ends = np.rint([self.edges[0] + 0.5, self.edges[-1] - 0.5]).astype(int)
-            return np.unique(np.linspace(*ends, 21).round().astype(int))
+            low, high = self.edges[0] + 0.5, self.edges[-1] - 0.5
+            return np.unique(np.linspace(low, high, 21).round().astype(int))
         return self.edges[[0, -1]]
+
+    @property
+    def is_stepped(self) -> bool:
+        """Whether nothing lies between the levels, since they are whole numbers."""
+        return self.levels is not None and self.column.kind is ColumnKind.INTEGER
 
     @property
     def label(self) -> str:

@@ -18,6 +18,7 @@ from ballbot_ros.study.theory import Prediction
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.axis import XAxis, YAxis
     from matplotlib.figure import Figure
 
 Floats = NDArray[np.float64]
@@ -79,7 +80,8 @@ class PassMap:
         """Lines on which half of the runs pass; none between words."""
         if self.x.is_words or self.y.is_words:
             return []
-        return contour_lines(self.x.middles, self.y.middles, self.smoothed, 0.5)
+        stepped = self.x.is_stepped, self.y.is_stepped
+        return contour_lines(self.x.middles, self.y.middles, self.smoothed, 0.5, stepped)
 
     def table(self) -> Table:
         """Return the cells, row by row."""
@@ -175,6 +177,7 @@ def set_scale(axes: Axes, x: Axis, y: Axis | None = None) -> None:
     axes.set_xlabel(x.label)
     if x.is_log:
         axes.set_xscale('log')
+        _plain_ticks(axes.xaxis)
     if x.is_words:
         names = [str(each) for each in x.shown]
         slanted = sum(map(len, names)) > 3 * _TOO_LONG
@@ -187,8 +190,18 @@ def set_scale(axes: Axes, x: Axis, y: Axis | None = None) -> None:
     axes.set_ylabel(y.label)
     if y.is_log:
         axes.set_yscale('log')
+        _plain_ticks(axes.yaxis)
     if y.is_words:
         axes.set_yticks(y.middles, [str(each) for each in y.shown])
+
+
+def _plain_ticks(axis: XAxis | YAxis) -> None:
+    """Label a logarithmic axis with plain numbers: figures have no formulas."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f'{value:g}'))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def _draw_lines(axes: Axes, lines: Lines, color: str, dash: str) -> None:
@@ -197,8 +210,8 @@ def _draw_lines(axes: Axes, lines: Lines, color: str, dash: str) -> None:
     halo = 'black' if color == _MEASURED else 'white'
     for line in lines:
         axes.plot(
-            line[:, 0], line[:, 1], color=color, linewidth=1.6, linestyle=dash,
-            path_effects=[withStroke(linewidth=3.0, foreground=halo)],
+            line[:, 0], line[:, 1], color=color, linewidth=1.4, linestyle=dash,
+            path_effects=[withStroke(linewidth=2.4, foreground=halo)],
         )  # fmt: skip
 
 

@@ -73,8 +73,10 @@ class Sensitivity:
         """
         both = np.fmax(self.first_order, self.pawn)
         if both.size and not np.isnan(both[:, -1]).any():
-            return both[:, -1]
-        return np.nan_to_num(both).max(axis=1, initial=0.0)
+            passing: Floats = both[:, -1]
+            return passing
+        largest: Floats = np.nan_to_num(both).max(axis=1, initial=0.0)
+        return largest
 
 
 def analyse(

@@ -15,6 +15,8 @@ from ballbot_ros.design.sampled_loop import SampledLoop
 from ballbot_ros.design.state_feedback import DesignError
 from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, EncoderParameters, ParameterSet
 from ballbot_ros.plant.model import PhysicalParameters
+from ballbot_ros.study.axes import Axis
+from ballbot_ros.study.columns import ColumnKind
 from ballbot_ros.study.contours import Lines, contour_lines
 from ballbot_ros.study.runs import with_values
 
@@ -25,9 +27,7 @@ Field = Callable[[float, float], float]
 COARSE, DOUBLINGS = 17, 3
 """Points of an axis at which a limit is sought, and how often the grid is refined near it."""
 
-_PITCHES = {
-    (f'{PLANT}.start_pitch_{plane}', f'{PLANT}.start_pitch_rate_{plane}') for plane in 'xy'
-}
+_PITCHES = {(f'{PLANT}.start_pitch_{plane}', f'{PLANT}.start_pitch_rate_{plane}') for plane in 'xy'}
 
 LOOP_PARAMETERS = frozenset(
     [
@@ -70,36 +70,33 @@ class Prediction:
     lines: Lines
 
 
-def predict(
-    parameters: ParameterSet, names: tuple[str, str], values: tuple[NDArray[Any], NDArray[Any]]
-) -> Prediction | None:
+def predict(parameters: ParameterSet, x: Axis, y: Axis) -> Prediction | None:
     """Return the limit over two varied parameters, or None if theory knows none.
 
     Parameters
     ----------
     parameters : ParameterSet
         Those of the study, with a value for all that varies.
-    names : tuple of str
-        Both variables.
-    values : tuple of ndarray
-        Values that span the map. Whole numbers are taken as they are, other numbers are refined.
+    x, y : Axis
+        The axes of the map.
     """
+    names = x.column.name, y.column.name
+    if x.is_words or y.is_words:
+        return None
     try:
         if names in _PITCHES or names[::-1] in _PITCHES:
-            return _recoverable(parameters, names, values)
+            return _recoverable(parameters, x, y)
         if LOOP_PARAMETERS.issuperset(names):
-            return _stable(parameters, names, values)
+            return _stable(parameters, x, y)
     except DesignError:
         pass
     return None
 
 
-def _recoverable(
-    parameters: ParameterSet, names: tuple[str, str], values: tuple[NDArray[Any], NDArray[Any]]
-) -> Prediction:
+def _recoverable(parameters: ParameterSet, x_axis: Axis, y_axis: Axis) -> Prediction:
     limit = recoverable_states(parameters)
-    turned = names not in _PITCHES
-    x, y = (np.linspace(each.min(), each.max(), COARSE) for each in values)
+    turned = (x_axis.column.name, y_axis.column.name) not in _PITCHES
+    x, y = (np.linspace(each.edges[0], each.edges[-1], COARSE) for each in (x_axis, y_axis))
     columns, rows = np.meshgrid(x, y)
     pitch, rate = (rows, columns) if turned else (columns, rows)
     zero = np.zeros_like(pitch)
@@ -115,10 +112,10 @@ def _recoverable(
     )
 
 
-def _stable(
-    parameters: ParameterSet, names: tuple[str, str], values: tuple[NDArray[Any], NDArray[Any]]
-) -> Prediction:
-    kinds = [np.issubdtype(each.dtype, np.integer) for each in values]
+def _stable(parameters: ParameterSet, x_axis: Axis, y_axis: Axis) -> Prediction:
+    axes = x_axis, y_axis
+    names = [each.column.name for each in axes]
+    kinds = [each.column.kind is ColumnKind.INTEGER for each in axes]
 
     def growth(x: float, y: float) -> float:
         pair = zip(names, (x, y), kinds, strict=True)
@@ -126,8 +123,8 @@ def _stable(
         loop = SampledLoop(with_values(parameters, changed))
         return float(np.abs(loop.poles()).max()) - 1.0
 
-    x, y, excess = refined(growth, [_start(each) for each in values], kinds)
-    lines = contour_lines(x, y, excess, 0.0)
+    x, y, excess = refined(growth, [_start(each) for each in axes], kinds)
+    lines = contour_lines(x, y, excess, 0.0, (x_axis.is_stepped, y_axis.is_stepped))
     sentence = (
         'The dashed line is where the sampled loop becomes unstable (largest pole of magnitude 1): '
         'by the linear model, without quantisation, saturation, dead zone and gear play.'
@@ -141,11 +138,11 @@ def _stable(
     return Prediction('predicted stability limit', sentence, lines)
 
 
-def _start(values: NDArray[Any]) -> Floats:
+def _start(axis: Axis) -> Floats:
     """Return the values of an axis from which a limit is sought."""
-    if np.issubdtype(values.dtype, np.integer):
-        return np.unique(values).astype(float)
-    return np.linspace(values.min(), values.max(), COARSE)
+    if axis.column.kind is ColumnKind.INTEGER:
+        return axis.span.astype(float)
+    return np.linspace(axis.span[0], axis.span[-1], COARSE)
 
 
 def refined(
@@ -173,6 +170,7 @@ def refined(
     """
     x, y = axes
     values = np.array([[field(a, b) for a in x.tolist()] for b in y.tolist()])
+    exact = np.ones(values.shape, bool)
     for _ in range(doublings):
         finer_x, finer_y = (
             axis if is_fixed or len(axis) < 2 else _with_middles(axis)
@@ -182,10 +180,11 @@ def refined(
         finer = np.array([np.interp(finer_y, y, column) for column in wide.T]).T
         beyond = (finer > 0.0).astype(np.int8)
         near = maximum_filter(beyond, 3) != minimum_filter(beyond, 3)
-        near &= ~(np.isin(finer_x, x)[None, :] & np.isin(finer_y, y)[:, None])
-        for row, column in np.argwhere(near).tolist():
+        known = np.zeros(finer.shape, bool)
+        known[np.ix_(np.isin(finer_y, y), np.isin(finer_x, x))] = exact
+        for row, column in np.argwhere(near & ~known).tolist():
             finer[row, column] = field(float(finer_x[column]), float(finer_y[row]))
-        x, y, values = finer_x, finer_y, finer
+        x, y, values, exact = finer_x, finer_y, finer, known | near
     return x, y, values
 
 
