@@ -54,12 +54,15 @@ class PassMap:
         Each (cells of y, cells of x).
     prediction : Prediction or None
         What theory says.
+    others : bool
+        Whether more than the two variables vary; theory then has the medians of the others.
     """
 
     x: Axis
     y: Axis
     counts: CellCounts
     prediction: Prediction | None = None
+    others: bool = False
 
     @property
     def smoothed(self) -> Floats:
@@ -133,6 +136,8 @@ class PassMap:
             sentences.append('There is no boundary: the share does not cross 50 %.')
         if self.prediction:
             sentences.append(self.prediction.sentence)
+            if self.others:
+                sentences.append('All else that varies has its median in this prediction.')
         return ' '.join(sentences)
 
     def draw(self) -> Figure:
@@ -210,8 +215,8 @@ def _draw_lines(axes: Axes, lines: Lines, color: str, dash: str) -> None:
     halo = 'black' if color == _MEASURED else 'white'
     for line in lines:
         axes.plot(
-            line[:, 0], line[:, 1], color=color, linewidth=1.4, linestyle=dash,
-            path_effects=[withStroke(linewidth=2.4, foreground=halo)],
+            line[:, 0], line[:, 1], color=color, linewidth=1.8 if color == _PREDICTED else 1.4, linestyle=dash,
+            path_effects=[withStroke(linewidth=2.6, foreground=halo)],
         )  # fmt: skip
 
 

@@ -26,8 +26,7 @@ from ballbot_ros.analysis.page import (
 from ballbot_ros.analysis.run_figures import RenderedFigure
 from ballbot_ros.analysis.style import png_of
 from ballbot_ros.analysis.table import Table, csv_of
-from ballbot_ros.errors import BallbotError
-from ballbot_ros.parameters import ParameterSet
+from ballbot_ros.errors import BallbotError, one_line
 from ballbot_ros.study.axes import Axis
 from ballbot_ros.study.charts import (
     Histogram,
@@ -276,7 +275,8 @@ class _Maker:
 
     def report(self) -> StudyReport:
         names = _FileNames()
-        maps = self._maps()
+        predictions, no_theory = self._predictions()
+        maps = self._maps(predictions)
         map_figures = [_map_figure(each, names) for each in maps]
         shares = [
             _share_figure(ShareChart(axis, counts), names)
@@ -301,6 +301,7 @@ class _Maker:
             measures=measures,
             quantiles=[f'{100.0 * each:g} %' for each in QUANTILES],
             maps=map_figures,
+            no_theory=no_theory,
             of_all=len(self.data.study.varied) <= MAPPED_VARIABLES,
             shares=shares,
             histograms=histograms,
@@ -363,30 +364,28 @@ class _Maker:
         ]
         return [*versions, ('SHA-256 of the code', study.code_sha256)]
 
-    def _maps(self) -> list[PassMap]:
-        predictions = self._predictions()
+    def _maps(self, predictions: Iterable[Prediction | None]) -> list[PassMap]:
+        others = len(self.data.study.varied) > 2
         return [
-            PassMap(x, y, counts, prediction)
+            PassMap(x, y, counts, prediction, others)
             for (x, y), counts, prediction in zip(
                 self.pairs, self.tallies.maps, predictions, strict=True
             )
         ]
 
-    def _predictions(self) -> list[Prediction | None]:
-        parameters = self._usual_parameters()
-        return [None if parameters is None else predict(parameters, x, y) for x, y in self.pairs]
-
-    def _usual_parameters(self) -> ParameterSet | None:
-        """Return the study's parameters, with the usual value of all that varies."""
+    def _predictions(self) -> tuple[list[Prediction | None], str]:
+        """Return the prediction for each map, and why there are none at all, or an empty text."""
         varied = {
             name: self.survey.sample[name] for name in _names(self.data.study) if not is_event(name)
         }
         try:
             with TemporaryDirectory(prefix='ballbot_report_') as folder:
                 parameters = study_parameters(self.data.study, Path(folder))
-            return with_values(parameters, usual_values(varied))
-        except BallbotError:
-            return None  # as of a map or a controller that is not on this machine
+            usual = with_values(parameters, usual_values(varied))
+        except BallbotError as error:
+            # Such as a map or a controller that is not on this machine.
+            return [None] * len(self.pairs), one_line(error)
+        return [predict(usual, x, y) for x, y in self.pairs], ''
 
     def _histograms(self, names: _FileNames) -> list[RenderedFigure]:
         figures = []
