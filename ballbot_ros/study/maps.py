@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from ballbot_ros.analysis.style import ORANGE, new_figure
+from ballbot_ros.analysis.style import ORANGE, Line, new_figure
 from ballbot_ros.analysis.table import Table
 from ballbot_ros.study.axes import Axis
 from ballbot_ros.study.contours import Lines, contour_lines
@@ -34,7 +34,7 @@ LEAST_BINS, MOST_BINS = 4, 50
 _LEAST_WEIGHT = 0.5
 """Number of runs near a cell, weighted by distance, that make its smoothed share known."""
 
-_MEASURED, _PREDICTED = 'white', ORANGE
+_MEASURED, _PREDICTED = Line('white', 1.4, label='50 % pass'), Line(ORANGE, 1.8, '--')
 _TOO_LONG = 14
 
 
@@ -153,9 +153,9 @@ class PassMap:
             vmax=100.0,
         )
         figure.colorbar(image, ax=axes, label='passed [%]', shrink=0.9)
-        _draw_lines(axes, self.boundary, _MEASURED, '-')
+        _draw_lines(axes, self.boundary, _MEASURED, 'black')
         if self.prediction:
-            _draw_lines(axes, self.prediction.lines, _PREDICTED, '--')
+            _draw_lines(axes, self.prediction.lines, _PREDICTED, 'white')
         set_scale(axes, self.x, self.y)
         self._legend(figure)
         return figure
@@ -166,10 +166,11 @@ class PassMap:
 
         handles = []
         if self.boundary:
-            handles.append(Line2D([], [], color=_MEASURED, linewidth=1.6, label='50 % pass'))
-            handles[0].set_path_effects([withStroke(linewidth=3.0, foreground='black')])
+            line = Line2D([], [], color=_MEASURED.color, linewidth=1.6, label=_MEASURED.label)
+            line.set_path_effects([withStroke(linewidth=3.0, foreground='black')])
+            handles.append(line)
         if self.prediction and self.prediction.lines:
-            line = Line2D([], [], color=_PREDICTED, linewidth=1.8, linestyle='--')
+            line = Line2D([], [], color=_PREDICTED.color, linewidth=1.8, linestyle='--')
             line.set_label(self.prediction.label)
             handles.append(line)
         if handles:
@@ -209,14 +210,13 @@ def _plain_ticks(axis: XAxis | YAxis) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def _draw_lines(axes: Axes, lines: Lines, color: str, dash: str) -> None:
+def _draw_lines(axes: Axes, lines: Lines, style: Line, halo: str) -> None:
     from matplotlib.patheffects import withStroke
 
-    halo = 'black' if color == _MEASURED else 'white'
     for line in lines:
         axes.plot(
-            line[:, 0], line[:, 1], color=color, linewidth=1.8 if color == _PREDICTED else 1.4, linestyle=dash,
-            path_effects=[withStroke(linewidth=2.6, foreground=halo)],
+            *line.T, color=style.color, linewidth=style.width, linestyle=style.dash,
+            path_effects=[withStroke(linewidth=style.width + 1.0, foreground=halo)],
         )  # fmt: skip
 
 

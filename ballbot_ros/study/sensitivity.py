@@ -31,6 +31,10 @@ HARMONICS = 10
 SLICES = 10
 """Slices of a variable's values for PAWN."""
 
+_BLUR, _LEAST_BLUR = 0.01, 4.0
+"""Distance over which runs change places: part of their number, small against the shortest period
+of RBD-FAST, and number of places."""
+
 _EXACT = 10_000
 """Number of values up to which scipy's KS test computes exact probabilities, which are slow."""
 
@@ -104,7 +108,7 @@ def analyse(
     # Equal values in a grid come in the order of the other variables, so shuffle first.
     order = random.permutation(count)
     inputs = [_spread(values[order], random) for values in variables.values()]
-    inputs.append(random.permutation(count) / max(count, 1))  # the one without influence
+    inputs.append(random.random(count))  # the one without influence
     shape = (len(inputs), len(results))
     first, half, distance = (np.full(shape, np.nan) for _ in range(3))
     counts = np.zeros(len(results), np.int64)
@@ -141,15 +145,20 @@ def analyse(
 
 
 def _spread(values: NDArray[Any], random: np.random.Generator) -> Floats:
-    """Return numbers within [0, 1) in the order of values; equal ones are in random order.
+    """Return different numbers in the order of values, but for neighbours.
 
-    Both methods depend on the order only. Without equal values, the slices of PAWN hold equally
-    many runs, also of words and of whole numbers.
+    Both methods depend on the order only. Equal values get a random order, so that the slices of
+    PAWN hold equally many runs, also of words and of whole numbers.
+
+    Neighbours change places at random, because RBD-FAST puts those with even and odd ranks into
+    different halves of a period. In a Sobol sequence of one variable these ranks alternate with the
+    halves of another one, whose effect would count for both.
     """
-    places = np.lexsort([random.random(len(values)), values])
-    ranks = np.empty(len(values))
-    ranks[places] = np.arange(len(values)) / max(len(values), 1)
-    return ranks
+    count = len(values)
+    places = np.lexsort([random.random(count), values])
+    ranks = np.empty(count)
+    ranks[places] = np.arange(count)
+    return ranks + random.uniform(0.0, max(_LEAST_BLUR, _BLUR * count), count)
 
 
 def _methods() -> tuple[Any, Any]:
