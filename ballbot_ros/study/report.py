@@ -56,7 +56,7 @@ REPORT = 'report'
 """Name of the report's folder in that of its study."""
 
 MAPPED_VARIABLES = 4
-"""Number of variables, those with the most influence, of which all pairs have a map."""
+"""Largest number of variables, those with the most influence, of which all pairs have a map."""
 
 WORST_SHOWN, FAILED_SHOWN = 3, 10
 
@@ -233,8 +233,7 @@ def _pairs(
     study: StudyRecord, text: StudyText, survey: Survey, found: Sensitivity
 ) -> list[tuple[Axis, Axis]]:
     """Return the axes of each map, those of the most influential pair first."""
-    order = np.argsort(-found.influence(), kind='stable')[:MAPPED_VARIABLES]
-    names = [found.variables[place] for place in order]
+    names = found.most_influential(MAPPED_VARIABLES)
     axes = {name: _axis(study, name, text, survey, map_bins) for name in names}
     # In the order of the study, so that a variable is on the same side of all its maps.
     ranks = {name: place for place, name in enumerate(_names(study))}
@@ -302,7 +301,7 @@ class _Maker:
             quantiles=[f'{100.0 * each:g} %' for each in QUANTILES],
             maps=map_figures,
             no_theory=no_theory,
-            of_all=len(self.data.study.varied) <= MAPPED_VARIABLES,
+            mapped=len({axis.column.name for pair in self.pairs for axis in pair}),
             shares=shares,
             histograms=histograms,
             sensitivity=sensitivity,
@@ -511,7 +510,9 @@ def _bounds(column: MeasureColumn) -> str:
 
 
 def _plus_minus(value: float, half: float) -> str:
-    return '–' if np.isnan(value) else f'{value:.3f} ± {half:.3f}'.replace('-', '−')
+    # The sum has no -0.0.
+    text = f'{round(value, 3) + 0.0:.3f} ± {half:.3f}'
+    return '–' if np.isnan(value) else text.replace('-', '−')
 
 
 def _verdict(row: Row) -> str:

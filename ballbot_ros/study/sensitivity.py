@@ -70,6 +70,20 @@ class Sensitivity:
     counts: NDArray[np.int64]
     sampled: int
 
+    def most_influential(self, most: int) -> list[str]:
+        """Return the names of the variables with the most influence, by their ranks.
+
+        At least two are named; more only if their influence is twice that of random numbers.
+        """
+        influence = self.influence()
+        order = np.argsort(-influence, kind='stable')[:most].tolist()
+        limit = 2.0 * np.nan_to_num(self.floor[-1]) if self.floor.size else 0.0
+        return [
+            self.variables[place]
+            for rank, place in enumerate(order)
+            if rank < 2 or influence[place] > limit
+        ]
+
     def influence(self) -> Floats:
         """Return a number for each variable, shape (n,), by which variables are ranked.
 
