@@ -145,7 +145,8 @@ def report(folder: Path, output: Path | None) -> int:
 
     Exit status: 0 if the report was written; 2 for invalid arguments or a folder without results.
     """
-    from ballbot_ros.study.report import check_output, study_report
+    from ballbot_ros.study.report import study_report
+    from ballbot_ros.study.report_folder import check_output
     from ballbot_ros.study.study_data import StudyData
 
     data = StudyData.open(folder)

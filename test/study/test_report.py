@@ -295,9 +295,24 @@ def test_small_studies_and_studies_of_seeds_alone_have_a_page(tmp_path):
     assert {'maps', 'sensitivities', 'shares', 'varied'}.isdisjoint(page.ids)
 
 
-def test_the_command_writes_next_to_the_study_and_replaces_its_own_report(
-    command, folder, tmp_path
-):
+def test_a_study_that_always_passes_has_a_page(tmp_path):
+    study = varied_record()
+    with begin_or_resume(tmp_path / 'study', study, NOW) as begun:
+        for part in range(PARTS):
+            rows = part_rows(study, part)
+            good = np.zeros(len(rows.passed), bool)
+            results = rows.results._replace(failed=good, fallen=good)
+            write_part(
+                tmp_path / 'study', study, part, replace(rows, results=results, passed=~good)
+            )
+        begun.finish(NOW)
+    page = Page(study_report(StudyData.open(tmp_path / 'study')).page)
+    assert 'Passing has no index: all runs pass, or none.' in page.text
+    assert 'There is no boundary' in page.text
+    assert 'None: every run was completed.' in page.text
+
+
+def test_the_command_replaces_only_an_earlier_report(command, folder, tmp_path):
     copy = tmp_path / 'study'
     shutil.copytree(folder, copy)
     for _ in range(2):
