@@ -69,6 +69,7 @@ setup(
         f'{PACKAGE}.analysis': ['templates/*.html'],
         f'{PACKAGE}.controllers': ['templates/*.jinja'],
         f'{PACKAGE}.codegen': ['templates/*', 'target/*'],
+        f'{PACKAGE}.study': ['templates/*.html'],
     },
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
@@ -121,6 +122,7 @@ setup(
         'study': [
             'numba>=0.58',
             'pyarrow>=15',
+            'SALib>=1.5',
         ],
         # The 3D viewer. viewer/guarded_server.py uses internals of viser, so it stays in one minor
         # series.
@@ -161,6 +163,7 @@ setup(
             'pandas>=2.1',
             'polars>=1.0',
             'pyarrow>=15',
+            'SALib>=1.5',
             'types-PyYAML>=6.0',
             'yourdfpy>=0.0.56',
         ],

@@ -7,22 +7,24 @@ import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
 from ballbot_ros import __version__
 from ballbot_ros.analysis.run_figures import RenderedFigure
 from ballbot_ros.analysis.table import csv_of
 from ballbot_ros.errors import BallbotError
 
+_PACKAGE = 'ballbot_ros.analysis'
+
 
 class ReportError(BallbotError):
     """A report that cannot be written."""
 
 
-def render_template(template: str, **content: object) -> str:
-    """Render a template of this package; all content is escaped."""
+def render_template(template: str, *, package: str = _PACKAGE, **content: object) -> str:
+    """Render a template of a package, which can extend those of this one; content is escaped."""
     environment = Environment(
-        loader=PackageLoader('ballbot_ros.analysis'),
+        loader=ChoiceLoader([PackageLoader(each) for each in dict.fromkeys((_PACKAGE, package))]),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,

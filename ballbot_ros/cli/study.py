@@ -132,6 +132,30 @@ def rerun(
     return _execute(spec, row.duty_sha256, as_json)
 
 
+@command.command('report')
+@click.argument('folder', type=PATH)
+@click.option(
+    '--output',
+    type=PATH,
+    help='Folder for page, pictures and tables; it must be new or empty, or have an earlier '
+    'report.  [default: FOLDER/report]',
+)
+def report(folder: Path, output: Path | None) -> int:
+    """Write a report of the study in FOLDER: a self-contained index.html, its PNGs and CSVs.
+
+    Exit status: 0 if the report was written; 2 for invalid arguments or a folder without results.
+    """
+    from ballbot_ros.study.report import study_report
+    from ballbot_ros.study.report_folder import check_output
+    from ballbot_ros.study.study_data import StudyData
+
+    data = StudyData.open(folder)
+    place = check_output(folder, output)
+    study_report(data).write(place)
+    click.echo(f'report  {place / "index.html"}')
+    return 0
+
+
 def _execute(spec: RunSpec, expected: str, as_json: bool) -> int:
     """Execute a run, print its result, and compare its duties with those of the study."""
     from ballbot_ros.cli.progress import Progress

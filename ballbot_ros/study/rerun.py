@@ -81,6 +81,26 @@ def choose_run(data: StudyData, number: int | None, worst: str | None) -> Row:
     return data.row(first)
 
 
+def study_parameters(record: StudyRecord, folder: Path) -> ParameterSet:
+    """Return the parameters of a study, with those of its scenario's file for what varies.
+
+    Parameters
+    ----------
+    folder : Path
+        An empty folder, for the files that the parameters are read from.
+
+    Raises
+    ------
+    BallbotError
+        If the run is not possible here.
+    """
+    path, parameter_file = folder / 'study.yaml', folder / PARAMETER_FILE
+    path.write_text(record.scenario, encoding='utf-8')
+    parameter_file.write_text(record.parameters, encoding='utf-8')
+    options = RunOptions(processes=Processes.NONE, parameter_file=parameter_file)
+    return RunSpec.of_scenario(str(path), options).parameters
+
+
 def rerun_spec(record: StudyRecord, row: Row, folder: Path, processes: Processes) -> RunSpec:
     """Return a run of a study, ready to execute.
 

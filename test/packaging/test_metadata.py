@@ -40,6 +40,7 @@ ROSDEP_KEYS = {
     'rich': 'python3-rich',
     'rosbags': 'python3-rosbags-pip',
     'scipy': 'python3-scipy',
+    'SALib': None,
     'trimesh': 'python3-trimesh-pip',
     'viser': None,
     'websockets': None,
@@ -67,6 +68,7 @@ ROSDEP_TEST_KEYS = {
     'pytest-timeout': 'python3-pytest-timeout',
     'pytest-xdist': 'python3-pytest-xdist',
     'ruff': 'python3-ruff-pip',
+    'SALib': None,
     'types-PyYAML': 'python3-types-pyyaml',
     'yourdfpy': None,
 }
@@ -182,7 +184,9 @@ def test_every_subpackage_is_installed(setup):
     assert folders == set(setup['packages'])
 
 
-@pytest.mark.parametrize(('package', 'more_than'), [('codegen', 10), ('controllers', 6)])
+@pytest.mark.parametrize(
+    ('package', 'more_than'), [('codegen', 10), ('controllers', 6), ('study', 0)]
+)
 def test_every_template_is_installed(setup, package, more_than):
     folder = ROOT / 'ballbot_ros' / package
     patterns = setup['package_data'][f'ballbot_ros.{package}']
