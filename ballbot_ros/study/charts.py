@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.analysis.drawing import style_axes
+from ballbot_ros.analysis.proportion import wilson_interval
 from ballbot_ros.analysis.style import BLUE, GRAY, ORANGE, WIDTH, new_figure
 from ballbot_ros.analysis.table import Table
-from ballbot_ros.numerics.proportion import wilson_interval
 from ballbot_ros.study.axes import Axis, Extent, with_unit
 from ballbot_ros.study.columns import MeasureColumn
 from ballbot_ros.study.maps import PANEL_WIDTH, set_scale

@@ -17,8 +17,8 @@ from study_folders import EXPECTATIONS, NOW, record, write_study
 pytest.importorskip('pyarrow')
 pytest.importorskip('SALib')
 
+from ballbot_ros.analysis.proportion import wilson_interval
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.numerics.proportion import wilson_interval
 from ballbot_ros.scenario.scenario import Measure
 from ballbot_ros.study.columns import Column, ColumnKind, MeasureColumn
 from ballbot_ros.study.data_set import begin_or_resume
