@@ -292,7 +292,7 @@ def test_small_studies_and_studies_of_seeds_alone_have_a_page(tmp_path):
 
 
 def test_a_study_that_always_passes_has_a_page(tmp_path):
-    study = varied_record()
+    study = replace(varied_record(), runs=600, runs_per_part=200)
     with begin_or_resume(tmp_path / 'study', study, NOW) as begun:
         for part in range(PARTS):
             rows = part_rows(study, part)
