@@ -3,7 +3,6 @@
 import csv
 import io
 import math
-import shutil
 import sys
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -270,13 +269,10 @@ def test_the_sensitivities_are_those_of_the_rows(written):
     assert found['plant_sim.body_mass', 'wall_clearance_m']['first_order'] == ''
 
 
-def test_an_unfinished_study_says_so_first(tmp_path, folder):
-    copy = tmp_path / 'study'
-    study = varied_record()
-    with begin_or_resume(copy, study, NOW):
-        write_part(copy, study, 1, part_rows(study, 1))
-    page = Page(study_report(StudyData.open(copy)).page)
-    assert '1,000 of 3,000 runs are done' in page.text
+def test_an_unfinished_study_says_so_first(tmp_path):
+    write_study(tmp_path / 'study', parts=[0, 2])
+    page = Page(study_report(StudyData.open(tmp_path / 'study')).page)
+    assert '15 of 25 runs are done' in page.text
     assert page.text.index('not finished') < page.text.index('% passed')
 
 
@@ -296,12 +292,12 @@ def test_small_studies_and_studies_of_seeds_alone_have_a_page(tmp_path):
 
 
 def test_a_study_that_always_passes_has_a_page(tmp_path):
-    study = varied_record()
+    study = replace(varied_record(), runs=600, runs_per_part=200)
     with begin_or_resume(tmp_path / 'study', study, NOW) as begun:
         for part in range(PARTS):
             rows = part_rows(study, part)
             good = np.zeros(len(rows.passed), bool)
-            results = rows.results._replace(failed=good, fallen=good)
+            results = replace(rows.results, failed=good, fallen=good)
             write_part(
                 tmp_path / 'study', study, part, replace(rows, results=results, passed=~good)
             )
@@ -312,17 +308,17 @@ def test_a_study_that_always_passes_has_a_page(tmp_path):
     assert 'None: every run was completed.' in page.text
 
 
-def test_the_command_replaces_only_an_earlier_report(command, folder, tmp_path):
-    copy = tmp_path / 'study'
-    shutil.copytree(folder, copy)
+def test_the_command_replaces_only_an_earlier_report(command, tmp_path):
+    study = tmp_path / 'study'
+    write_study(study)
     for _ in range(2):
-        status, text, _ = command('study', 'report', copy)
-        assert (status, text) == (0, f'report  {copy}/report/index.html\n')
-    (copy / 'report/notes.txt').write_text('mine', encoding='utf-8')
-    status, _, errors = command('study', 'report', copy)
+        status, text, _ = command('study', 'report', study)
+        assert (status, text) == (0, f'report  {study}/report/index.html\n')
+    (study / 'report/notes.txt').write_text('mine', encoding='utf-8')
+    status, _, errors = command('study', 'report', study)
     assert status == 2
     assert 'already exists and is not empty' in errors
-    status, _, _ = command('study', 'report', copy, '--output', tmp_path / 'new')
+    status, _, _ = command('study', 'report', study, '--output', tmp_path / 'new')
     assert status == 0
     assert (tmp_path / 'new/index.html').exists()
 
