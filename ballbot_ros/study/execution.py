@@ -52,18 +52,21 @@ class StudyObserver(Protocol):
 
 
 class Workers(Protocol):
-    """Those who do parts.
+    """Those who do the parts of a job."""
 
-    Attributes
-    ----------
-    count : int
-        How many parts they do at a time.
-    """
+    @property
+    def count(self) -> int:
+        """How many parts they do at a time; it may change."""
 
-    count: int
+    def submit(self, part: int, samples: Samples) -> Future[PartSummary]:
+        """Have a part done and written."""
 
-    def submit(self, job: Job, part: int, samples: Samples) -> Future[PartSummary]:
-        """Have a part done."""
+    def stop(self) -> None:
+        """Give up the parts in work."""
+
+
+WorkersOfJob = Callable[[Job, StudyObserver], Workers]
+"""Finds workers for a job; BallbotError if there are none."""
 
 
 class StoppedError(BallbotError):
@@ -73,35 +76,35 @@ class StoppedError(BallbotError):
 class LocalWorkers:
     """The cores of this machine: threads for compiled runs, or else processes.
 
-    Compiled code runs in parallel in the threads of one process. Parts in work are given up when
-    the workers are left by an error or by :meth:`stop`.
-
-    Parameters
-    ----------
-    compiled : bool
-        Whether the runs are compiled.
-    advance : callable
-        Called with the number of runs done; by threads only.
+    Compiled code runs in parallel in the threads of one process.
     """
 
-    def __init__(self, compiled: bool, advance: Advance) -> None:
-        self.count = len(os.sched_getaffinity(0))
-        self._advance = advance
+    def __init__(self, job: Job, observer: StudyObserver) -> None:
+        self._job = job
+        self._advance: Advance = observer.advance
+        self._count = len(os.sched_getaffinity(0))
         self._stopped = False
+        self._compiled = is_compiled(job)
         self._pool: Executor
-        if compiled:
-            self._pool = ThreadPoolExecutor(self.count)
+        if self._compiled:
+            if not is_kept(simulate_runs):
+                observer.notice('compiling, which takes about 20 s the first time ...')
+            self._pool = ThreadPoolExecutor(self._count)
         else:
             self._pool = ProcessPoolExecutor(
-                self.count, multiprocessing.get_context('forkserver'), _ignore_keyboard
+                self._count, multiprocessing.get_context('forkserver'), _ignore_keyboard
             )
-        self._compiled = compiled
 
-    def submit(self, job: Job, part: int, samples: Samples) -> Future[PartSummary]:
-        """Have a part done."""
+    @property
+    def count(self) -> int:
+        """The number of cores."""
+        return self._count
+
+    def submit(self, part: int, samples: Samples) -> Future[PartSummary]:
+        """Have a part done and written."""
         if self._compiled:
-            return self._pool.submit(job.do, part, samples, self._on_runs)
-        return self._pool.submit(_do, job, part, samples)
+            return self._pool.submit(self._job.do, part, samples, self._on_runs)
+        return self._pool.submit(_do, self._job, part, samples)
 
     def _on_runs(self, runs: int) -> None:
         if self._stopped:
@@ -135,7 +138,7 @@ def run_study(
     job: Job,
     sample: Callable[[int, int], Samples],
     observer: StudyObserver,
-    workers: Workers | None = None,
+    workers: WorkersOfJob = LocalWorkers,
     *,
     again: bool = False,
 ) -> int:
@@ -145,8 +148,8 @@ def run_study(
     ----------
     sample : callable
         Returns the samples of the runs from one number up to, but not including, another.
-    workers : Workers or None
-        None for the cores of this machine.
+    workers : callable
+        Finds workers, if parts are missing; by default the cores of this machine.
     again : bool
         Whether a study that is finished, or begun, is done from the start.
 
@@ -189,19 +192,19 @@ def _do_parts(
     job: Job,
     sample: Callable[[int, int], Samples],
     observer: StudyObserver,
-    workers: Workers | None,
+    workers: WorkersOfJob,
     missing: list[int],
 ) -> int:
-    if workers is None and is_compiled(job) and not is_kept(simulate_runs):
-        observer.notice('compiling, which takes about 20 s the first time ...')
-    with StopRequest() as stop, _local(workers, job, observer) as doing:
+    # Outside of the block, in which signals are only noted: a cluster may take seconds to answer.
+    doing = workers(job, observer)
+    with StopRequest() as stop, _stopped_finally(doing):
         parts = iter(missing)
         in_work: set[Future[PartSummary]] = set()
         while not stop.signal:
             while len(in_work) < 2 * doing.count and (part := next(parts, None)) is not None:
                 numbers = job.record.numbers(part)
                 samples = sample(numbers.start, numbers.stop)
-                in_work.add(doing.submit(job, part, samples))
+                in_work.add(doing.submit(part, samples))
             if not in_work:
                 return 0
             done, in_work = wait(in_work, POLL_S, FIRST_COMPLETED)
@@ -221,16 +224,11 @@ def _summary(future: Future[PartSummary]) -> PartSummary:
 
 
 @contextmanager
-def _local(workers: Workers | None, job: Job, observer: StudyObserver) -> Iterator[Workers]:
-    """Provide workers, by default those of this machine, which are stopped in the end."""
-    if workers is not None:
-        yield workers
-        return
-    local = LocalWorkers(is_compiled(job), observer.advance)
+def _stopped_finally(workers: Workers) -> Iterator[None]:
     try:
-        yield local
+        yield
     finally:
-        local.stop()
+        workers.stop()
 
 
 def folder_of(name: str, output: Path | None) -> Path:

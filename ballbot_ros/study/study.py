@@ -16,9 +16,9 @@ from ballbot_ros.run.spec import RunOptions, RunSpec
 from ballbot_ros.scenario.scenario import Expectation, Measure
 from ballbot_ros.scenario.writer import scenario_data
 from ballbot_ros.study.distributions import Levels
-from ballbot_ros.study.events import EventPart, scenarios_of
+from ballbot_ros.study.events import EventPart
 from ballbot_ros.study.rows import whole_values
-from ballbot_ros.study.runs import Samples
+from ballbot_ros.study.runs import Samples, scenarios_of_runs
 from ballbot_ros.study.variables import DURATION, SEED, Variable
 from ballbot_ros.text_enum import TextEnum
 
@@ -115,20 +115,11 @@ class Study:
             Each (r,).
         first : int
             Number of the first run, for error messages.
-
-        Raises
-        ------
-        StudyError
-            If pushes and sticks of a run are not possible; the message names the run.
         """
         count = len(columns[self.columns[0]])
         values = {name: columns[name] for name in self.columns if name not in self.parts}
         events = {name: columns[name] for name in self.parts}
-        if not events:
-            return Samples(count, values)
-        durations = values.get(DURATION, np.full(count, self.spec.plant.duration))
-        scenarios = scenarios_of(self.spec.scenario, self.parts, events, durations, first)
-        return Samples(count, values, scenarios, events)
+        return Samples(count, values, events=events, first=first)
 
     def run_options(self, row: Mapping[str, object]) -> RunOptions:
         """Return the options that make :meth:`scenario_data` of the same values a run again.
@@ -148,7 +139,7 @@ class Study:
         Sticks and pushes are those of the run, to the bit. The expectations are the study's.
         """
         columns = {name: np.array([row[name]]) for name in self.columns}
-        scenarios = self.samples(columns).scenarios
+        scenarios = scenarios_of_runs(self.spec, self.samples(columns))
         scenario = scenarios[0] if scenarios else self.spec.scenario
         data = scenario_data(replace(scenario, expectations=self.expectations))
         data['duration'] = _plain(row.get(DURATION, self.spec.plant.duration))
