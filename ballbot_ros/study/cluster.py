@@ -7,12 +7,12 @@ import logging
 import pickle
 import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Coroutine, Iterator
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 from uuid import uuid4
 
 import ballbot_ros.study.worker_task
@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 
 CONNECT_TIMEOUT_S = 10.0
 """How long a scheduler has to answer [s]."""
+
+_Result = TypeVar('_Result')
 
 _WATCH_S = 1.0
 _CLOSE_TIMEOUT_S = 2.0
@@ -85,9 +87,8 @@ class ClusterWorkers:
             raise
         self._loop = self._client.loop.asyncio_loop
         self._storing = ThreadPoolExecutor(_STORING_THREADS)
-        self._in_work: set[Future[Any]] = set()
         self._threads = -1
-        self._run(self._watch())
+        self._watching = self._run(self._watch())
 
     @property
     def count(self) -> int:
@@ -100,18 +101,14 @@ class ClusterWorkers:
 
     def stop(self) -> None:
         """Give up the parts in work: the scheduler forgets them."""
-        for each in tuple(self._in_work):
-            each.cancel()
+        self._watching.cancel()
         self._storing.shutdown(wait=True)
         with suppress(Exception):  # a scheduler that has ended
             self._client.close(timeout=_CLOSE_TIMEOUT_S)
         self._quiet.__exit__(None, None, None)
 
-    def _run(self, coroutine: Any) -> Future[Any]:
-        future = asyncio.run_coroutine_threadsafe(coroutine, self._loop)
-        self._in_work.add(future)
-        future.add_done_callback(self._in_work.discard)
-        return future
+    def _run(self, coroutine: Coroutine[Any, Any, _Result]) -> Future[_Result]:
+        return asyncio.run_coroutine_threadsafe(coroutine, self._loop)
 
     async def _do(self, part: int, payload: bytes) -> PartSummary:
         fault, data, counts = await self._answer(part, payload)
@@ -175,33 +172,40 @@ def _connect(address: str) -> Client:
     except ImportError:
         raise StudyError("--cluster needs Dask: pip install 'ballbot_ros[cluster]'") from None
     try:
+        # In a thread, since this one may have a loop of its own, such as that of a notebook.
+        with ThreadPoolExecutor(1) as pool:
+            release = pool.submit(asyncio.run, _release(address)).result()
+        _check_release(address, release)
         with warnings.catch_warnings():
             # What matters is compared here and by each worker.
             warnings.simplefilter('ignore', VersionMismatchWarning)
-            client = Client(address, timeout=CONNECT_TIMEOUT_S, set_as_default=False)
-    except OSError:
+            return Client(address, timeout=CONNECT_TIMEOUT_S, set_as_default=False)
+    except StudyError:
+        raise
+    except (OSError, TimeoutError, asyncio.TimeoutError):
         raise StudyError(
             f'{address}: no Dask scheduler answers; start one with `dask scheduler`, or correct '
             '--cluster'
         ) from None
     except Exception as error:
         raise StudyError(f'{address}: {_described(error)}') from None
-    try:
-        _check_release(address, client)
-    except BaseException:
-        client.close(timeout=_CLOSE_TIMEOUT_S)
-        raise
-    return client
 
 
-def _check_release(address: str, client: Client) -> None:
-    try:
-        answer = client.sync(
-            client.scheduler.versions, packages=[], callback_timeout=CONNECT_TIMEOUT_S
-        )
-        release = answer['packages']['distributed']
-    except Exception as error:
-        raise StudyError(f'{address}: not a Dask scheduler: {_described(error)}') from None
+async def _release(address: str) -> str:
+    """Return a scheduler's release of Dask; a client would wait forever for one that is silent."""
+    from distributed import rpc
+    from distributed.security import Security
+
+    arguments = Security().get_connection_args('client')
+    async with rpc(address, timeout=CONNECT_TIMEOUT_S, connection_args=arguments) as scheduler:
+        kind = (await asyncio.wait_for(scheduler.identity(), CONNECT_TIMEOUT_S))['type']
+        if kind != 'Scheduler':
+            raise StudyError(f'{address}: a {kind.lower()} of Dask, not a scheduler')
+        answer = await asyncio.wait_for(scheduler.versions(packages=[]), CONNECT_TIMEOUT_S)
+        return str(answer['packages']['distributed'])
+
+
+def _check_release(address: str, release: str) -> None:
     own = worker_versions()['distributed']
     if release != own:
         raise StudyError(
