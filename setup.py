@@ -124,6 +124,12 @@ setup(
             'pyarrow>=15',
             'SALib>=1.5',
         ],
+        # Studies on the workers of a Dask cluster.
+        'cluster': [
+            'distributed>=2024.8',
+            'numba>=0.58',
+            'pyarrow>=15',
+        ],
         # The 3D viewer. viewer/guarded_server.py uses internals of viser, so it stays in one minor
         # series.
         'viewer': [
@@ -155,6 +161,7 @@ setup(
             'numpydoc>=1.8',
             'colcon-common-extensions>=0.3',
             'cyclonedds>=11.0',
+            'distributed>=2024.8',
             'duckdb>=1.0',
             'gymnasium>=1.0',
             'mcap-ros2-support>=0.5',

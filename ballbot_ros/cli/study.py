@@ -52,6 +52,11 @@ def _list_studies() -> None:
     '--output', type=PATH, help='Folder for the results.  [default: studies/<name of the study>]'
 )
 @click.option('--again', is_flag=True, help='Do all runs again, also those that are done.')
+@click.option(
+    '--cluster',
+    metavar='ADDRESS',
+    help='Run on the workers of a Dask scheduler, such as tcp://scheduler:8786.',
+)
 @click.option('--json', 'as_json', is_flag=True, help='Print one JSON object.')
 def run(
     study: str,
@@ -59,6 +64,7 @@ def run(
     seed: int | None,
     output: Path | None,
     again: bool,
+    cluster: str | None,
     as_json: bool,
 ) -> int:
     """Run STUDY, a name or a YAML file, on all cores; print a summary.
@@ -70,7 +76,8 @@ def run(
     from ballbot_ros.cli.study_output import print_json, print_summary
     from ballbot_ros.cli.study_progress import StudyProgress
     from ballbot_ros.standard_streams import stdout_to_stderr
-    from ballbot_ros.study.execution import folder_of, run_study
+    from ballbot_ros.study.cluster import workers_of
+    from ballbot_ros.study.execution import LocalWorkers, folder_of, run_study
     from ballbot_ros.study.job import job_of
     from ballbot_ros.study.library import read_study
     from ballbot_ros.study.sampling import Sampler
@@ -80,8 +87,9 @@ def run(
         described = read_study(study, runs=runs, seed=seed)
         folder = folder_of(described.name, output)
         job = job_of(described, folder)
+        workers = LocalWorkers if cluster is None else workers_of(cluster)
         with StudyProgress(described.name) as progress:
-            stopped = run_study(job, Sampler(described).part, progress, again=again)
+            stopped = run_study(job, Sampler(described).part, progress, workers, again=again)
     if stopped:
         click.echo(f'stopped; the same command goes on from there: {folder}', err=True)
         return 128 + stopped

@@ -46,18 +46,21 @@ class StudyObserver(Protocol):
 
 
 class Workers(Protocol):
-    """Those who do parts.
+    """Those who do the parts of a job."""
 
-    Attributes
-    ----------
-    count : int
-        How many parts they do at a time.
-    """
+    @property
+    def count(self) -> int:
+        """How many parts they do at a time; it may change."""
 
-    count: int
+    def submit(self, part: int, samples: Samples) -> Future[PartSummary]:
+        """Have a part done and written."""
 
-    def submit(self, job: Job, part: int, samples: Samples) -> Future[PartSummary]:
-        """Have a part done."""
+    def stop(self) -> None:
+        """Give up the parts in work."""
+
+
+WorkersOfJob = Callable[[Job, StudyObserver], Workers]
+"""Finds workers for a job; BallbotError if there are none."""
 
 
 class StoppedError(BallbotError):
@@ -67,33 +70,35 @@ class StoppedError(BallbotError):
 class LocalWorkers:
     """The cores of this machine: threads for compiled runs, or else processes.
 
-    Compiled code runs in parallel in the threads of one process. Parts in work are given up when
-    the workers are left by an error or by :meth:`stop`.
-
-    Parameters
-    ----------
-    compiled : bool
-        Whether the runs are compiled.
-    advance : callable
-        Called with the number of runs done.
+    Compiled code runs in parallel in the threads of one process.
     """
 
-    def __init__(self, compiled: bool, advance: Advance) -> None:
-        self.count = len(os.sched_getaffinity(0))
-        self._advance = advance
-        self._compiled = compiled
+    def __init__(self, job: Job, observer: StudyObserver) -> None:
+        self._job = job
+        self._advance: Advance = observer.advance
+        self._count = len(os.sched_getaffinity(0))
         self._stopped = False
+        self._compiled = is_compiled(job.spec)
+        if slow := check_speed(job):
+            observer.notice(slow)
+        if self._compiled and not is_kept(simulate_runs):
+            observer.notice('compiling, which takes about 20 s the first time ...')
         self._processes: list[WorkerProcess] = []
         self._of_thread = threading.local()
-        self._pool = ThreadPoolExecutor(self.count)
+        self._pool = ThreadPoolExecutor(self._count)
 
-    def submit(self, job: Job, part: int, samples: Samples) -> Future[PartSummary]:
-        """Have a part done."""
+    @property
+    def count(self) -> int:
+        """The number of cores."""
+        return self._count
+
+    def submit(self, part: int, samples: Samples) -> Future[PartSummary]:
+        """Have a part done and written."""
         if self._compiled:
-            return self._pool.submit(job.do, part, samples, self._on_runs)
-        return self._pool.submit(self._do_in_process, job, part, samples)
+            return self._pool.submit(self._job.do, part, samples, self._on_runs)
+        return self._pool.submit(self._do_in_process, part, samples)
 
-    def _do_in_process(self, job: Job, part: int, samples: Samples) -> PartSummary:
+    def _do_in_process(self, part: int, samples: Samples) -> PartSummary:
         """Have a part done by the process of this thread."""
         process: WorkerProcess | None = getattr(self._of_thread, 'process', None)
         if self._stopped:
@@ -101,7 +106,7 @@ class LocalWorkers:
         if process is None:
             process = self._of_thread.process = WorkerProcess()
             self._processes.append(process)
-        summary = process.do(job, part, samples)
+        summary = process.do(self._job, part, samples)
         self._on_runs(summary.runs)
         return summary
 
@@ -141,7 +146,7 @@ def run_study(
     job: Job,
     sample: Callable[[int, int], Samples],
     observer: StudyObserver,
-    workers: Workers | None = None,
+    workers: WorkersOfJob = LocalWorkers,
     *,
     again: bool = False,
 ) -> int:
@@ -151,8 +156,8 @@ def run_study(
     ----------
     sample : callable
         Returns the samples of the runs from one number up to, but not including, another.
-    workers : Workers or None
-        None for the cores of this machine.
+    workers : callable
+        Finds workers, if parts are missing; by default the cores of this machine.
     again : bool
         Whether a study that is finished, or begun, is done from the start.
 
@@ -166,8 +171,6 @@ def run_study(
     BallbotError
         If the folder is another study's or can't be written, or a run is not possible.
     """
-    if workers is None and (slow := check_speed(job)):
-        observer.notice(slow)
     with begin_or_resume(job.folder, job.record, datetime.now().astimezone()) as folder:
         if again and folder.resumed:
             folder.restart(datetime.now().astimezone())
@@ -197,19 +200,19 @@ def _do_parts(
     job: Job,
     sample: Callable[[int, int], Samples],
     observer: StudyObserver,
-    workers: Workers | None,
+    workers: WorkersOfJob,
     missing: list[int],
 ) -> int:
-    if workers is None and is_compiled(job.spec) and not is_kept(simulate_runs):
-        observer.notice('compiling, which takes about 20 s the first time ...')
-    with StopRequest() as stop, _local(workers, job, observer) as doing:
+    # Outside of the block, in which signals are only noted: a cluster may take seconds to answer.
+    doing = workers(job, observer)
+    with StopRequest() as stop, _stopped_finally(doing):
         parts = iter(missing)
         in_work: set[Future[PartSummary]] = set()
         while not stop.signal:
             while len(in_work) < 2 * doing.count and (part := next(parts, None)) is not None:
                 numbers = job.record.numbers(part)
                 samples = sample(numbers.start, numbers.stop)
-                in_work.add(doing.submit(job, part, samples))
+                in_work.add(doing.submit(part, samples))
             if not in_work:
                 return 0
             done, in_work = wait(in_work, POLL_S, FIRST_COMPLETED)
@@ -219,16 +222,11 @@ def _do_parts(
 
 
 @contextmanager
-def _local(workers: Workers | None, job: Job, observer: StudyObserver) -> Iterator[Workers]:
-    """Provide workers, by default those of this machine, which are stopped in the end."""
-    if workers is not None:
-        yield workers
-        return
-    local = LocalWorkers(is_compiled(job.spec), observer.advance)
+def _stopped_finally(workers: Workers) -> Iterator[None]:
     try:
-        yield local
+        yield
     finally:
-        local.stop()
+        workers.stop()
 
 
 def folder_of(name: str, output: Path | None) -> Path:

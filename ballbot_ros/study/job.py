@@ -15,7 +15,7 @@ from ballbot_ros.run.spec import RunSpec
 from ballbot_ros.scenario.scenario import Expectation, Measure
 from ballbot_ros.study.columns import Column, ColumnKind, MeasureColumn
 from ballbot_ros.study.manifest import PartSummary, StudyRecord
-from ballbot_ros.study.part_file import PartRows, write_part
+from ballbot_ros.study.part_file import EncodedPart, PartRows, encode_part, store_part
 from ballbot_ros.study.rerun import parameter_text, scenario_text
 from ballbot_ros.study.runs import (
     Advance,
@@ -69,6 +69,21 @@ class Job:
         BallbotError
             If a value is not possible, or the part can't be written; the message is one line.
         """
+        return self.store(part, self.encode(part, samples, advance))
+
+    def store(self, part: int, encoded: EncodedPart) -> PartSummary:
+        """Write a part; StudyError if it can't be written."""
+        store_part(self.folder, self.record, part, encoded.data)
+        return encoded.summary
+
+    def encode(self, part: int, samples: Samples, advance: Advance) -> EncodedPart:
+        """Simulate and judge a part, and return the bytes of its file.
+
+        Raises
+        ------
+        BallbotError
+            If a value is not possible; the message is one line.
+        """
         results = _simulator(self).simulate(samples, advance)
         varied = {**samples.values, **samples.events}
         seeds = varied.get(SEED, np.full(samples.count, self.spec.plant.seed))
@@ -78,7 +93,7 @@ class Job:
             results,
             passed(results, self.measures, self.expectations),
         )
-        return write_part(self.folder, self.record, part, rows)
+        return encode_part(self.record, part, rows)
 
 
 def job_of(study: Study, folder: Path) -> Job:

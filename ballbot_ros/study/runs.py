@@ -32,9 +32,11 @@ from ballbot_ros.scenario.signal import StickSignal
 from ballbot_ros.simulation.closed_loop import ClosedLoop
 from ballbot_ros.simulation.trajectory import TrajectoryLog
 from ballbot_ros.study.compilation import can_compile, compiled_and_kept
+from ballbot_ros.study.events import event_part, scenarios_of
 from ballbot_ros.study.kernel import END, Events, Floor, Log, simulate_runs
 from ballbot_ros.study.measurement import measure_runs
 from ballbot_ros.study.rows import RobotRows, program_rows, whole_values
+from ballbot_ros.study.variables import DURATION
 from ballbot_ros.timing import FIRST_TICK_NS, SECOND_NS, TICK_NS
 from ballbot_ros.world.clearance import NO_WALLS
 from ballbot_ros.world.world import World, half_cells, is_blocked
@@ -59,15 +61,18 @@ class Samples:
     values : mapping of str to ndarray
         Values of parameters by ``node.param``, one for each run.
     scenarios : sequence of Scenario
-        Sticks and pushes of each run; empty if they are those of the study's scenario.
+        Sticks and pushes of each run; empty if only numbers of the scenario's own vary.
     events : mapping of str to ndarray
-        The varied values of sticks and pushes, for each run, from which `scenarios` were made.
+        The varied numbers of the scenario's sticks and pushes, one for each run.
+    first : int
+        Number of the first run, for error messages.
     """
 
     count: int
     values: Mapping[str, NDArray[Any]]
     scenarios: Sequence[Scenario] = ()
     events: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    first: int = 0
 
     def part(self, first: int, last: int) -> Samples:
         """Return the samples of the runs from `first` up to, but not including, `last`."""
@@ -76,6 +81,7 @@ class Samples:
             {name: column[first:last] for name, column in self.values.items()},
             self.scenarios[first:last],
             {name: column[first:last] for name, column in self.events.items()},
+            self.first + first,
         )
 
 
@@ -180,9 +186,10 @@ class OrdinarySimulator:
             If a value is not allowed, a start position is blocked, or a controller can't be made.
         """
         results = Results.empty(samples.count, len(self._measures))
+        scenarios = scenarios_of_runs(self._spec, samples)
         for run in range(samples.count):
             values = {name: column[run] for name, column in samples.values.items()}
-            scenario = samples.scenarios[run] if samples.scenarios else self._spec.scenario
+            scenario = scenarios[run] if scenarios else self._spec.scenario
             self._simulate(run, values, scenario, results)
             advance(1)
         return results
@@ -256,10 +263,11 @@ class CompiledSimulator:
             np.zeros((together, ticks, 2), np.int8),
         )
         self._check_starts(rows, samples.values)
-        events = events_of(samples.scenarios or [self._spec.scenario])
+        scenarios = scenarios_of_runs(self._spec, samples)
+        events = events_of(scenarios or [self._spec.scenario])
         for first in range(0, samples.count, together):
             runs = slice(first, min(first + together, samples.count))
-            part = Events(*(each[runs] for each in events)) if samples.scenarios else events
+            part = Events(*(each[runs] for each in events)) if scenarios else events
             self._simulate(rows.part(runs), part, log, time, results.part(runs))
             advance(runs.stop - runs.start)
         return results
@@ -301,6 +309,23 @@ class CompiledSimulator:
                 plants, starts, ends, log, time, walls, each.start, each.end, values
             )
             results.measured[:, number] = values
+
+
+def scenarios_of_runs(spec: RunSpec, samples: Samples) -> Sequence[Scenario]:
+    """Return the sticks and pushes of each run; nothing if they are those of the specification.
+
+    They are made here, from numbers, since they would take much longer to send to other machines.
+
+    Raises
+    ------
+    StudyError
+        If pushes and sticks of a run are not possible; the message names the run.
+    """
+    if samples.scenarios or not samples.events:
+        return samples.scenarios
+    parts = {name: event_part(name, spec.scenario) for name in samples.events}
+    durations = samples.values.get(DURATION, np.full(samples.count, spec.plant.duration))
+    return scenarios_of(spec.scenario, parts, samples.events, durations, samples.first)
 
 
 def with_values(parameters: ParameterSet, values: Mapping[str, Any]) -> ParameterSet:

@@ -8,14 +8,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.run.spec import RunSpec
 from ballbot_ros.scenario.scenario import Expectation, Measure, Scenario
 from ballbot_ros.study.distributions import Levels
-from ballbot_ros.study.events import EventPart, scenarios_of
+from ballbot_ros.study.events import EventPart
 from ballbot_ros.study.runs import Samples
 from ballbot_ros.study.variables import DURATION, SEED, Variable
 from ballbot_ros.text_enum import TextEnum
@@ -104,20 +103,11 @@ class Study:
             Each (r,).
         first : int
             Number of the first run, for error messages.
-
-        Raises
-        ------
-        StudyError
-            If pushes and sticks of a run are not possible; the message names the run.
         """
         count = len(columns[self.columns[0]])
         values = {name: columns[name] for name in self.columns if name not in self.parts}
         events = {name: columns[name] for name in self.parts}
-        if not events:
-            return Samples(count, values)
-        durations = values.get(DURATION, np.full(count, self.spec.plant.duration))
-        scenarios = scenarios_of(self.spec.scenario, self.parts, events, durations, first)
-        return Samples(count, values, scenarios, events)
+        return Samples(count, values, events=events, first=first)
 
     @property
     def common_scenario(self) -> tuple[Scenario, PlantParameters]:

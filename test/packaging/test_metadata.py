@@ -21,6 +21,7 @@ ROSDEP_KEYS = {
     'PyYAML': 'python3-yaml',
     'click': 'python3-click',
     'control': None,
+    'distributed': None,
     'gymnasium': None,
     'imageio': 'python3-imageio',
     'imageio-ffmpeg': None,
@@ -53,6 +54,7 @@ ROSDEP_KEYS = {
 ROSDEP_TEST_KEYS = {
     'colcon-common-extensions': 'python3-colcon-common-extensions',
     'cyclonedds': None,
+    'distributed': None,
     'duckdb': None,
     'gymnasium': None,
     'hypothesis': 'python3-hypothesis',

@@ -12,7 +12,12 @@ from ballbot_ros.run.execution import execute
 from ballbot_ros.scenario.scenario import ScheduledPush
 from ballbot_ros.study.errors import StudyError
 from ballbot_ros.study.library import read_study
-from ballbot_ros.study.runs import CompiledSimulator, OrdinarySimulator, with_values
+from ballbot_ros.study.runs import (
+    CompiledSimulator,
+    OrdinarySimulator,
+    scenarios_of_runs,
+    with_values,
+)
 from ballbot_ros.study.sampling import Sampler
 
 PUSHES = """purpose: x
@@ -61,7 +66,7 @@ def test_a_push_keeps_everything_but_what_varies(study_of):
     study = study_of(PUSHES)
     samples = Sampler(study).part(0, 5)
     before = study.spec.scenario.pushes
-    for run, scenario in enumerate(samples.scenarios):
+    for run, scenario in enumerate(scenarios_of_runs(study.spec, samples)):
         row = row_of(samples, run)
         one, two, three, four = scenario.pushes
         assert one == ScheduledPush(
@@ -79,7 +84,7 @@ def test_a_push_keeps_everything_but_what_varies(study_of):
 def test_a_segment_keeps_everything_but_what_varies(study_of):
     study = study_of(STICKS)
     samples = Sampler(study).part(0, 5)
-    for run, scenario in enumerate(samples.scenarios):
+    for run, scenario in enumerate(scenarios_of_runs(study.spec, samples)):
         row = row_of(samples, run)
         forward, backward = scenario.vertical.segments
         value = row['stick.vertical.forward.value']
@@ -110,7 +115,8 @@ def test_what_a_run_cannot_have_is_refused_with_its_number(study_of):
         part = Sampler(study).part(10, 14)
         columns = {**part.values, **part.events}
         columns[name] = np.where(np.arange(4) == 2, value, columns[name])
-        message = refusal(StudyError, study.samples, columns, 10)
+        samples = study.samples(columns, 10)
+        message = refusal(StudyError, scenarios_of_runs, study.spec, samples)
         assert message.startswith(name.rpartition('.')[0].removesuffix('.backward')), message
         assert message.endswith(told), message
 
@@ -119,15 +125,16 @@ def test_what_a_run_cannot_have_is_refused_with_its_number(study_of):
 def test_any_run_can_be_repeated_from_a_scenario_file(study_of, text, tmp_path):
     study = study_of(text)
     samples = Sampler(study).part(0, 3)
+    scenarios = scenarios_of_runs(study.spec, samples)
     compiled = CompiledSimulator(study.spec, study.measures).simulate(samples)
     ordinary = OrdinarySimulator(study.spec, study.measures).simulate(samples.part(1, 2))
     np.testing.assert_array_equal(compiled.duty_sha256[1:2], ordinary.duty_sha256)
     for run in range(2):
         spec = rerun_of(study, samples, run, tmp_path / str(run))
         again = spec.scenario
-        assert again.pushes == samples.scenarios[run].pushes
+        assert again.pushes == scenarios[run].pushes
         for stick in ('vertical', 'horizontal'):
-            segments = getattr(samples.scenarios[run], stick).segments
+            segments = getattr(scenarios[run], stick).segments
             assert getattr(again, stick).segments == segments
         assert again.expectations == study.expectations
         result = execute(spec)
