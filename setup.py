@@ -69,7 +69,7 @@ setup(
         f'{PACKAGE}.analysis': ['templates/*.html'],
         f'{PACKAGE}.controllers': ['templates/*.jinja'],
         f'{PACKAGE}.codegen': ['templates/*', 'target/*'],
-        f'{PACKAGE}.study': ['templates/*.html'],
+        f'{PACKAGE}.studies': ['templates/*.html'],
     },
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),

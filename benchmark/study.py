@@ -23,11 +23,11 @@ from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.simulation.closed_loop import ClosedLoop
 from ballbot_ros.simulation.trajectory import TrajectoryLog
-from ballbot_ros.study.execution import run_study
-from ballbot_ros.study.job import job_of
-from ballbot_ros.study.library import read_study
-from ballbot_ros.study.manifest import PartSummary
-from ballbot_ros.study.sampling import Sampler
+from ballbot_ros.studies.execution import run_study
+from ballbot_ros.studies.job import job_of
+from ballbot_ros.studies.library import read_study
+from ballbot_ros.studies.manifest import PartSummary
+from ballbot_ros.studies.sampling import Sampler
 from ballbot_ros.timing import TICK_S
 from benchmark.figures import BYTES, MEGABYTES, RATIO, SECONDS, Figure
 

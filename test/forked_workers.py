@@ -13,10 +13,10 @@ from contextlib import suppress
 
 from distributed import Worker
 
-import ballbot_ros.study.job
-import ballbot_ros.study.packed_job
-import ballbot_ros.study.worker_versions
-from ballbot_ros.study.part_file import load_pyarrow
+import ballbot_ros.studies.job
+import ballbot_ros.studies.packed_job
+import ballbot_ros.studies.worker_versions
+from ballbot_ros.studies.part_file import load_pyarrow
 
 
 async def serve(address, folder):
@@ -28,7 +28,7 @@ async def serve(address, folder):
 
 def main(address, folder):
     load_pyarrow()
-    ballbot_ros.study.worker_versions.worker_versions()
+    ballbot_ros.studies.worker_versions.worker_versions()
     logging.getLogger('distributed').setLevel(logging.CRITICAL)
     # The system reaps those that are killed.
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)

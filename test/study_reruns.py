@@ -2,11 +2,11 @@
 
 from ballbot_ros.parameters.assignment import plain_value
 from ballbot_ros.run.processes import Processes
-from ballbot_ros.study.columns import Outcome
-from ballbot_ros.study.job import job_of
-from ballbot_ros.study.rerun import rerun_spec
-from ballbot_ros.study.study_data import Row
-from ballbot_ros.study.variables import SEED
+from ballbot_ros.studies.columns import Outcome
+from ballbot_ros.studies.job import job_of
+from ballbot_ros.studies.rerun import rerun_spec
+from ballbot_ros.studies.study_data import Row
+from ballbot_ros.studies.variables import SEED
 
 
 def rerun_of(study, samples, run, folder):

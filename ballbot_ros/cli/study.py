@@ -36,7 +36,7 @@ def command(context: click.Context) -> None:
 
 
 def _list_studies() -> None:
-    from ballbot_ros.study.library import read_study, study_names
+    from ballbot_ros.studies.library import read_study, study_names
 
     names = study_names()
     width = max(map(len, names))
@@ -76,12 +76,12 @@ def run(
     from ballbot_ros.cli.study_output import print_json, print_summary
     from ballbot_ros.cli.study_progress import StudyProgress
     from ballbot_ros.standard_streams import stdout_to_stderr
-    from ballbot_ros.study.cluster import workers_of
-    from ballbot_ros.study.execution import LocalWorkers, folder_of, run_study
-    from ballbot_ros.study.job import job_of
-    from ballbot_ros.study.library import read_study
-    from ballbot_ros.study.sampling import Sampler
-    from ballbot_ros.study.study_data import StudyData
+    from ballbot_ros.studies.cluster import workers_of
+    from ballbot_ros.studies.execution import LocalWorkers, folder_of, run_study
+    from ballbot_ros.studies.job import job_of
+    from ballbot_ros.studies.library import read_study
+    from ballbot_ros.studies.sampling import Sampler
+    from ballbot_ros.studies.study_data import StudyData
 
     with stdout_to_stderr():  # a controller may print while its class is loaded
         described = read_study(study, runs=runs, seed=seed)
@@ -130,8 +130,8 @@ def rerun(
     """
     if sum((number is not None, worst is not None, failed)) != 1:
         raise click.UsageError('choose the run by its NUMBER, or by --worst or --failed')
-    from ballbot_ros.study.rerun import choose_run, new_folder, rerun_spec
-    from ballbot_ros.study.study_data import StudyData
+    from ballbot_ros.studies.rerun import choose_run, new_folder, rerun_spec
+    from ballbot_ros.studies.study_data import StudyData
 
     data = StudyData.open(folder)
     row = choose_run(data, number, worst)
@@ -153,9 +153,9 @@ def report(folder: Path, output: Path | None) -> int:
 
     Exit status: 0 if the report was written; 2 for invalid arguments or a folder without results.
     """
-    from ballbot_ros.study.report import study_report
-    from ballbot_ros.study.report_folder import check_output
-    from ballbot_ros.study.study_data import StudyData
+    from ballbot_ros.studies.report import study_report
+    from ballbot_ros.studies.report_folder import check_output
+    from ballbot_ros.studies.study_data import StudyData
 
     data = StudyData.open(folder)
     place = check_output(folder, output)

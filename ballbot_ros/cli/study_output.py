@@ -10,8 +10,8 @@ from rich.table import Table
 
 from ballbot_ros.analysis.metrics import number
 from ballbot_ros.cli.study_progress import share_text
-from ballbot_ros.study.columns import MeasureColumn
-from ballbot_ros.study.study_data import QUANTILES, MeasureSummary, StudyData, StudySummary
+from ballbot_ros.studies.columns import MeasureColumn
+from ballbot_ros.studies.study_data import QUANTILES, MeasureSummary, StudyData, StudySummary
 
 WORST_SHOWN = 3
 

@@ -11,7 +11,7 @@ from rich.progress import Progress as Bar
 
 from ballbot_ros.analysis.proportion import wilson_interval
 from ballbot_ros.progress import PROGRESS_PERIOD_S
-from ballbot_ros.study.manifest import PartSummary
+from ballbot_ros.studies.manifest import PartSummary
 
 
 class StudyProgress:

@@ -36,7 +36,7 @@ from ballbot_ros.plant.integration import (
 from ballbot_ros.plant.model import mass_matrix
 from ballbot_ros.plant.plant import add_push_forces, shaft_angle, state_after_fall
 from ballbot_ros.plant.wall_contact import state_after_impact
-from ballbot_ros.study.compilation import compiled
+from ballbot_ros.studies.compilation import compiled
 
 COUNT = 5000
 DT = 1e-3

@@ -21,7 +21,7 @@ FLOORS = (
     ('viewer',),
     ('nodes',),
     ('run',),
-    ('study',),
+    ('studies',),
     ('cli',),
 )
 """From the bottom up: a package imports only packages below it."""

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from laws import given
 
 from ballbot_ros.scenario.metrics import METRICS, Motion
-from ballbot_ros.study.compilation import compiled
+from ballbot_ros.studies.compilation import compiled
 from ballbot_ros.world.clearance import NO_WALLS
 from ballbot_ros.world.library import load_map
 from ballbot_ros.world.world import World

@@ -1,0 +1,411 @@
+"""The page of a study's report, and its figures."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot_ros.analysis.page import number_text, render_template
+from ballbot_ros.analysis.run_figures import RenderedFigure
+from ballbot_ros.analysis.style import png_of
+from ballbot_ros.analysis.table import Table, csv_of
+from ballbot_ros.errors import BallbotError, one_line
+from ballbot_ros.studies.axes import Axis
+from ballbot_ros.studies.charts import (
+    Histogram,
+    ShareChart,
+    draw_sensitivity,
+    sensitivity_table,
+)
+from ballbot_ros.studies.columns import MeasureColumn
+from ballbot_ros.studies.events import is_event
+from ballbot_ros.studies.manifest import StudyRecord
+from ballbot_ros.studies.maps import PassMap
+from ballbot_ros.studies.report_folder import StudyReport
+from ballbot_ros.studies.rerun import study_parameters
+from ballbot_ros.studies.runs import with_values
+from ballbot_ros.studies.sensitivity import MIN_SAMPLE, SLICES, Sensitivity
+from ballbot_ros.studies.study_data import QUANTILES, Row, StudyData, StudySummary
+from ballbot_ros.studies.study_text import StudyText
+from ballbot_ros.studies.survey import Survey, Tallies
+from ballbot_ros.studies.theory import Prediction, predict, usual_values
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+FAILED_SHOWN = 10
+
+
+@dataclass(frozen=True)
+class ReportRow:
+    """A run in a table of the page.
+
+    Attributes
+    ----------
+    number : int
+    value : str
+        Value of the measure; empty for a failed run.
+    varied : str
+        The varied values.
+    verdict : str
+        Passed, not passed, fallen or failed.
+    command : str
+        Runs it again.
+    """
+
+    number: int
+    value: str
+    varied: str
+    verdict: str
+    command: str
+
+
+@dataclass(frozen=True)
+class MeasureSection:
+    """A measure in the tables of the page.
+
+    Attributes
+    ----------
+    name, unit, meaning, expected : str
+    quantiles : list of str
+        The :data:`~ballbot_ros.studies.study_data.QUANTILES`.
+    missing : int
+        Number of runs without a value.
+    worst : list of ReportRow
+        Worst first.
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    expected: str
+    quantiles: list[str]
+    missing: int
+    worst: list[ReportRow]
+
+
+@dataclass(frozen=True)
+class SensitivitySection:
+    """The sensitivity indices on the page.
+
+    Attributes
+    ----------
+    found : Sensitivity
+    figure : RenderedFigure
+    rows : list of tuple
+        Name of a variable, and the texts of both indices for passing; those with the most influence
+        first.
+    notes : list of str
+        What was left out.
+    """
+
+    found: Sensitivity
+    figure: RenderedFigure
+    rows: list[tuple[str, str, str]]
+    notes: list[str]
+
+
+@dataclass(frozen=True)
+class Findings:
+    """All that was read and computed for a report.
+
+    Attributes
+    ----------
+    found : Sensitivity
+    axes : list of Axis
+        Of the single variables.
+    pairs : list of tuple of Axis
+        Of the maps, horizontal and vertical.
+    edges : mapping of str to ndarray
+        Edges of the histograms of the measures.
+    """
+
+    data: StudyData
+    text: StudyText
+    survey: Survey
+    summary: StudySummary
+    found: Sensitivity
+    axes: list[Axis]
+    pairs: list[tuple[Axis, Axis]]
+    edges: Mapping[str, NDArray[np.float64]]
+    tallies: Tallies
+
+    def report(self) -> StudyReport:
+        """Return the report."""
+        names = _FileNames()
+        predictions, no_theory = self._predictions()
+        maps = self._maps(predictions)
+        map_figures = [_map_figure(each, names) for each in maps]
+        shares = [
+            _share_figure(ShareChart(axis, counts), names)
+            for axis, counts in zip(self.axes, self.tallies.shares, strict=True)
+        ]
+        histograms = self._histograms(names)
+        sensitivity = self._sensitivity()
+        files = {
+            f'{figure.name}_lines.csv': csv_of(each.line_table())
+            for figure, each in zip(map_figures, maps, strict=True)
+        }
+        measures = self._measures()
+        page = render_template(
+            'study.html',
+            package='ballbot_ros.studies',
+            title=self.data.study.name,
+            text=self.text,
+            banner=self._banner(),
+            outcome=_outcome(self.summary),
+            facts=self._facts(),
+            varied=self._varied(),
+            measures=measures,
+            quantiles=[f'{100.0 * each:g} %' for each in QUANTILES],
+            maps=map_figures,
+            no_theory=no_theory,
+            mapped=len({axis.column.name for pair in self.pairs for axis in pair}),
+            shares=shares,
+            histograms=histograms,
+            sensitivity=sensitivity,
+            min_sample=MIN_SAMPLE,
+            slices=SLICES,
+            failed=self._failed(),
+            failed_count=self.summary.totals.failed,
+            versions=self._versions(),
+            worst_command=f'ballbot study rerun {self._folder} --worst MEASURE',
+        )
+        figures = [*map_figures, *shares, *histograms]
+        if sensitivity:
+            figures.append(sensitivity.figure)
+        return StudyReport(page, figures, files)
+
+    @property
+    def _names(self) -> list[str]:
+        return [each.name for each in self.data.study.varied]
+
+    @property
+    def _folder(self) -> str:
+        return shlex.quote(str(self.data.path))
+
+    def _banner(self) -> list[str]:
+        done, study = self.survey.totals.runs, self.data.study
+        if not self.data.missing:
+            return []
+        progress = f'This study is not finished: {done:,} of {study.runs:,} runs are done.'
+        return [f'{progress} Give the command of the study again to do the others.']
+
+    def _facts(self) -> list[tuple[str, str]]:
+        study, totals = self.data.study, self.summary.totals
+        manifest = self.data.manifest
+        facts = [
+            ('Runs', f'{totals.runs:,}'),
+            ('Passed', f'{totals.passed:,}'),
+            ('Fallen', f'{totals.fallen:,}'),
+            ('Failed', f'{totals.failed:,}'),
+            ('Seed', str(study.seed)),
+            ('Sampling', self.text.sampling or 'unknown'),
+            ('Version', f'{study.versions.ballbot_ros}, code {study.code_sha256[:12]}'),
+            ('Begun', manifest.begun.replace('T', ' ')),
+        ]
+        if manifest.finished:
+            facts.append(('Finished', manifest.finished.replace('T', ' ')))
+        return facts
+
+    def _varied(self) -> list[tuple[str, str, str, str]]:
+        return [
+            (
+                each.name,
+                '' if each.unit == '1' else each.unit,
+                self.text.distributions.get(each.name, ''),
+                each.meaning,
+            )
+            for each in self.data.study.varied
+        ]
+
+    def _versions(self) -> list[tuple[str, str]]:
+        study = self.data.study
+        versions = [
+            (name, value or 'not installed') for name, value in vars(study.versions).items()
+        ]
+        return [*versions, ('SHA-256 of the code', study.code_sha256)]
+
+    def _maps(self, predictions: Iterable[Prediction | None]) -> list[PassMap]:
+        others = len(self.data.study.varied) > 2
+        return [
+            PassMap(x, y, counts, prediction, others)
+            for (x, y), counts, prediction in zip(
+                self.pairs, self.tallies.maps, predictions, strict=True
+            )
+        ]
+
+    def _predictions(self) -> tuple[list[Prediction | None], str]:
+        """Return the prediction for each map, and why there are none at all, or an empty text."""
+        varied = {name: self.survey.sample[name] for name in self._names if not is_event(name)}
+        try:
+            with TemporaryDirectory(prefix='ballbot_report_') as folder:
+                parameters = study_parameters(self.data.study, Path(folder))
+            usual = with_values(parameters, usual_values(varied))
+        except BallbotError as error:
+            # Such as a map or a controller that is not on this machine.
+            return [None] * len(self.pairs), one_line(error)
+        return [predict(usual, x, y) for x, y in self.pairs], ''
+
+    def _histograms(self, names: _FileNames) -> list[RenderedFigure]:
+        figures = []
+        pairs = zip(self.summary.measures, self.tallies.histograms, strict=True)
+        for summary, counts in pairs:
+            chart = Histogram(summary, self.edges[summary.column.name], counts)
+            if not summary.count:
+                continue
+            figures.append(
+                _figure(
+                    names('distribution', summary.column.name),
+                    summary.column.name,
+                    chart.caption(),
+                    chart.draw(),
+                    chart.table(),
+                )
+            )
+        return figures
+
+    def _sensitivity(self) -> SensitivitySection | None:
+        found = self.found
+        if not found.variables or np.isnan(found.pawn).all():
+            return None
+        runs = self.survey.totals.runs
+        notes = []
+        if found.sampled < runs:
+            notes.append(
+                f'The indices are those of {found.sampled:,} of the {runs:,} runs, drawn at random.'
+            )
+        for name, count in zip(found.results, found.counts.tolist(), strict=True):
+            if count < found.sampled:
+                without = f'{found.sampled - count:,} of {found.sampled:,} runs'
+                notes.append(f'{name}: {without} have no value and are left out.')
+        order = np.argsort(-found.influence(), kind='stable').tolist()
+        if np.isnan(found.floor[-1]):
+            order = []  # passing does not vary
+        rows = [
+            (
+                found.variables[place],
+                _plus_minus(found.first_order[place, -1], found.half_width[place, -1]),
+                number_text(float(found.pawn[place, -1])),
+            )
+            for place in order
+        ]
+        figure = _figure(
+            'sensitivity',
+            'Sensitivity indices',
+            'Both indices of each varied value for each measure, and for passing. A dash: the '
+            'result does not vary, or too few runs have a value.',
+            draw_sensitivity(found),
+            sensitivity_table(found),
+        )
+        return SensitivitySection(found, figure, rows, notes)
+
+    def _measures(self) -> list[MeasureSection]:
+        return [
+            MeasureSection(
+                each.column.name,
+                each.column.unit,
+                each.column.meaning,
+                _bounds(each.column),
+                [number_text(value) for value in each.quantiles.tolist()],
+                each.missing,
+                [self._row(run.number, run.value) for run in each.worst],
+            )
+            for each in self.summary.measures
+        ]
+
+    def _failed(self) -> list[ReportRow]:
+        return [self._row(number) for number in islice(self.data.failed(), FAILED_SHOWN)]
+
+    def _row(self, number: int, value: float | None = None) -> ReportRow:
+        row = self.data.row(number)
+        return ReportRow(
+            number,
+            '' if value is None else number_text(value),
+            _varied_text(row, self.data.study),
+            _verdict(row),
+            f'ballbot study rerun {self._folder} {number}',
+        )
+
+
+class _FileNames:
+    """Makes names of files of the names of variables and measures, each only once."""
+
+    def __init__(self) -> None:
+        self._taken: set[str] = set()
+
+    def __call__(self, *words: str) -> str:
+        plain = '__'.join(re.sub(r'[^\w.]+', '_', each).strip('_') for each in words)
+        name, number = plain, 1
+        while name.lower() in self._taken:
+            number += 1
+            name = f'{plain}_{number}'
+        self._taken.add(name.lower())
+        return name
+
+
+def _figure(name: str, title: str, caption: str, figure: Figure, table: Table) -> RenderedFigure:
+    return RenderedFigure(name, title, caption, png_of(figure), table)
+
+
+def _map_figure(each: PassMap, names: _FileNames) -> RenderedFigure:
+    x, y = each.x.column.name, each.y.column.name
+    return _figure(names('map', x, y), f'{x} × {y}', each.caption(), each.draw(), each.table())
+
+
+def _share_figure(chart: ShareChart, names: _FileNames) -> RenderedFigure:
+    name = chart.axis.column.name
+    meaning = chart.axis.column.meaning
+    caption = f'{meaning[:1].upper()}{meaning[1:]}.' if meaning else ''
+    return _figure(names('share', name), name, caption, chart.draw(), chart.table())
+
+
+def _outcome(summary: StudySummary) -> str:
+    low, high = (100.0 * each for each in summary.interval)
+    share = 100.0 * summary.share_passed
+    return f'{share:.3g} % passed; 95 % interval (Wilson) {low:.3g} … {high:.3g} %'
+
+
+def _bounds(column: MeasureColumn) -> str:
+    parts = [f'≥ {column.minimum:g}'] if column.minimum is not None else []
+    parts += [f'≤ {column.maximum:g}'] if column.maximum is not None else []
+    return ' and '.join(parts).replace('-', '−')
+
+
+def _plus_minus(value: float, half: float) -> str:
+    # The sum has no -0.0.
+    text = f'{round(value, 3) + 0.0:.3f} ± {half:.3f}'
+    return '–' if np.isnan(value) else text.replace('-', '−')
+
+
+def _verdict(row: Row) -> str:
+    if row.outcome == 'failed':
+        return 'failed'
+    verdict = 'passed' if row.passed else 'not passed'
+    return f'{verdict}, fallen' if row.fallen else verdict
+
+
+def _varied_text(row: Row, study: StudyRecord) -> str:
+    return ', '.join(
+        f'{each.name} = {_value_text(row.varied[each.name])}{_unit_after(each.unit)}'
+        for each in study.varied
+    )
+
+
+def _unit_after(unit: str) -> str:
+    return '' if unit in ('', '1') else f' {unit}'
+
+
+def _value_text(value: object) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f'{value:.4g}'.replace('-', '−') if isinstance(value, float) else str(value)

@@ -1,0 +1,147 @@
+"""A run of a study once more, as a full run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from ballbot_ros.parameters import NODES, ParameterSet, PlantParameters, parameters_of
+from ballbot_ros.parameters.files import format_parameters
+from ballbot_ros.run.processes import Processes
+from ballbot_ros.run.spec import RunOptions, RunSpec
+from ballbot_ros.scenario.library import load_scenario
+from ballbot_ros.scenario.scenario import Scenario
+from ballbot_ros.scenario.writer import scenario_data
+from ballbot_ros.studies.errors import StudyError
+from ballbot_ros.studies.events import event_part, is_event, scenarios_of
+from ballbot_ros.studies.manifest import StudyRecord
+from ballbot_ros.studies.runs import with_values
+from ballbot_ros.studies.study_data import Row, StudyData
+from ballbot_ros.studies.variables import SEED
+
+RERUNS = 'reruns'
+"""Name of the folder of the runs that were run again, in the study's folder."""
+
+PARAMETER_FILE = 'parameters.yaml'
+_OF_A_RUN = ('scenario', 'device', 'output', 'attachments', 'trajectory_file')
+
+
+def scenario_text(scenario: Scenario, plant: PlantParameters) -> str:
+    """Return the text of a file of a scenario with a plant; it can be in any folder."""
+    data = scenario_data(scenario, plant)
+    return yaml.safe_dump(data, sort_keys=False, allow_unicode=True)
+
+
+def parameter_text(parameters: ParameterSet) -> str:
+    """Return the text of a parameter file with all values that a run does not set itself."""
+    names = {name for node in NODES for name in _names(parameters, node)}
+    return format_parameters(parameters, NODES, names.difference(_OF_A_RUN))
+
+
+def _names(parameters: ParameterSet, node: str) -> Iterator[str]:
+    yield from parameters.of_node(node).values()
+    yield from parameters_of(node)
+
+
+def new_folder(study: Path, number: int) -> Path:
+    """Return a folder for a run in the folder of its study; it does not exist yet."""
+    folder, attempt = study / RERUNS / str(number), 1
+    while folder.exists():
+        attempt += 1
+        folder = study / RERUNS / f'{number}_{attempt}'
+    return folder
+
+
+def choose_run(data: StudyData, number: int | None, worst: str | None) -> Row:
+    """Return a run by its number or its rank, by default the first one that did not pass.
+
+    Parameters
+    ----------
+    worst : str or None
+        Name of a measure; the run has its worst value.
+
+    Raises
+    ------
+    StudyError
+        If there is no such run or measure.
+    """
+    if number is not None:
+        return data.row(number)
+    if worst is not None:
+        ranked = data.worst(worst, 1)
+        if not ranked:
+            raise StudyError(f'{data.path}: no run has a value of {worst}')
+        return data.row(ranked[0].number)
+    first = next(data.not_passed(), None)
+    if first is None:
+        raise StudyError(f'{data.path}: all runs passed')
+    return data.row(first)
+
+
+def study_parameters(record: StudyRecord, folder: Path) -> ParameterSet:
+    """Return the parameters of a study, with those of its scenario's file for what varies.
+
+    Parameters
+    ----------
+    folder : Path
+        An empty folder, for the files that the parameters are read from.
+
+    Raises
+    ------
+    BallbotError
+        If the run is not possible here.
+    """
+    path, parameter_file = folder / 'study.yaml', folder / PARAMETER_FILE
+    path.write_text(record.scenario, encoding='utf-8')
+    parameter_file.write_text(record.parameters, encoding='utf-8')
+    options = RunOptions(processes=Processes.NONE, parameter_file=parameter_file)
+    return RunSpec.of_scenario(str(path), options).parameters
+
+
+def rerun_spec(record: StudyRecord, row: Row, folder: Path, processes: Processes) -> RunSpec:
+    """Return a run of a study, ready to execute.
+
+    Its scenario and parameters are written into a new folder, which gets its recording, too; the
+    command ``ballbot run SCENARIO --params PARAMETERS`` then is the run.
+
+    Raises
+    ------
+    BallbotError
+        If the folder can't be written, or the run is not possible here.
+    """
+    path = folder / f'{record.name}_{row.number}.yaml'
+    parameter_file = folder / PARAMETER_FILE
+    options = RunOptions(
+        processes=processes, parameter_file=parameter_file, output=folder.resolve()
+    )
+    try:
+        folder.mkdir(parents=True)
+        path.write_text(record.scenario, encoding='utf-8')
+        parameter_file.write_text(record.parameters, encoding='utf-8')
+        parameters = RunSpec.of_scenario(str(path), options).parameters
+        changed = with_values(parameters, _values(row))
+        parameter_file.write_text(parameter_text(changed), encoding='utf-8')
+        text = scenario_text(_scenario(path, row), changed.of(PlantParameters))
+        path.write_text(text, encoding='utf-8')
+    except OSError as error:
+        raise StudyError(f'{folder}: {error.strerror}; choose another --output') from None
+    return RunSpec.of_scenario(str(path), options)
+
+
+def _values(row: Row) -> dict[str, object]:
+    """Return the values of a run's parameters that are not those of its study."""
+    values = {name: value for name, value in row.varied.items() if not is_event(name)}
+    return {**values, SEED: row.seed}
+
+
+def _scenario(path: Path, row: Row) -> Scenario:
+    """Return the study's scenario, in a file, with the pushes and sticks of a run."""
+    scenario = load_scenario(str(path))
+    events = {name: np.array([value]) for name, value in row.varied.items() if is_event(name)}
+    if not events:
+        return scenario
+    parts = {name: event_part(name, scenario) for name in events}
+    return scenarios_of(scenario, parts, events, np.array([np.inf]), row.number)[0]

@@ -1,0 +1,378 @@
+"""Many runs of a scenario that differ in numbers: of parameters, sticks or pushes."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Callable, Container, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot_ros.analysis.metrics import measure_one
+from ballbot_ros.codegen.implementation import compose_controller
+from ballbot_ros.controllers.errors import ControllerError
+from ballbot_ros.parameters import (
+    PLANT,
+    ControllerParameters,
+    EncoderParameters,
+    GyroParameters,
+    ParameterSet,
+    PlantParameters,
+    SonarParameters,
+)
+from ballbot_ros.parameters.assignment import assign_values, plain_values
+from ballbot_ros.run.guarded_controller import guarded_implementation
+from ballbot_ros.run.spec import RunSpec
+from ballbot_ros.scenario.metrics import METRICS
+from ballbot_ros.scenario.scenario import Measure, Scenario
+from ballbot_ros.scenario.signal import StickSignal
+from ballbot_ros.simulation.closed_loop import ClosedLoop
+from ballbot_ros.simulation.trajectory import TrajectoryLog
+from ballbot_ros.studies.compilation import can_compile, compiled_and_kept
+from ballbot_ros.studies.events import event_part, scenarios_of
+from ballbot_ros.studies.kernel import END, Events, Floor, Log, simulate_runs
+from ballbot_ros.studies.measurement import measure_runs
+from ballbot_ros.studies.rows import RobotRows, program_rows, whole_values
+from ballbot_ros.studies.variables import DURATION
+from ballbot_ros.timing import FIRST_TICK_NS, SECOND_NS, TICK_NS
+from ballbot_ros.world.clearance import NO_WALLS
+from ballbot_ros.world.world import World, half_cells, is_blocked
+
+_LOG_BYTES = 2**20
+"""Size of the log of the runs that are simulated together: it stays in the processor's cache."""
+_BYTES_A_TICK = 34
+
+_PLACE = ('start_position_x', 'start_position_y', 'body_depth', 'body_width')
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Samples:
+    """What distinguishes runs from each other.
+
+    Attributes
+    ----------
+    count : int
+        Number of runs.
+    values : mapping of str to ndarray
+        Values of parameters by ``node.param``, one for each run.
+    scenarios : sequence of Scenario
+        Sticks and pushes of each run; empty if only numbers of the scenario's own vary.
+    events : mapping of str to ndarray
+        The varied numbers of the scenario's sticks and pushes, one for each run.
+    first : int
+        Number of the first run, for error messages.
+    """
+
+    count: int
+    values: Mapping[str, NDArray[Any]]
+    scenarios: Sequence[Scenario] = ()
+    events: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    first: int = 0
+
+    def part(self, first: int, last: int) -> Samples:
+        """Return the samples of the runs from `first` up to, but not including, `last`."""
+        return Samples(
+            last - first,
+            {name: column[first:last] for name, column in self.values.items()},
+            self.scenarios[first:last],
+            {name: column[first:last] for name, column in self.events.items()},
+            self.first + first,
+        )
+
+
+@dataclass(frozen=True)
+class Results:
+    """What is kept of runs; a row for each.
+
+    Attributes
+    ----------
+    duty_sha256 : ndarray of uint8, shape (r, 32)
+        Hashes of the duties.
+    ticks : ndarray of int64, shape (r,)
+        Numbers of ticks.
+    failed : ndarray of bool, shape (r,)
+        Whether a wall hit or a fault of the controller ended the run.
+    fallen : ndarray of bool, shape (r,)
+        Whether the robot has fallen.
+    measured : ndarray of float64, shape (r, m)
+        Values of the measures; NaN if there are no data.
+    """
+
+    duty_sha256: NDArray[np.uint8]
+    ticks: NDArray[np.int64]
+    failed: NDArray[np.bool_]
+    fallen: NDArray[np.bool_]
+    measured: Floats
+
+    def part(self, runs: slice) -> Results:
+        """Return the part of some runs, in the same memory."""
+        return Results(
+            self.duty_sha256[runs],
+            self.ticks[runs],
+            self.failed[runs],
+            self.fallen[runs],
+            self.measured[runs],
+        )
+
+    @classmethod
+    def empty(cls, runs: int, measures: int) -> Results:
+        """Return results to be filled."""
+        return cls(
+            np.zeros((runs, hashlib.sha256().digest_size), np.uint8),
+            np.zeros(runs, np.int64),
+            np.zeros(runs, np.bool_),
+            np.zeros(runs, np.bool_),
+            np.full((runs, measures), math.nan),
+        )
+
+
+Advance = Callable[[int], None]
+"""Called with the number of runs done since the last call; may raise an error to end the work."""
+
+
+def _ignore(runs: int) -> None:
+    """Show no progress."""
+
+
+class Simulator(Protocol):
+    """Simulates runs of a specification."""
+
+    def simulate(self, samples: Samples, advance: Advance = _ignore) -> Results:
+        """Return the results of runs; BallbotError if one of them is not possible."""
+
+
+def simulator_for(spec: RunSpec, measures: Sequence[Measure]) -> Simulator:
+    """Return the fastest simulator of a specification's runs."""
+    kind = CompiledSimulator if is_compiled(spec) else OrdinarySimulator
+    return kind(spec, measures)
+
+
+def is_compiled(spec: RunSpec) -> bool:
+    """Return whether a specification's runs are compiled: those of the document's program."""
+    return has_documents_program(spec) and can_compile()
+
+
+def has_documents_program(spec: RunSpec) -> bool:
+    """Return whether the controller is the document's program in Python."""
+    return spec.parameters.of(ControllerParameters).implementation == 'python'
+
+
+class OrdinarySimulator:
+    """Simulates runs one by one by the ordinary loop, whatever the controller.
+
+    Parameters
+    ----------
+    spec : RunSpec
+        The run that all are like, but for their samples.
+    measures : sequence of Measure
+        What is measured.
+    """
+
+    def __init__(self, spec: RunSpec, measures: Sequence[Measure]) -> None:
+        self._spec = spec
+        self._measures = measures
+
+    def simulate(self, samples: Samples, advance: Advance = _ignore) -> Results:
+        """Return the results of runs.
+
+        Raises
+        ------
+        BallbotError
+            If a value is not allowed, a start position is blocked, or a controller can't be made.
+        """
+        results = Results.empty(samples.count, len(self._measures))
+        scenarios = scenarios_of_runs(self._spec, samples)
+        for run in range(samples.count):
+            values = {name: column[run] for name, column in samples.values.items()}
+            scenario = scenarios[run] if scenarios else self._spec.scenario
+            self._simulate(run, values, scenario, results)
+            advance(1)
+        return results
+
+    def _simulate(
+        self, run: int, values: Mapping[str, Any], scenario: Scenario, results: Results
+    ) -> None:
+        parameters = with_values(self._spec.parameters, values)
+        loaded = compose_controller(parameters)
+        plant = parameters.of(PlantParameters)
+        implementation = guarded_implementation(parameters.of(ControllerParameters), plant, loaded)
+        loop = ClosedLoop(parameters, scenario, program=implementation.make())
+        log = TrajectoryLog()
+        failed = False
+        try:
+            for tick in loop.ticks(plant.duration):
+                log.add(tick.truth, *tick.outputs.duty)
+        except ControllerError:
+            failed = True
+        trajectory = log.trajectory()
+        walls = loop.world.walls if loop.world else NO_WALLS
+        results.duty_sha256[run] = np.frombuffer(bytes.fromhex(log.duty_sha256), np.uint8)
+        results.ticks[run] = log.ticks
+        results.failed[run] = failed or loop.plant.stopped
+        results.fallen[run] = loop.plant.fallen
+        for number, each in enumerate(self._measures):
+            results.measured[run, number] = measure_one(each, trajectory, plant, walls)
+
+
+class CompiledSimulator:
+    """Simulates runs of the document's control program by compiled code.
+
+    The parameters are those of :class:`OrdinarySimulator`.
+
+    Raises
+    ------
+    BallbotError
+        If the code can't be compiled, or the map can't be read.
+    """
+
+    def __init__(self, spec: RunSpec, measures: Sequence[Measure]) -> None:
+        self._spec = spec
+        self._measures = measures
+        self._world = World.of(spec.plant)
+        self._floor = floor_of(self._world)
+        self._run = compiled_and_kept(simulate_runs)
+        self._measure = {
+            each.metric: compiled_and_kept(
+                measure_runs, each.metric, {'metric': METRICS[each.metric].compute}
+            )
+            for each in measures
+        }
+
+    def simulate(self, samples: Samples, advance: Advance = _ignore) -> Results:
+        """Return the results of runs.
+
+        Raises
+        ------
+        BallbotError
+            If a value is not allowed, or a start position is blocked.
+        """
+        results = Results.empty(samples.count, len(self._measures))
+        rows = RobotRows(self._spec.parameters, samples.values, samples.count)
+        durations = rows[PlantParameters]['duration']
+        ticks = max((round(each * SECOND_NS) // TICK_NS for each in durations.tolist()), default=0)
+        time = time_of(ticks)
+        together = max(1, _LOG_BYTES // (max(ticks, 1) * _BYTES_A_TICK))
+        log = Log(
+            np.zeros((together, ticks, 2)),
+            np.zeros((together, ticks, 2)),
+            np.zeros((together, ticks, 2), np.int8),
+        )
+        self._check_starts(rows, samples.values)
+        scenarios = scenarios_of_runs(self._spec, samples)
+        events = events_of(scenarios or [self._spec.scenario])
+        for first in range(0, samples.count, together):
+            runs = slice(first, min(first + together, samples.count))
+            part = Events(*(each[runs] for each in events)) if scenarios else events
+            self._simulate(rows.part(runs), part, log, time, results.part(runs))
+            advance(runs.stop - runs.start)
+        return results
+
+    def _check_starts(self, rows: RobotRows, varied: Container[str]) -> None:
+        """Raise WorldError if the body of a robot begins in a wall."""
+        if self._world is None or not any(f'{PLANT}.{name}' in varied for name in _PLACE):
+            return
+        plants = rows[PlantParameters]
+        places = np.unique(np.stack([plants[name] for name in _PLACE], axis=1), axis=0)
+        for x, y, depth, width in places.tolist():
+            footprint = self._world.footprint._replace(
+                half_u=half_cells(depth), half_v=half_cells(width)
+            )
+            on_map = self._world.map.contains(self._world.map.point((x, y)))
+            if not on_map or is_blocked(footprint, (x, y)):
+                World(self._world.map, depth, width).check_start((x, y))
+
+    def _simulate(
+        self, rows: RobotRows, events: Events, log: Log, time: Floats, results: Results
+    ) -> None:
+        plants = rows[PlantParameters]
+        ends = np.zeros(len(plants), END)
+        self._run(
+            plants, rows[GyroParameters], rows[EncoderParameters], rows[SonarParameters],
+            program_rows(rows[ControllerParameters]), self._floor, events, log, ends,
+        )  # fmt: skip
+        results.ticks[:] = ends['ticks']
+        results.failed[:] = ends['stopped']
+        results.fallen[:] = ends['fallen']
+        for run, ticks in enumerate(ends['ticks'].tolist()):
+            digest = hashlib.sha256(log.duty[run, :ticks]).digest()
+            results.duty_sha256[run] = np.frombuffer(digest, np.uint8)
+        starts = np.stack([plants['start_position_x'], plants['start_position_y']], axis=1)
+        walls = self._world.walls if self._world else NO_WALLS
+        values = np.zeros(len(plants))
+        for number, each in enumerate(self._measures):
+            self._measure[each.metric](
+                plants, starts, ends, log, time, walls, each.start, each.end, values
+            )
+            results.measured[:, number] = values
+
+
+def scenarios_of_runs(spec: RunSpec, samples: Samples) -> Sequence[Scenario]:
+    """Return the sticks and pushes of each run; nothing if they are those of the specification.
+
+    They are made here, from numbers, since they would take much longer to send to other machines.
+
+    Raises
+    ------
+    StudyError
+        If pushes and sticks of a run are not possible; the message names the run.
+    """
+    if samples.scenarios or not samples.events:
+        return samples.scenarios
+    parts = {name: event_part(name, spec.scenario) for name in samples.events}
+    durations = samples.values.get(DURATION, np.full(samples.count, spec.plant.duration))
+    return scenarios_of(spec.scenario, parts, samples.events, durations, samples.first)
+
+
+def with_values(parameters: ParameterSet, values: Mapping[str, Any]) -> ParameterSet:
+    """Return parameters with other values for some, by ``node.param`` or element of it."""
+    changed = ParameterSet()
+    changed.update(parameters)
+    assign_values(changed, whole_values(changed, plain_values(values)))
+    return changed
+
+
+def time_of(ticks: int) -> Floats:
+    """Return the time of each tick since the first [s], as a trajectory has it."""
+    stamps = (FIRST_TICK_NS + TICK_NS * np.arange(ticks)) * 1e-9
+    return stamps - stamps[:1]
+
+
+def floor_of(world: World | None) -> Floor:
+    """Return the walls for the compiled code."""
+    if world is None:
+        nothing = np.zeros((0, 0), np.int32)
+        return Floor(False, nothing, nothing)
+    return Floor(True, world.footprint.sides, world.footprint.walls_before)
+
+
+def events_of(scenarios: Sequence[Scenario]) -> Events:
+    """Return pushes and sticks for the compiled code; the first axis is that of the scenarios."""
+    pushes = [each.pushes_from(FIRST_TICK_NS) for each in scenarios]
+    most = max(map(len, pushes))
+    # What is missing begins and ends at time 0, before the run.
+    times, forces = np.zeros((len(pushes), most, 2), np.int64), np.zeros((len(pushes), most, 2))
+    for run, each in enumerate(pushes):
+        for number, push in enumerate(each):
+            times[run, number] = push.start_ns, push.end_ns
+            forces[run, number] = push.force
+    return Events(
+        times,
+        forces,
+        _points_of([each.vertical for each in scenarios]),
+        _points_of([each.horizontal for each in scenarios]),
+    )
+
+
+def _points_of(signals: Sequence[StickSignal]) -> Floats:
+    points = [np.transpose(each.points) for each in signals]
+    table = np.zeros((len(points), max(map(len, points)), 2))
+    # What is missing is neutral, after the last point.
+    table[:, :, 0] = math.inf
+    for run, each in enumerate(points):
+        table[run, : len(each)] = each
+    return table

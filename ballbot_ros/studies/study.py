@@ -1,0 +1,128 @@
+"""Studies: what varies from run to run of a scenario, and what is measured."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+from numpy.typing import NDArray
+
+from ballbot_ros.parameters import PlantParameters
+from ballbot_ros.run.spec import RunSpec
+from ballbot_ros.scenario.scenario import Expectation, Measure, Scenario
+from ballbot_ros.studies.distributions import Levels
+from ballbot_ros.studies.events import EventPart
+from ballbot_ros.studies.runs import Samples
+from ballbot_ros.studies.variables import DURATION, SEED, Variable
+from ballbot_ros.text_enum import TextEnum
+
+MAX_RUNS = 10**9
+"""Largest number of runs of a study."""
+
+
+class Sampling(TextEnum):
+    """How the values of the variables are chosen."""
+
+    RANDOM = 'random'
+    LATIN_HYPERCUBE = 'latin_hypercube'
+    SOBOL = 'sobol'
+    HALTON = 'halton'
+    GRID = 'grid'
+
+
+@dataclass(frozen=True)
+class Study:
+    """A study, as read from its file.
+
+    Attributes
+    ----------
+    name, purpose : str
+        Name of the file, and one line on the purpose.
+    text : str
+        Text of the file.
+    runs : int
+        Number of runs; for a grid a multiple of the number of its points.
+    seed : int
+        Seed of the samples.
+    variables : tuple of Variable
+        In the order of the file.
+    draws_seeds : bool
+        Whether each run has its own seed of the device noise, drawn with the samples.
+    metrics : tuple of str
+        Metrics of the whole run.
+    spec : RunSpec
+        The run that all are like, but for their samples.
+    """
+
+    name: str
+    purpose: str
+    text: str
+    runs: int
+    seed: int
+    sampling: Sampling
+    variables: tuple[Variable, ...]
+    draws_seeds: bool
+    metrics: tuple[str, ...]
+    expectations: tuple[Expectation, ...]
+    spec: RunSpec
+
+    @property
+    def measures(self) -> tuple[Measure, ...]:
+        """What is measured: the metrics of the whole run, then the windows of expectations."""
+        whole = [Measure(metric) for metric in self.metrics]
+        windows = [each.measure for each in self.expectations]
+        return tuple(dict.fromkeys([*whole, *windows]))
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """The names of what distinguishes the runs: the variables, and the seed if it is drawn."""
+        names = tuple(each.name for each in self.variables)
+        return (*names, SEED) if self.draws_seeds else names
+
+    @property
+    def points(self) -> int:
+        """The number of points of the grid; for other samplings the number of runs."""
+        if self.sampling is not Sampling.GRID:
+            return self.runs
+        return grid_points(self.variables)
+
+    @cached_property
+    def parts(self) -> Mapping[str, EventPart]:
+        """The variables that are parts of pushes and sticks."""
+        return {each.name: each.part for each in self.variables if each.part is not None}
+
+    def samples(self, columns: Mapping[str, NDArray[Any]], first: int = 0) -> Samples:
+        """Return the samples of consecutive runs, given the values of all of :attr:`columns`.
+
+        Parameters
+        ----------
+        columns : mapping of str to ndarray
+            Each (r,).
+        first : int
+            Number of the first run, for error messages.
+        """
+        count = len(columns[self.columns[0]])
+        values = {name: columns[name] for name in self.columns if name not in self.parts}
+        events = {name: columns[name] for name in self.parts}
+        return Samples(count, values, events=events, first=first)
+
+    @property
+    def common_scenario(self) -> tuple[Scenario, PlantParameters]:
+        """The scenario that all runs are like, and its plant, for a scenario file.
+
+        The expectations are the study's. It is as long as the longest run.
+        """
+        ends = {each.name: each.distribution.ends for each in self.variables}
+        plant = self.spec.plant
+        if DURATION in ends:
+            plant = replace(plant, duration=float(ends[DURATION][1]))
+        return replace(self.spec.scenario, expectations=self.expectations), plant
+
+
+def grid_points(variables: tuple[Variable, ...]) -> int:
+    """Return the number of combinations of the levels of all variables."""
+    levels = [each.distribution for each in variables]
+    return math.prod(len(each.levels) for each in levels if isinstance(each, Levels))

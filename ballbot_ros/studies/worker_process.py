@@ -1,0 +1,67 @@
+"""A process of its own that does parts of a study: for runs that are not compiled."""
+
+from __future__ import annotations
+
+import sys
+from contextlib import suppress
+from multiprocessing.connection import Connection
+
+from ballbot_ros.errors import BallbotError, one_line
+from ballbot_ros.nodes.processes import end_with_parent, exit_description
+from ballbot_ros.run.child_process import start_child
+from ballbot_ros.studies.errors import StudyError
+from ballbot_ros.studies.job import Job
+from ballbot_ros.studies.manifest import PartSummary
+from ballbot_ros.studies.runs import Samples
+
+
+class WorkerProcess:
+    """A process that does one part after another."""
+
+    def __init__(self) -> None:
+        self._process, self._connection = start_child(__name__)
+        self._connection.send(sys.path)
+
+    def do(self, job: Job, part: int, samples: Samples) -> PartSummary:
+        """Have a part done.
+
+        Raises
+        ------
+        StudyError
+            If it is not possible, or the process ends.
+        """
+        try:
+            self._connection.send((job, part, samples))
+            answer = self._connection.recv()
+        except (OSError, EOFError):
+            end = exit_description(self._process.wait())
+            raise StudyError(
+                f'a worker process {end}; the same command goes on from there'
+            ) from None
+        if isinstance(answer, str):
+            raise StudyError(answer)
+        assert isinstance(answer, PartSummary)
+        return answer
+
+    def kill(self) -> None:
+        """End the process; a part in work is given up."""
+        self._process.kill()
+
+
+def main() -> None:
+    """Do parts until the parent closes the connection."""
+    if not end_with_parent():
+        return
+    connection = Connection(int(sys.argv[1]))
+    with suppress(EOFError, OSError):  # the parent has ended, or needs no more
+        sys.path[:] = connection.recv()
+        while True:
+            job, part, samples = connection.recv()
+            connection.send(_answer(job, part, samples))
+
+
+def _answer(job: Job, part: int, samples: Samples) -> PartSummary | str:
+    try:
+        return job.do(part, samples, lambda runs: None)
+    except BallbotError as error:
+        return one_line(error)

@@ -1,0 +1,172 @@
+"""Pushes and sticks that vary, and the runs of a study as scenarios."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from laws import refusal
+from study_reruns import rerun_of
+
+from ballbot_ros.parameters import PlantParameters
+from ballbot_ros.run.execution import execute
+from ballbot_ros.scenario.scenario import ScheduledPush
+from ballbot_ros.studies.errors import StudyError
+from ballbot_ros.studies.library import read_study
+from ballbot_ros.studies.runs import (
+    CompiledSimulator,
+    OrdinarySimulator,
+    scenarios_of_runs,
+    with_values,
+)
+from ballbot_ros.studies.sampling import Sampler
+
+PUSHES = """purpose: x
+scenario: push
+profile: hardware
+parameters: {plant_sim: {duration: 16}}
+runs: 50
+vary:
+  push.1.force: {uniform: [0.0, 3.0]}
+  push.1.direction: {uniform: [-180.0, 180.0]}
+  push.2.time: {uniform: [5.0, 6.0]}
+  push.3.duration: {uniform: [0.05, 0.3]}
+  plant_sim.body_mass: {uniform: [0.6, 0.8]}
+  controller.k_f.2: {uniform: [-1.7, -1.5]}
+expectations:
+  peak_pitch_deg: {max: 5.0}
+  peak_position_m: {max: 0.2, from: 3.0, to: 7.0}
+"""
+STICKS = """purpose: x
+scenario: square
+runs: 20
+vary:
+  stick.vertical.forward.value: {list: [-100, -50, 30]}
+  stick.vertical.backward.from: {uniform: [20.0, 21.0]}
+  stick.horizontal.right.to: {uniform: [13.0, 15.0]}
+  plant_sim.duration: {uniform: [34.0, 36.0]}
+expectations: {peak_pitch_deg: {max: 5.0}}
+"""
+
+
+@pytest.fixture(scope='module')
+def study_of(tmp_path_factory):
+    def study(text):
+        path = tmp_path_factory.mktemp('studies') / 'mine.yaml'
+        path.write_text(text)
+        return read_study(str(path))
+
+    return study
+
+
+def row_of(samples, run):
+    return {name: column[run] for name, column in {**samples.values, **samples.events}.items()}
+
+
+def test_a_push_keeps_everything_but_what_varies(study_of):
+    study = study_of(PUSHES)
+    samples = Sampler(study).part(0, 5)
+    before = study.spec.scenario.pushes
+    for run, scenario in enumerate(scenarios_of_runs(study.spec, samples)):
+        row = row_of(samples, run)
+        one, two, three, four = scenario.pushes
+        assert one == ScheduledPush(
+            before[0].time,
+            before[0].duration,
+            force=row['push.1.force'],
+            direction=row['push.1.direction'],
+        )
+        assert two.time == row['push.2.time']
+        assert two.components == before[1].components
+        assert three.duration == row['push.3.duration']
+        assert four == before[3]
+
+
+def test_a_segment_keeps_everything_but_what_varies(study_of):
+    study = study_of(STICKS)
+    samples = Sampler(study).part(0, 5)
+    for run, scenario in enumerate(scenarios_of_runs(study.spec, samples)):
+        row = row_of(samples, run)
+        forward, backward = scenario.vertical.segments
+        value = row['stick.vertical.forward.value']
+        assert forward.points == ((2.0, value), (6.0, value))
+        assert backward.points == ((row['stick.vertical.backward.from'], 100.0), (24.0, 100.0))
+        assert scenario.horizontal.segments[0].end == row['stick.horizontal.right.to']
+        assert scenario.horizontal.segments[1] == study.spec.scenario.horizontal.segments[1]
+
+
+def test_what_a_run_cannot_have_is_refused_with_its_number(study_of):
+    pushes, sticks = study_of(PUSHES), study_of(STICKS)
+    for study, name, value, told in (
+        (pushes, 'push.2.time', 16.0, 'push.2: a push begins after the end of the run (run 12)'),
+        (pushes, 'push.3.duration', 0.0, 'push.3: must last longer than 0 s (run 12)'),
+        (
+            sticks,
+            'stick.vertical.backward.from',
+            25.0,
+            'stick.vertical.backward: time goes back from 25 to 24 s (run 12)',
+        ),
+        (
+            sticks,
+            'stick.vertical.backward.from',
+            5.0,
+            "'backward' begins at 5 s, 'forward' lasts until 6 s (run 12)",
+        ),
+    ):
+        part = Sampler(study).part(10, 14)
+        columns = {**part.values, **part.events}
+        columns[name] = np.where(np.arange(4) == 2, value, columns[name])
+        samples = study.samples(columns, 10)
+        message = refusal(StudyError, scenarios_of_runs, study.spec, samples)
+        assert message.startswith(name.rpartition('.')[0].removesuffix('.backward')), message
+        assert message.endswith(told), message
+
+
+@pytest.mark.parametrize('text', [PUSHES, STICKS])
+def test_any_run_can_be_repeated_from_a_scenario_file(study_of, text, tmp_path):
+    study = study_of(text)
+    samples = Sampler(study).part(0, 3)
+    scenarios = scenarios_of_runs(study.spec, samples)
+    compiled = CompiledSimulator(study.spec, study.measures).simulate(samples)
+    ordinary = OrdinarySimulator(study.spec, study.measures).simulate(samples.part(1, 2))
+    np.testing.assert_array_equal(compiled.duty_sha256[1:2], ordinary.duty_sha256)
+    for run in range(2):
+        spec = rerun_of(study, samples, run, tmp_path / str(run))
+        again = spec.scenario
+        assert again.pushes == scenarios[run].pushes
+        for stick in ('vertical', 'horizontal'):
+            segments = getattr(scenarios[run], stick).segments
+            assert getattr(again, stick).segments == segments
+        assert again.expectations == study.expectations
+        result = execute(spec)
+        assert result.duty_sha256 == compiled.duty_sha256[run].tobytes().hex()
+
+
+OTHER_PLANTS = (
+    # Shorter than the scenario: its last pushes are not reached.
+    ('push', 'duration: 9, hold_time: 0.5', 'push.1.force: {uniform: [0.0, 2.0]}',
+     'peak_pitch_deg: {max: 9.0, to: 0.75}'),
+    # Longer, with a push and a window after the scenario's end.
+    ('push', 'duration: 30', 'push.4.time: {uniform: [23.0, 25.0]}',
+     'peak_pitch_deg: {max: 9.0, to: 29.0}'),
+    ('push', 'ball_mass: 0.02', 'plant_sim.duration: {uniform: [25.0, 40.0]}',
+     'peak_pitch_deg: {max: 9.0, to: 25.0}'),
+    # Another map and start.
+    ('stationary', 'map: track, start_position_x: -0.7, start_position_y: -0.55',
+     'plant_sim.body_mass: {uniform: [0.6, 0.8]}', 'wall_clearance_m: {min: 0.0}'),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(('scenario', 'plant', 'vary', 'expectation'), OTHER_PLANTS)
+def test_a_scenario_file_fits_a_plant_other_than_its_own(
+    study_of, scenario, plant, vary, expectation, tmp_path
+):
+    study = study_of(
+        f'purpose: x\nscenario: {scenario}\nruns: 5\nparameters: {{plant_sim: {{{plant}}}}}\n'
+        f'vary:\n  {vary}\nexpectations:\n  {expectation}\n'
+    )
+    samples = Sampler(study).part(3, 4)
+    spec = rerun_of(study, samples, 0, tmp_path)
+    assert spec.scenario.expectations == study.expectations
+    varied = {name: each[0] for name, each in samples.values.items()}
+    plant = with_values(study.spec.parameters, varied).of(PlantParameters)
+    assert spec.plant == replace(plant, scenario=spec.plant.scenario)

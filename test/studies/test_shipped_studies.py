@@ -1,0 +1,55 @@
+"""The shipped studies."""
+
+import numpy as np
+import pytest
+from study_reruns import rerun_of
+
+from ballbot_ros.scenario.library import load_scenario
+from ballbot_ros.studies.library import read_study, study_names
+from ballbot_ros.studies.rerun import scenario_text
+from ballbot_ros.studies.rows import ROBOT_CLASSES
+from ballbot_ros.studies.runs import CompiledSimulator, with_values
+from ballbot_ros.studies.sampling import Sampler
+from ballbot_ros.studies.study import Sampling
+
+RUNS = 24
+
+
+def test_the_studies_are_shipped():
+    assert study_names() == ['basin', 'delay_and_gain', 'robustness', 'sensitivity']
+
+
+@pytest.mark.parametrize('name', study_names())
+def test_a_shipped_study_has_cases_that_pass_and_cases_that_fail(name):
+    study = read_study(name)
+    assert study.name == name
+    assert 5000 <= study.runs <= 20_000
+    # Spread over the whole study, in order.
+    whole = Sampler(study).part(0, study.runs)
+    chosen = np.linspace(0, study.runs - 1, RUNS).astype(int)
+    if study.sampling is Sampling.GRID:
+        chosen = np.random.default_rng(1).permutation(study.runs)[:RUNS]
+    columns = {each: column[chosen] for each, column in whole.values.items()}
+    results = CompiledSimulator(study.spec, study.measures).simulate(study.samples(columns))
+    passed = ~results.failed
+    for each in study.expectations:
+        values = results.measured[:, study.measures.index(each.measure)]
+        passed &= [each.holds(value) for value in values]
+    assert 0 < passed.sum() < RUNS
+    assert len({each.tobytes() for each in results.duty_sha256}) == RUNS
+
+
+@pytest.mark.parametrize('name', study_names())
+def test_a_run_of_a_shipped_study_can_be_a_scenario(name, tmp_path):
+    study = read_study(name)
+    samples = Sampler(study).part(5, 6)
+    row = {each: column[0] for each, column in samples.values.items()}
+    again = rerun_of(study, samples, 0, tmp_path)
+    expected = with_values(study.spec.parameters, row)
+    # The name of the scenario is that of the new file.
+    expected.set('plant_sim', 'scenario', again.plant.scenario)
+    path = tmp_path / 'base.yaml'
+    for cls in ROBOT_CLASSES:
+        assert again.parameters.of(cls) == expected.of(cls)
+    path.write_text(scenario_text(*study.common_scenario))
+    assert load_scenario(str(path)).expectations == study.expectations
