@@ -51,7 +51,8 @@ CONTENT = {
     'expectations': {'peak_pitch_deg': {'max': 10.0}},
 }
 SMALL = {
-    'scenario': 'stationary', 'runs': RUNS_PER_PART * MOST_PARTS * KILLS, 'parameters': {'plant_sim': {'duration': 1.0}},
+    'scenario': 'stationary', 'runs': RUNS_PER_PART * MOST_PARTS * KILLS,
+    'parameters': {'plant_sim': {'duration': 1.0}},
     'vary': {'plant_sim.body_mass': {'uniform': [0.6, 0.75]}},
 }  # fmt: skip
 
