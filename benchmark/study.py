@@ -6,24 +6,27 @@ Each is compared with the ordinary loop of the same scenario, alternately.
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from itertools import count
 from pathlib import Path
 
 import yaml
+from distributed import Client
 from rich.console import Console
 
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.simulation.closed_loop import ClosedLoop
 from ballbot_ros.simulation.trajectory import TrajectoryLog
-from ballbot_ros.studies.execution import run_study
+from ballbot_ros.studies.cluster import workers_of
+from ballbot_ros.studies.execution import LocalWorkers, WorkersOfJob, run_study
 from ballbot_ros.studies.job import job_of
 from ballbot_ros.studies.library import read_study
 from ballbot_ros.studies.manifest import PartSummary
@@ -40,6 +43,8 @@ RATIOS = {
 
 ORDINARY_S = 3.0
 """Wall time for which the ordinary loop is measured [s]."""
+
+CLUSTER_RUNS = 100_000
 
 FEW, MANY = 1_000, 1_000_000
 SHORT_S = 2.0
@@ -72,6 +77,7 @@ def measure_studies(repeat: int, progress: Console) -> list[Figure]:
             *(_ratio(name, repeat, folders, progress) for name in RATIOS),
             _cores(repeat, folders, progress),
             _growth(repeat, folders, progress),
+            _cluster(repeat, folders, progress),
             *_command(repeat, folders, progress),
         ]
 
@@ -97,6 +103,47 @@ def _cores(repeat: int, folders: Iterator[Path], progress: Console) -> Figure:
         progress.print(f'{number}/{repeat} one core {one:.2f} s, two {two:.2f} s')
         ratios.append(one / two)
     return Figure('study_cores', 'two cores / one', RATIO, ratios, 1.8, 1.95)
+
+
+def _cluster(repeat: int, folders: Iterator[Path], progress: Console) -> Figure:
+    ratios = []
+    with _dask(2) as address:
+        # Both workers load the compiled code.
+        _timed('stationary', 1_000, folders, workers=workers_of(address))
+        for number in range(1, repeat + 1):
+            # Local processes have one core each, as the workers have.
+            here = _timed('stationary', CLUSTER_RUNS, folders, cores=2)
+            there = _timed('stationary', CLUSTER_RUNS, folders, workers=workers_of(address))
+            progress.print(f'{number}/{repeat} two cores {here:.2f} s, two workers {there:.2f} s')
+            ratios.append(here / there)
+    label = 'speed of two Dask workers / two cores of one process'
+    return Figure('study_cluster', label, RATIO, ratios, 0.9, 0.97)
+
+
+@contextmanager
+def _dask(workers: int) -> Iterator[str]:
+    """Run a scheduler with workers of one thread each on the loopback; yield its address."""
+    loopback = ['--host', '127.0.0.1', '--dashboard-address', '127.0.0.1:0']
+    command = [sys.executable, '-m', 'dask']
+    with tempfile.TemporaryDirectory(prefix='ballbot_bench_') as scratch, ExitStack() as stack:
+
+        def start(*words: str) -> None:
+            process = subprocess.Popen(
+                [*command, *words, *loopback], cwd=scratch, stderr=subprocess.DEVNULL
+            )
+            stack.callback(process.wait)
+            stack.callback(process.kill)
+
+        file = Path(scratch) / 'scheduler.json'
+        start('scheduler', '--port', '0', '--scheduler-file', str(file))
+        while not (file.exists() and file.read_text(encoding='utf-8').endswith('}')):
+            time.sleep(0.05)
+        address = str(json.loads(file.read_text(encoding='utf-8'))['address'])
+        for _ in range(workers):
+            start('worker', address, '--nthreads', '1', '--no-nanny', '--local-directory', scratch)
+        with Client(address, set_as_default=False) as client:
+            client.wait_for_workers(workers)
+        yield address
 
 
 def _growth(repeat: int, folders: Iterator[Path], progress: Console) -> Figure:
@@ -178,14 +225,15 @@ def _timed(
     folders: Iterator[Path],
     duration: float | None = None,
     cores: int | None = None,
+    workers: WorkersOfJob = LocalWorkers,
 ) -> float:
-    """Return the time [s] of a study in this process, on all cores or so many."""
+    """Return the time [s] of a study in this process, on all cores or so many, or by workers."""
     path = _write_study(next(folders), scenario, runs, duration)
     study = read_study(str(path))
     job, sampler = job_of(study, path.parent / 'results'), Sampler(study)
     with _affinity(cores):
         begun = time.perf_counter()
-        run_study(job, sampler.part, _Quiet())
+        run_study(job, sampler.part, _Quiet(), workers)
         return time.perf_counter() - begun
 
 

@@ -85,10 +85,10 @@ def end(process):
 
 
 @contextmanager
-def forked_workers(address, folder):
+def forked_workers(address, folder, study):
     """Return a function that starts a worker and returns its process id, a hundred times faster."""
     with subprocess.Popen(
-        [sys.executable, Path(__file__).with_name('forked_workers.py'), address, str(folder)],
+        [sys.executable, str(ROOT / 'test/forked_workers.py'), address, str(folder), str(study)],
         env=environment(), stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1,
     ) as program:  # fmt: skip
         processes = []

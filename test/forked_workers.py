@@ -1,6 +1,7 @@
 """Workers of Dask that start at once, since they are forks: so a test can kill a hundred.
 
-Arguments are the address of the scheduler and a folder. Each line of the input starts a worker,
+Arguments are the address of the scheduler, a folder, and a study, whose compiled code is loaded
+before the forks. Each line of the input starts a worker,
 whose process id is printed. At the end of the input all are killed.
 """
 
@@ -10,13 +11,16 @@ import os
 import signal
 import sys
 from contextlib import suppress
+from pathlib import Path
 
 from distributed import Worker
 
-import ballbot_ros.studies.job
-import ballbot_ros.studies.packed_job
-import ballbot_ros.studies.worker_versions
-from ballbot_ros.studies.part_file import load_pyarrow
+from ballbot_ros.studies.job import job_of
+from ballbot_ros.studies.library import read_study
+from ballbot_ros.studies.packed_job import PackedJob
+from ballbot_ros.studies.runs import simulator_for
+from ballbot_ros.studies.sampling import Sampler
+from ballbot_ros.studies.worker_versions import worker_versions
 
 
 async def serve(address, folder):
@@ -26,9 +30,16 @@ async def serve(address, folder):
         await worker.finished()
 
 
-def main(address, folder):
-    load_pyarrow()
-    ballbot_ros.studies.worker_versions.worker_versions()
+def load(path):
+    study = read_study(path)
+    job = job_of(study, Path())
+    PackedJob.of(job)
+    simulator_for(job.spec, job.measures).simulate(Sampler(study).part(0, 1))
+    worker_versions()
+
+
+def main(address, folder, study):
+    load(study)
     logging.getLogger('distributed').setLevel(logging.CRITICAL)
     # The system reaps those that are killed.
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)
