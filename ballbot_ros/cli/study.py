@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -88,8 +89,12 @@ def run(
         folder = folder_of(described.name, output)
         job = job_of(described, folder)
         workers = LocalWorkers if cluster is None else workers_of(cluster)
-        with StudyProgress(described.name) as progress:
-            stopped = run_study(job, Sampler(described).part, progress, workers, again=again)
+        try:
+            with StudyProgress(described.name) as progress:
+                stopped = run_study(job, Sampler(described).part, progress, workers, again=again)
+        except KeyboardInterrupt:
+            # Ctrl-C once more: Python would wait for its threads, one of which may be compiling.
+            os._exit(130)
     if stopped:
         click.echo(f'stopped; the same command goes on from there: {folder}', err=True)
         return 128 + stopped
@@ -169,11 +174,14 @@ def _execute(spec: RunSpec, expected: str, as_json: bool) -> int:
     from ballbot_ros.cli.progress import Progress
     from ballbot_ros.cli.result import print_json, print_table
     from ballbot_ros.run.execution import execute
+    from ballbot_ros.simulation.outcome import Outcome
     from ballbot_ros.standard_streams import stdout_to_stderr
 
     with Progress(spec.name, spec.plant.duration) as progress, stdout_to_stderr():
         result = execute(spec, progress)
     (print_json if as_json else print_table)(spec, result)
+    if result.outcome is Outcome.STOPPED or result.duty_sha256 is None:
+        return result.exit_status  # it did not get far enough to be compared
     if result.duty_sha256 == expected:
         click.echo(f'duties  as in the study: {expected}', err=as_json)
         return result.exit_status

@@ -6,6 +6,7 @@ import json
 import shlex
 
 from rich.console import Console
+from rich.measure import Measurement
 from rich.table import Table
 
 from ballbot_ros.analysis.metrics import number
@@ -14,13 +15,15 @@ from ballbot_ros.studies.columns import MeasureColumn
 from ballbot_ros.studies.study_data import QUANTILES, MeasureSummary, StudyData, StudySummary
 
 WORST_SHOWN = 3
+_UNLIMITED = 10_000
 
 
 def print_summary(data: StudyData) -> None:
     """Print the share that passed, quantiles of the measures, and the worst runs."""
     summary, study = data.summary(WORST_SHOWN), data.study
     console = Console(highlight=False, markup=False)
-    title = f'{study.name}, {summary.totals.runs:,} runs, seed {study.seed}'
+    count = summary.totals.runs
+    title = f'{study.name}, {count:,} run{"s" * (count > 1)}, seed {study.seed}'
     quantiles = Table(title=title, title_justify='left')
     quantiles.add_column('measure', no_wrap=True)
     for share in QUANTILES:
@@ -32,8 +35,12 @@ def print_summary(data: StudyData) -> None:
     for each in summary.measures:
         quantiles.add_row(_name(each.column), *(f'{value:.3g}' for value in each.quantiles))
         worst.add_row(each.column.name, bounds_text(each.column), _worst_runs(each))
-    # A pipe has no width; a measure that is cut off would be of no use.
-    console.width = max(console.width, console.measure(quantiles).maximum)
+    # A number or a name that is cut off would be of no use.
+    unlimited = console.options.update(max_width=_UNLIMITED)
+    console.width = max(
+        console.width, Measurement.get(console, unlimited, quantiles).maximum,
+        Measurement.get(console, unlimited, worst).minimum,
+    )  # fmt: skip
     console.print(quantiles)
     console.print(worst)
     for line in _lines(data, summary):
@@ -44,13 +51,28 @@ def _lines(data: StudyData, summary: StudySummary) -> list[str]:
     totals, measures = summary.totals, summary.measures
     lines = [f'passed   {share_text(totals)}']
     if totals.failed:
-        lines.append(f'failed   {totals.failed:,} runs: they ended early')
+        lines.append(f'failed   {totals.failed:,} of the runs: ended early')
     if totals.fallen:
-        lines.append(f'fallen   {totals.fallen:,} robots')
+        lines.append(f'fallen   {totals.fallen:,} of the robots')
+    if totals.runs > 1 and _all_alike(data):
+        lines.append(
+            'note     all runs have the same duties: nothing that varies has an effect here'
+        )
     lines.append(f'results  {data.path}')
     shown = next((each.worst[0].number for each in measures if each.worst), 0)
     lines.append(f'again    ballbot study rerun {shlex.quote(str(data.path))} {shown}')
     return lines
+
+
+def _all_alike(data: StudyData) -> bool:
+    """Return whether all runs have the same duties."""
+    known = None
+    for part in data.parts(['duty_sha256']):
+        hashes = set(part['duty_sha256'].to_pylist())
+        if len(hashes) > 1 or (known is not None and hashes != known):
+            return False
+        known = hashes
+    return True
 
 
 def _name(column: MeasureColumn) -> str:
@@ -59,7 +81,7 @@ def _name(column: MeasureColumn) -> str:
 
 def _worst_runs(summary: MeasureSummary) -> str:
     runs = ', '.join(f'{each.value:.3g} ({each.number})' for each in summary.worst)
-    missing = f'{summary.missing:,} runs without a value' if summary.missing else ''
+    missing = f'without a value: {summary.missing:,}' if summary.missing else ''
     return '; '.join(filter(None, (runs, missing)))
 
 

@@ -13,6 +13,9 @@ from ballbot_ros.analysis.proportion import wilson_interval
 from ballbot_ros.progress import PROGRESS_PERIOD_S
 from ballbot_ros.studies.manifest import PartSummary
 
+_WITH_BAR = 110
+"""Width of the terminal from which on there is room for the bar itself."""
+
 
 class StudyProgress:
     """A bar on a terminal; on a pipe or file only the notices."""
@@ -21,7 +24,7 @@ class StudyProgress:
         self._console = Console(stderr=True, highlight=False, markup=False)
         self._bar = Bar(
             TextColumn('{task.description}', markup=False),
-            BarColumn(bar_width=20),
+            *([BarColumn(bar_width=20)] if self._console.width >= _WITH_BAR else ()),
             TextColumn('{task.fields[text]}'),
             TimeRemainingColumn(compact=True),
             TextColumn('left  {task.fields[passed]}'),
@@ -65,7 +68,7 @@ class StudyProgress:
         self._bar.update(
             self._task,
             completed=done,
-            text=f'{done:,}/{self._runs:,} runs  {speed:,.0f} runs/s ',
+            text=f'{done:,}/{self._runs:,}  {speed:,.0f} runs/s ',
         )
 
     def part(self, summary: PartSummary) -> None:

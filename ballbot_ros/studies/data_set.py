@@ -281,9 +281,13 @@ def _begin_or_resume(folder: Path, study: StudyRecord, now: datetime, lock: _Loc
             manifest = read_manifest(folder)
         except StudyError as error:
             raise StudyError(f'{error}; {_REMEDY}') from None
-        if difference := manifest.study.difference(study):
-            raise StudyError(f'{folder}: has another study: {difference}; {_REMEDY}')
         (folder / PARTS).mkdir(exist_ok=True)
+        if difference := manifest.study.difference(study):
+            if any(each.suffix == '.parquet' for each in (folder / PARTS).iterdir()):
+                raise StudyError(f'{folder}: has another study: {difference}; {_REMEDY}')
+            # Nothing is lost: it ended before its first part.
+            manifest = Manifest(study, now.isoformat(timespec='seconds'))
+            _write_manifest(folder, manifest)
     _remove_temporary(folder)
     return StudyFolder(folder, manifest, lock, resumed=begun)
 

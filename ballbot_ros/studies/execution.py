@@ -20,7 +20,7 @@ from ballbot_ros.studies.job import Job
 from ballbot_ros.studies.kernel import simulate_runs
 from ballbot_ros.studies.manifest import PartSummary
 from ballbot_ros.studies.runs import Advance, Samples, has_documents_program, is_compiled
-from ballbot_ros.studies.worker_process import WorkerProcess
+from ballbot_ros.studies.worker_process import WorkerEndedError, WorkerProcess
 
 ORDINARY_LIMIT_S = 50_000.0
 """Most sim time [s] for which the runs of a study are not compiled, though they could be."""
@@ -99,16 +99,23 @@ class LocalWorkers:
         return self._pool.submit(self._do_in_process, part, samples)
 
     def _do_in_process(self, part: int, samples: Samples) -> PartSummary:
-        """Have a part done by the process of this thread."""
+        """Have a part done by the process of this thread; if that is killed, by another one."""
         process: WorkerProcess | None = getattr(self._of_thread, 'process', None)
-        if self._stopped:
-            raise StoppedError('the study is stopped')
-        if process is None:
-            process = self._of_thread.process = WorkerProcess()
-            self._processes.append(process)
-        summary = process.do(self._job, part, samples)
+        try:
+            summary = (process or self._new_process()).do(self._job, part, samples)
+        except WorkerEndedError:
+            summary = self._new_process().do(self._job, part, samples)
         self._on_runs(summary.runs)
         return summary
+
+    def _new_process(self) -> WorkerProcess:
+        """Start a process for this thread."""
+        process = self._of_thread.process = WorkerProcess()
+        self._processes.append(process)
+        if self._stopped:  # since `stop` may have killed the others already
+            process.kill()
+            raise StoppedError('the study is stopped')
+        return process
 
     def _on_runs(self, runs: int) -> None:
         if self._stopped:
@@ -205,7 +212,8 @@ def _do_parts(
 ) -> int:
     # Outside of the block, in which signals are only noted: a cluster may take seconds to answer.
     doing = workers(job, observer)
-    with StopRequest() as stop, _stopped_finally(doing):
+    # A second signal has its usual effect: it need not wait for a part that is in work.
+    with _stopped_finally(doing), StopRequest() as stop:
         parts = iter(missing)
         in_work: set[Future[PartSummary]] = set()
         while not stop.signal:
@@ -218,6 +226,7 @@ def _do_parts(
             done, in_work = wait(in_work, POLL_S, FIRST_COMPLETED)
             for each in done:
                 observer.part(each.result())
+        observer.notice('stopping: parts in work are given up (Ctrl-C again ends at once)')
         return int(stop.signal)
 
 

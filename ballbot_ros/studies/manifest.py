@@ -167,7 +167,7 @@ class StudyRecord:
             if value == others[key]:
                 continue
             if key in ('name', 'runs', 'seed', *(f'{each} version' for each in _DRAWING)):
-                return f'its {key} is {value}, not {others[key]}'
+                return f'its {key}: {value}, not {others[key]}'
             return f'its {key} differs' if key in _SINGULAR else f'its {key} differ'
         return ''
 

@@ -32,6 +32,7 @@ from ballbot_ros.scenario.signal import StickSignal
 from ballbot_ros.simulation.closed_loop import ClosedLoop
 from ballbot_ros.simulation.trajectory import TrajectoryLog
 from ballbot_ros.studies.compilation import can_compile, compiled_and_kept
+from ballbot_ros.studies.errors import StudyError
 from ballbot_ros.studies.events import event_part, scenarios_of
 from ballbot_ros.studies.kernel import END, Events, Floor, Log, simulate_runs
 from ballbot_ros.studies.measurement import measure_runs
@@ -39,6 +40,7 @@ from ballbot_ros.studies.rows import RobotRows, program_rows, whole_values
 from ballbot_ros.studies.variables import DURATION
 from ballbot_ros.timing import FIRST_TICK_NS, SECOND_NS, TICK_NS
 from ballbot_ros.world.clearance import NO_WALLS
+from ballbot_ros.world.errors import WorldError
 from ballbot_ros.world.world import World, half_cells, is_blocked
 
 _LOG_BYTES = 2**20
@@ -255,14 +257,16 @@ class CompiledSimulator:
         rows = RobotRows(self._spec.parameters, samples.values, samples.count)
         durations = rows[PlantParameters]['duration']
         ticks = max((round(each * SECOND_NS) // TICK_NS for each in durations.tolist()), default=0)
-        time = time_of(ticks)
         together = max(1, _LOG_BYTES // (max(ticks, 1) * _BYTES_A_TICK))
-        log = Log(
-            np.zeros((together, ticks, 2)),
-            np.zeros((together, ticks, 2)),
-            np.zeros((together, ticks, 2), np.int8),
-        )
-        self._check_starts(rows, samples.values)
+        try:
+            time, log = time_of(ticks), _log_of(together, ticks)
+        except MemoryError:
+            size = together * ticks * _BYTES_A_TICK / 1e9
+            raise StudyError(
+                f'a run of {ticks * TICK_NS / SECOND_NS:g} s needs {size:.2g} GB on each core, more '
+                'than this machine has left'
+            ) from None
+        self._check_starts(rows, samples.values, samples.first)
         scenarios = scenarios_of_runs(self._spec, samples)
         events = events_of(scenarios or [self._spec.scenario])
         for first in range(0, samples.count, together):
@@ -272,19 +276,22 @@ class CompiledSimulator:
             advance(runs.stop - runs.start)
         return results
 
-    def _check_starts(self, rows: RobotRows, varied: Container[str]) -> None:
-        """Raise WorldError if the body of a robot begins in a wall."""
+    def _check_starts(self, rows: RobotRows, varied: Container[str], first: int) -> None:
+        """Raise StudyError if the body of a robot begins in a wall; runs count from `first`."""
         if self._world is None or not any(f'{PLANT}.{name}' in varied for name in _PLACE):
             return
         plants = rows[PlantParameters]
-        places = np.unique(np.stack([plants[name] for name in _PLACE], axis=1), axis=0)
-        for x, y, depth, width in places.tolist():
+        places = np.stack([plants[name] for name in _PLACE], axis=1)
+        for run, (x, y, depth, width) in enumerate(places.tolist(), first):
             footprint = self._world.footprint._replace(
                 half_u=half_cells(depth), half_v=half_cells(width)
             )
             on_map = self._world.map.contains(self._world.map.point((x, y)))
             if not on_map or is_blocked(footprint, (x, y)):
-                World(self._world.map, depth, width).check_start((x, y))
+                try:
+                    World(self._world.map, depth, width).check_start((x, y))
+                except WorldError as error:
+                    raise StudyError(f'{error} (run {run})') from None
 
     def _simulate(
         self, rows: RobotRows, events: Events, log: Log, time: Floats, results: Results
@@ -334,6 +341,13 @@ def with_values(parameters: ParameterSet, values: Mapping[str, Any]) -> Paramete
     changed.update(parameters)
     assign_values(changed, whole_values(changed, plain_values(values)))
     return changed
+
+
+def _log_of(runs: int, ticks: int) -> Log:
+    """Return an empty log."""
+    return Log(
+        np.zeros((runs, ticks, 2)), np.zeros((runs, ticks, 2)), np.zeros((runs, ticks, 2), np.int8)
+    )
 
 
 def time_of(ticks: int) -> Floats:

@@ -15,6 +15,10 @@ from ballbot_ros.studies.manifest import PartSummary
 from ballbot_ros.studies.runs import Samples
 
 
+class WorkerEndedError(StudyError):
+    """A worker process has ended."""
+
+
 class WorkerProcess:
     """A process that does one part after another."""
 
@@ -28,14 +32,14 @@ class WorkerProcess:
         Raises
         ------
         StudyError
-            If it is not possible, or the process ends.
+            If it is not possible; WorkerEndedError if the process ends.
         """
         try:
             self._connection.send((job, part, samples))
             answer = self._connection.recv()
         except (OSError, EOFError):
             end = exit_description(self._process.wait())
-            raise StudyError(
+            raise WorkerEndedError(
                 f'a worker process {end}; the same command goes on from there'
             ) from None
         if isinstance(answer, str):

@@ -10,6 +10,7 @@ from ballbot_ros.run.processes import Processes
 from ballbot_ros.run.spec import RunOptions, RunSpec
 from ballbot_ros.scenario.metrics import METRICS
 from ballbot_ros.scenario.scenario import Measure, Scenario
+from ballbot_ros.studies.errors import StudyError
 from ballbot_ros.studies.runs import (
     CompiledSimulator,
     OrdinarySimulator,
@@ -17,7 +18,6 @@ from ballbot_ros.studies.runs import (
     simulator_for,
     with_values,
 )
-from ballbot_ros.world.errors import WorldError
 
 EVERYTHING = [
     *map(Measure, METRICS),
@@ -140,7 +140,7 @@ def test_values_that_are_refused(values, message):
 def test_a_start_in_a_wall_is_refused(place):
     spec = spec_of('autonomous')
     values = {f'plant_sim.{name}': np.array([value]) for name, value in place.items()}
-    with pytest.raises(WorldError, match='puts the body in a wall'):
+    with pytest.raises(StudyError, match=r'puts the body in a wall: .* \(run 0\)'):
         CompiledSimulator(spec, []).simulate(Samples(1, values))
 
 
