@@ -122,7 +122,7 @@ setup(
             'numba>=0.58',
             'pyarrow>=15',
         ],
-        # Studies on the workers of a Dask cluster; all machines need the same release of distributed.
+        # Studies on a Dask cluster, all of whose machines need the same release of distributed.
         'cluster': [
             'distributed>=2024.8',
             'numba>=0.58',
