@@ -124,7 +124,7 @@ setup(
             'pyarrow>=15',
             'SALib>=1.5',
         ],
-        # Studies on the workers of a Dask cluster.
+        # Studies on a Dask cluster, all of whose machines need the same release of distributed.
         'cluster': [
             'distributed>=2024.8',
             'numba>=0.58',
