@@ -55,9 +55,7 @@ def _lines(data: StudyData, summary: StudySummary) -> list[str]:
     if totals.fallen:
         lines.append(f'fallen   {totals.fallen:,} of the robots')
     if totals.runs > 1 and _all_alike(data):
-        lines.append(
-            'note     all runs have the same duties: nothing that varies has an effect here'
-        )
+        lines.append('note     all runs have the same duties: what varies has no effect here')
     lines.append(f'results  {data.path}')
     shown = next((each.worst[0].number for each in measures if each.worst), 0)
     lines.append(f'again    ballbot study rerun {shlex.quote(str(data.path))} {shown}')

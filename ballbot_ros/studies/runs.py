@@ -263,7 +263,7 @@ class CompiledSimulator:
         except MemoryError:
             size = together * ticks * _BYTES_A_TICK / 1e9
             raise StudyError(
-                f'a run of {ticks * TICK_NS / SECOND_NS:g} s needs {size:.2g} GB on each core, more '
+                f'runs of {ticks * TICK_NS / SECOND_NS:g} s need {size:.2g} GB on each core, more '
                 'than this machine has left'
             ) from None
         self._check_starts(rows, samples.values, samples.first)
