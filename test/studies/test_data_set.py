@@ -87,9 +87,9 @@ def test_another_study_is_refused(folder):
     before = files(folder)
     versions = record().versions
     for other, difference in (
-        (record(name='basin'), 'its name is robustness, not basin'),
-        (record(runs=26), 'its runs is 25, not 26'),
-        (record(seed=2), 'its seed is 1, not 2'),
+        (record(name='basin'), 'its name: robustness, not basin'),
+        (record(runs=26), 'its runs: 25, not 26'),
+        (record(seed=2), 'its seed: 1, not 2'),
         (record(text='runs: 25 \n'), 'its text differs'),
         (record(scenario=''), 'its scenario differs'),
         (record(parameters=''), 'its parameters differ'),
@@ -99,7 +99,7 @@ def test_another_study_is_refused(folder):
         (record(code_sha256='1' * 64), 'its code differs'),
         (
             record(versions=Versions('0.1', '3.12', '2.1', '1.14', '0.60', '18.0')),
-            'its numpy version is 2.0, not 2.1',
+            'its numpy version: 2.0, not 2.1',
         ),
     ):
         text = refusal(StudyError, begin_or_resume, folder, other, NOW)
@@ -236,12 +236,19 @@ def test_damaged_and_foreign_parts_are_moved_aside_and_redone(folder):
     assert len(list((folder / 'damaged').iterdir())) == 5
 
 
+def test_a_folder_without_parts_can_be_another_study(folder):
+    begin_or_resume(folder, record(), NOW).close()
+    with begin_or_resume(folder, record(seed=2), NOW) as begun:
+        assert begun.study.seed == read_manifest(folder).study.seed == 2
+
+
 def test_one_command_at_a_time(folder):
     with begin_or_resume(folder, record(), NOW):
         text = refusal(StudyError, begin_or_resume, folder, record(), NOW)
         assert 'in use by another command' in text
     begin_or_resume(folder, record(), NOW).close()
     # A study that is refused does not stay locked.
+    write_study(folder, parts=[0])
     refusal(StudyError, begin_or_resume, folder, record(seed=2), NOW)
     begin_or_resume(folder, record(), NOW).close()
 
