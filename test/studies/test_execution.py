@@ -158,7 +158,7 @@ def test_a_missing_and_a_damaged_part_are_done_again(finished, tmp_path):
 
 def test_the_folder_of_another_study_is_refused(finished, tmp_path):
     data, _ = finished
-    with pytest.raises(BallbotError, match='its seed: 2, not 1') as refused:
+    with pytest.raises(BallbotError, match='its seed: 1, not 2') as refused:
         carry_out(write(tmp_path), data.path, seed=2)
     assert '\n' not in str(refused.value)
 
