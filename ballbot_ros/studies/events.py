@@ -53,7 +53,7 @@ class PushPart:
 
 @dataclass(frozen=True)
 class SegmentPart:
-    """A number of a segment: `field` of that with this index on a stick, of :data:`STICKS`."""
+    """A number of a segment: `field` of that with this index on the stick of this name."""
 
     stick: str
     index: int

@@ -40,7 +40,7 @@ def study(
     """Run a scenario very many times, with values that vary from run to run, on all cores.
 
     Runs of the document's control program are compiled. Those of other controllers are as slow as
-    by :func:`simulate`.
+    by ``bb.simulate``.
 
     Parameters
     ----------

@@ -77,7 +77,7 @@ class MeasureSection:
     ----------
     name, unit, meaning, expected : str
     quantiles : list of str
-        The :data:`~ballbot_ros.studies.study_data.QUANTILES`.
+        The `QUANTILES` of `study_data`.
     missing : int
         Number of runs without a value.
     worst : list of ReportRow

@@ -91,7 +91,7 @@ class MeasureSummary:
     count, missing : int
         Numbers of runs with and without a value.
     quantiles : ndarray, shape (5,)
-        The :data:`QUANTILES` of the values, interpolated linearly; NaN if there are none.
+        The `QUANTILES` of the values, interpolated linearly; NaN if there are none.
     worst : list of RankedRun
         The worst values, worst first.
     """
@@ -308,7 +308,7 @@ class StudyData:
     def worst(self, measure: str, count: int = WORST_RUNS) -> list[RankedRun]:
         """Return the runs with the worst values of a measure, worst first.
 
-        :attr:`MeasureColumn.worst` says which are the worst. Runs without a value are not among
+        `MeasureColumn.worst` says which are the worst. Runs without a value are not among
         them: :meth:`without_value` has these. Of equal values the first runs are taken.
         """
         column = self.measure(measure)
