@@ -94,13 +94,18 @@ def run(
                 stopped = run_study(job, Sampler(described).part, progress, workers, again=again)
         except KeyboardInterrupt:
             # Ctrl-C once more: Python would wait for its threads, one of which may be compiling.
+            _say_stopped(folder)
             os._exit(130)
     if stopped:
-        click.echo(f'stopped; the same command goes on from there: {folder}', err=True)
+        _say_stopped(folder)
         return 128 + stopped
     data = StudyData.open(folder)
     (print_json if as_json else print_summary)(data)
     return 0
+
+
+def _say_stopped(folder: Path) -> None:
+    click.echo(f'stopped; the same command goes on from there: {folder}', err=True)
 
 
 @command.command('rerun')
