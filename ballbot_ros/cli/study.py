@@ -108,7 +108,7 @@ def _say_stopped(folder: Path) -> None:
     click.echo(f'stopped; the same command goes on from there: {folder}', err=True)
 
 
-@command.command('rerun')
+@command.command('rerun', short_help='Repeat one run of a study as a full run.')
 @click.argument('folder', type=PATH)
 @click.argument('number', type=click.IntRange(0), required=False)
 @click.option('--worst', metavar='MEASURE', help='The run with the worst value of this measure.')
@@ -133,7 +133,7 @@ def rerun(
     output: Path | None,
     as_json: bool,
 ) -> int:
-    """Run the run NUMBER of the study in FOLDER once more, as a full run with its recording.
+    """Repeat run NUMBER of the study in FOLDER as a full run, with its recording.
 
     Its duties are those of the study, bit for bit. Exit status: that of `ballbot run`, and 1 if the
     duties differ.
@@ -150,7 +150,7 @@ def rerun(
     return _execute(spec, row.duty_sha256, as_json)
 
 
-@command.command('report')
+@command.command('report', short_help='Write a page about a study: maps, sensitivities, worst cases.')
 @click.argument('folder', type=PATH)
 @click.option(
     '--output',
