@@ -150,7 +150,9 @@ def rerun(
     return _execute(spec, row.duty_sha256, as_json)
 
 
-@command.command('report', short_help='Write a page about a study: maps, sensitivities, worst cases.')
+@command.command(
+    'report', short_help='Write a page about a study: maps, sensitivities, worst cases.'
+)
 @click.argument('folder', type=PATH)
 @click.option(
     '--output',
