@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable, Container, Mapping, Sequence
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache, partial
+from itertools import groupby
 from typing import Any, Protocol
 
 import numpy as np
@@ -26,7 +28,7 @@ from ballbot_ros.parameters import (
 from ballbot_ros.parameters.assignment import assign_values, plain_values
 from ballbot_ros.run.guarded_controller import guarded_implementation
 from ballbot_ros.run.spec import RunSpec
-from ballbot_ros.scenario.metrics import METRICS
+from ballbot_ros.scenario.metrics import METRICS, wall_clearance_m
 from ballbot_ros.scenario.scenario import Measure, Scenario
 from ballbot_ros.scenario.signal import StickSignal
 from ballbot_ros.simulation.closed_loop import ClosedLoop
@@ -36,10 +38,10 @@ from ballbot_ros.studies.errors import StudyError
 from ballbot_ros.studies.events import event_part, scenarios_of
 from ballbot_ros.studies.kernel import END, Events, Floor, Log, simulate_runs
 from ballbot_ros.studies.measurement import measure_runs
-from ballbot_ros.studies.rows import RobotRows, program_rows, whole_values
+from ballbot_ros.studies.rows import RobotRows, Rows, program_rows, whole_values
 from ballbot_ros.studies.variables import DURATION
 from ballbot_ros.timing import FIRST_TICK_NS, SECOND_NS, TICK_NS
-from ballbot_ros.world.clearance import NO_WALLS
+from ballbot_ros.world.clearance import NO_WALLS, Walls, walls_around
 from ballbot_ros.world.errors import WorldError
 from ballbot_ros.world.world import World, half_cells, is_blocked
 
@@ -237,6 +239,9 @@ class CompiledSimulator:
         self._measures = measures
         self._world = World.of(spec.plant)
         self._floor = floor_of(self._world)
+        if self._world:
+            # Most studies have one body.
+            self._walls = lru_cache(1)(partial(walls_around, self._world.map))
         self._run = compiled_and_kept(simulate_runs)
         self._measure = {
             each.metric: compiled_and_kept(
@@ -309,13 +314,27 @@ class CompiledSimulator:
             digest = hashlib.sha256(log.duty[run, :ticks]).digest()
             results.duty_sha256[run] = np.frombuffer(digest, np.uint8)
         starts = np.stack([plants['start_position_x'], plants['start_position_y']], axis=1)
-        walls = self._world.walls if self._world else NO_WALLS
         values = np.zeros(len(plants))
         for number, each in enumerate(self._measures):
-            self._measure[each.metric](
-                plants, starts, ends, log, time, walls, each.start, each.end, values
-            )
+            for runs, walls in self._walls_of(plants, each.metric):
+                part = Log(log.position[runs], log.psi[runs], log.duty[runs])
+                self._measure[each.metric](
+                    plants[runs], starts[runs], ends[runs], part, time, walls,
+                    each.start, each.end, values[runs],
+                )  # fmt: skip
             results.measured[:, number] = values
+
+    def _walls_of(self, plants: Rows, metric: str) -> Iterator[tuple[slice, Walls]]:
+        """Yield the walls for the bodies of consecutive runs; only the clearance needs them."""
+        if self._world is None or metric != wall_clearance_m.__name__:
+            yield slice(len(plants)), NO_WALLS
+            return
+        first = 0
+        sizes = zip(plants['body_depth'].tolist(), plants['body_width'].tolist(), strict=True)
+        for (depth, width), alike in groupby(sizes):
+            last = first + len(list(alike))
+            yield slice(first, last), self._walls(half_cells(depth), half_cells(width))
+            first = last
 
 
 def scenarios_of_runs(spec: RunSpec, samples: Samples) -> Sequence[Scenario]:

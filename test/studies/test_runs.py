@@ -74,6 +74,16 @@ def test_both_simulators_give_the_same_results(name):
     assert np.isfinite(compiled.measured[0, 1:4]).all()
 
 
+def test_the_clearance_is_that_of_each_body():
+    sizes = np.array([0.1, 0.1, 0.135, 0.17])
+    samples = Samples(4, {'plant_sim.body_width': sizes, 'plant_sim.body_depth': sizes})
+    options = RunOptions(processes=Processes.NONE, assignments=('plant_sim.duration=8',))
+    spec, measures = RunSpec.of_scenario('autonomous', options), [Measure('wall_clearance_m')]
+    compiled = CompiledSimulator(spec, measures).simulate(samples)
+    assert_same(compiled, OrdinarySimulator(spec, measures).simulate(samples))
+    assert len(set(compiled.measured[:, 0].tolist())) == 3
+
+
 def test_each_run_can_have_pushes_and_sticks_of_its_own():
     scenarios = [
         Scenario(pushes=sum((pushes(1.2, 0.1, 5.0 * n, -n) for n in range(1, run + 1)), ()))
