@@ -26,10 +26,14 @@ from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.simulation.closed_loop import ClosedLoop
 from ballbot_ros.simulation.trajectory import TrajectoryLog
 from ballbot_ros.studies.cluster import workers_of
-from ballbot_ros.studies.execution import LocalWorkers, WorkersOfJob, run_study
+from ballbot_ros.studies.execution import (
+    LocalWorkers,
+    QuietObserver,
+    WorkersOfJob,
+    run_study,
+)
 from ballbot_ros.studies.job import job_of
 from ballbot_ros.studies.library import read_study
-from ballbot_ros.studies.manifest import PartSummary
 from ballbot_ros.studies.sampling import Sampler
 from ballbot_ros.timing import TICK_S
 from benchmark.figures import BYTES, MEGABYTES, RATIO, SECONDS, Figure
@@ -51,22 +55,6 @@ SHORT_S = 2.0
 """Duration of the runs whose number grows [s]: the robot is held for the first one."""
 
 _METRICS = ('peak_pitch_deg', 'settling_time_s', 'position_rms_m', 'duty_rms_percent')
-
-
-class _Quiet:
-    """Shows nothing."""
-
-    def begin(self, runs: int, done: PartSummary) -> None:
-        pass
-
-    def advance(self, runs: int) -> None:
-        pass
-
-    def part(self, summary: PartSummary) -> None:
-        pass
-
-    def notice(self, text: str) -> None:
-        pass
 
 
 def measure_studies(repeat: int, progress: Console) -> list[Figure]:
@@ -233,7 +221,7 @@ def _timed(
     job, sampler = job_of(study, path.parent / 'results'), Sampler(study)
     with _affinity(cores):
         begun = time.perf_counter()
-        run_study(job, sampler.part, _Quiet(), workers)
+        run_study(job, sampler.part, QuietObserver(), workers)
         return time.perf_counter() - begun
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import click
 
+from ballbot_ros.run.processes import Processes
+
 set_option = click.option(
     '--set',
     'assignments',
@@ -21,6 +23,16 @@ controller_option = click.option(
     'FILE.py:Class.  [default: python, unless a file sets it]',
 )
 """Selects the controller of a run."""
+
+
+processes_option = click.option(
+    '--processes',
+    type=click.Choice([each.value for each in Processes]),
+    default=Processes.SEPARATE.value,
+    show_default=True,
+    help='One process per node; all nodes in one process; or no nodes, the same loop without ROS.',
+)
+"""Selects how a run is executed."""
 
 
 def split_at_commas(

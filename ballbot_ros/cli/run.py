@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from ballbot_ros.cli.options import controller_option, set_option
+from ballbot_ros.cli.options import controller_option, processes_option, set_option
 from ballbot_ros.cli.path_types import PATH
 from ballbot_ros.parameters import ROLES
 from ballbot_ros.run.fork_client import ForkClient
@@ -16,13 +16,7 @@ from ballbot_ros.run.processes import Processes
 
 @click.command('run')
 @click.argument('scenario')
-@click.option(
-    '--processes',
-    type=click.Choice([each.value for each in Processes]),
-    default=Processes.SEPARATE.value,
-    show_default=True,
-    help='One process per node; all nodes in one process; or no nodes, the same loop without ROS.',
-)
+@processes_option
 @click.option(
     '--real-time-factor',
     type=click.FloatRange(0.0, 1000.0),

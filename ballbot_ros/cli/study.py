@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING
 
 import click
 
+from ballbot_ros.cli.options import processes_option
 from ballbot_ros.cli.path_types import PATH
 from ballbot_ros.run.processes import Processes
 
 if TYPE_CHECKING:
     from ballbot_ros.run.spec import RunSpec
+    from ballbot_ros.studies.execution import WorkersOfJob
 
 
 class _StudyGroup(click.Group):
@@ -77,7 +79,6 @@ def run(
     from ballbot_ros.cli.study_output import print_json, print_summary
     from ballbot_ros.cli.study_progress import StudyProgress
     from ballbot_ros.standard_streams import stdout_to_stderr
-    from ballbot_ros.studies.cluster import workers_of
     from ballbot_ros.studies.execution import LocalWorkers, folder_of, run_study
     from ballbot_ros.studies.job import job_of
     from ballbot_ros.studies.library import read_study
@@ -88,7 +89,7 @@ def run(
         described = read_study(study, runs=runs, seed=seed)
         folder = folder_of(described.name, output)
         job = job_of(described, folder)
-        workers = LocalWorkers if cluster is None else workers_of(cluster)
+        workers = LocalWorkers if cluster is None else _workers_of(cluster)
         try:
             with StudyProgress(described.name) as progress:
                 stopped = run_study(job, Sampler(described).part, progress, workers, again=again)
@@ -104,6 +105,13 @@ def run(
     return 0
 
 
+def _workers_of(cluster: str) -> WorkersOfJob:
+    # Imported here, because most studies have no cluster.
+    from ballbot_ros.studies.cluster import workers_of
+
+    return workers_of(cluster)
+
+
 def _say_stopped(folder: Path) -> None:
     click.echo(f'stopped; the same command goes on from there: {folder}', err=True)
 
@@ -113,13 +121,7 @@ def _say_stopped(folder: Path) -> None:
 @click.argument('number', type=click.IntRange(0), required=False)
 @click.option('--worst', metavar='MEASURE', help='The run with the worst value of this measure.')
 @click.option('--failed', is_flag=True, help='The first run that did not pass.')
-@click.option(
-    '--processes',
-    type=click.Choice([each.value for each in Processes]),
-    default=Processes.SEPARATE.value,
-    show_default=True,
-    help='One process per node; all nodes in one process; or no nodes, the same loop without ROS.',
-)
+@processes_option
 @click.option(
     '--output', type=PATH, help='Folder for recording and picture.  [default: FOLDER/reruns/NUMBER]'
 )

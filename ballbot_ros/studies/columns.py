@@ -127,13 +127,6 @@ BEFORE = (NUMBER, SEED)
 AFTER = (PASSED, OUTCOME, FALLEN, TICKS, DUTY_SHA256)
 
 
-class Outcome(TextEnum):
-    """How a run ended."""
-
-    COMPLETED = 'completed'
-    FAILED = 'failed'
-
-
 def measure_name(measure: Measure) -> str:
     """Return the name of a measure's column: the metric's, with the window if there is one."""
     if measure.start == 0.0 and measure.end == math.inf:

@@ -23,17 +23,24 @@ class Distribution(Protocol):
         """Return the values below which these shares, within [0, 1), of all values lie."""
 
 
+class _Limited:
+    """What lies between two values."""
+
+    low: Any
+    high: Any
+
+    @property
+    def ends(self) -> tuple[Any, Any]:
+        """The smallest and the largest value."""
+        return self.low, self.high
+
+
 @dataclass(frozen=True)
-class Uniform:
+class Uniform(_Limited):
     """Any number from `low` to `high`, with equal chances."""
 
     low: float
     high: float
-
-    @property
-    def ends(self) -> tuple[float, float]:
-        """The smallest and the largest value."""
-        return self.low, self.high
 
     def values(self, shares: Floats) -> Floats:
         """Return the values for shares within [0, 1)."""
@@ -41,16 +48,11 @@ class Uniform:
 
 
 @dataclass(frozen=True)
-class LogUniform:
+class LogUniform(_Limited):
     """Numbers from `low` to `high`, both positive, whose logarithms have equal chances."""
 
     low: float
     high: float
-
-    @property
-    def ends(self) -> tuple[float, float]:
-        """The smallest and the largest value."""
-        return self.low, self.high
 
     def values(self, shares: Floats) -> Floats:
         """Return the values for shares within [0, 1)."""
@@ -59,18 +61,13 @@ class LogUniform:
 
 
 @dataclass(frozen=True)
-class Normal:
+class Normal(_Limited):
     """A normal distribution of which only the part from `low` to `high` remains."""
 
     mean: float
     standard_deviation: float
     low: float
     high: float
-
-    @property
-    def ends(self) -> tuple[float, float]:
-        """The smallest and the largest value."""
-        return self.low, self.high
 
     def values(self, shares: Floats) -> Floats:
         """Return the values for shares within [0, 1)."""
@@ -89,7 +86,7 @@ class Normal:
 
 
 @dataclass(frozen=True)
-class WholeNumbers:
+class WholeNumbers(_Limited):
     """The values of another distribution, rounded to whole numbers from `low` to `high`.
 
     That of ``whole_numbers`` reaches half a number farther, so that the ends are not rarer.
@@ -98,11 +95,6 @@ class WholeNumbers:
     rounded: Uniform | LogUniform | Normal
     low: int
     high: int
-
-    @property
-    def ends(self) -> tuple[int, int]:
-        """The smallest and the largest value."""
-        return self.low, self.high
 
     def values(self, shares: Floats) -> NDArray[np.int64]:
         """Return the values for shares within [0, 1)."""

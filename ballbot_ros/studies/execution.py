@@ -45,6 +45,22 @@ class StudyObserver(Protocol):
         """Show a line."""
 
 
+class QuietObserver:
+    """Shows nothing."""
+
+    def begin(self, runs: int, done: PartSummary) -> None:
+        """Do nothing."""
+
+    def advance(self, runs: int) -> None:
+        """Do nothing."""
+
+    def part(self, summary: PartSummary) -> None:
+        """Do nothing."""
+
+    def notice(self, text: str) -> None:
+        """Do nothing."""
+
+
 class Workers(Protocol):
     """Those who do the parts of a job."""
 

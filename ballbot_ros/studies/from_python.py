@@ -16,10 +16,9 @@ from ballbot_ros.controllers.controller import Controller
 from ballbot_ros.errors import BallbotError, short_repr
 from ballbot_ros.files import temporary_folder
 from ballbot_ros.parameters.assignment import plain_value
-from ballbot_ros.studies.execution import run_study
+from ballbot_ros.studies.execution import QuietObserver, run_study
 from ballbot_ros.studies.job import job_of
 from ballbot_ros.studies.library import read_study
-from ballbot_ros.studies.manifest import PartSummary
 from ballbot_ros.studies.sampling import Sampler
 from ballbot_ros.studies.study_data import StudyData
 
@@ -81,17 +80,8 @@ def study(
     raise KeyboardInterrupt
 
 
-class _Log:
+class _Log(QuietObserver):
     """Writes notices to the log."""
-
-    def begin(self, runs: int, done: PartSummary) -> None:
-        """Show nothing."""
-
-    def advance(self, runs: int) -> None:
-        """Show nothing."""
-
-    def part(self, summary: PartSummary) -> None:
-        """Show nothing."""
 
     def notice(self, text: str) -> None:
         """Log a line."""

@@ -22,10 +22,10 @@ from ballbot_ros.studies.runs import (
     Results,
     Samples,
     Simulator,
+    ignore,
     is_compiled,
     simulator_for,
 )
-from ballbot_ros.studies.sampling import Sampler
 from ballbot_ros.studies.study import Study
 from ballbot_ros.studies.variables import SEED
 from ballbot_ros.world.library import read_map_file
@@ -61,7 +61,7 @@ class Job:
     expectations: tuple[Expectation, ...]
     folder: Path
 
-    def do(self, part: int, samples: Samples, advance: Advance) -> PartSummary:
+    def do(self, part: int, samples: Samples, advance: Advance = ignore) -> PartSummary:
         """Simulate, judge and write a part.
 
         Raises
@@ -76,7 +76,7 @@ class Job:
         store_part(self.folder, self.record, part, encoded.data)
         return encoded.summary
 
-    def encode(self, part: int, samples: Samples, advance: Advance) -> EncodedPart:
+    def encode(self, part: int, samples: Samples, advance: Advance = ignore) -> EncodedPart:
         """Simulate and judge a part, and return the bytes of its file.
 
         Raises
@@ -102,11 +102,9 @@ def job_of(study: Study, folder: Path) -> Job:
     Raises
     ------
     BallbotError
-        If the map can't be read, or values of the first run are not possible.
+        If the map can't be read.
     """
     spec = replace(study.spec, controller=None)
-    first = Sampler(study).part(0, 1)
-    varied = {**first.values, **first.events}
     record = StudyRecord.of_this_code(
         study.name,
         text=study.text,
@@ -117,7 +115,10 @@ def job_of(study: Study, folder: Path) -> Job:
         runs_per_part=_runs_per_part(study),
         varied=tuple(
             Column(
-                each.name, ColumnKind.of(varied[each.name]), each.unit, each.parameter.description
+                each.name,
+                ColumnKind.of(each.distribution.values(np.zeros(1))),
+                each.unit,
+                each.parameter.description,
             )
             for each in study.variables
         ),
@@ -143,7 +144,8 @@ def _identities(spec: RunSpec) -> str:
 def _runs_per_part(study: Study) -> int:
     """Return how many runs a part has: a few seconds of work, but some parts for every core."""
     work_s = COMPILED_PART_S if is_compiled(study.spec) else ORDINARY_PART_S
-    runs = min(work_s / study.spec.plant.duration, study.runs / FEWEST_PARTS)
+    _, longest = study.common_scenario
+    runs = min(work_s / longest.duration, study.runs / FEWEST_PARTS)
     return max(1, round(runs), -(-study.runs // MOST_PARTS))
 
 

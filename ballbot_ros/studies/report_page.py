@@ -249,7 +249,7 @@ class Findings:
         varied = {name: self.survey.sample[name] for name in self._names if not is_event(name)}
         try:
             with TemporaryDirectory(prefix='ballbot_report_') as folder:
-                parameters = study_parameters(self.data.study, Path(folder))
+                parameters = study_parameters(self.data.study, Path(folder) / 'study.yaml')
             usual = with_values(parameters, usual_values(varied))
         except BallbotError as error:
             # Such as a map or a controller that is not on this machine.

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import yaml
 
-from ballbot_ros.parameters import NODES, ParameterSet, PlantParameters, parameters_of
+from ballbot_ros.parameters import NODES, ParameterSet, PlantParameters
 from ballbot_ros.parameters.files import format_parameters
 from ballbot_ros.run.processes import Processes
 from ballbot_ros.run.spec import RunOptions, RunSpec
@@ -37,13 +36,8 @@ def scenario_text(scenario: Scenario, plant: PlantParameters) -> str:
 
 def parameter_text(parameters: ParameterSet) -> str:
     """Return the text of a parameter file with all values that a run does not set itself."""
-    names = {name for node in NODES for name in _names(parameters, node)}
+    names = {name for node in NODES for name in parameters.of_node(node).values()}
     return format_parameters(parameters, NODES, names.difference(_OF_A_RUN))
-
-
-def _names(parameters: ParameterSet, node: str) -> Iterator[str]:
-    yield from parameters.of_node(node).values()
-    yield from parameters_of(node)
 
 
 def new_folder(study: Path, number: int) -> Path:
@@ -81,20 +75,20 @@ def choose_run(data: StudyData, number: int | None, worst: str | None) -> Row:
     return data.row(first)
 
 
-def study_parameters(record: StudyRecord, folder: Path) -> ParameterSet:
+def study_parameters(record: StudyRecord, path: Path) -> ParameterSet:
     """Return the parameters of a study, with those of its scenario's file for what varies.
 
     Parameters
     ----------
-    folder : Path
-        An empty folder, for the files that the parameters are read from.
+    path : Path
+        A file to be written, for the scenario; the parameters are written next to it.
 
     Raises
     ------
     BallbotError
         If the run is not possible here.
     """
-    path, parameter_file = folder / 'study.yaml', folder / PARAMETER_FILE
+    parameter_file = path.with_name(PARAMETER_FILE)
     path.write_text(record.scenario, encoding='utf-8')
     parameter_file.write_text(record.parameters, encoding='utf-8')
     options = RunOptions(processes=Processes.NONE, parameter_file=parameter_file)
@@ -119,10 +113,7 @@ def rerun_spec(record: StudyRecord, row: Row, folder: Path, processes: Processes
     )
     try:
         folder.mkdir(parents=True)
-        path.write_text(record.scenario, encoding='utf-8')
-        parameter_file.write_text(record.parameters, encoding='utf-8')
-        parameters = RunSpec.of_scenario(str(path), options).parameters
-        changed = with_values(parameters, _values(row))
+        changed = with_values(study_parameters(record, path), _values(row))
         parameter_file.write_text(parameter_text(changed), encoding='utf-8')
         text = scenario_text(_scenario(path, row), changed.of(PlantParameters))
         path.write_text(text, encoding='utf-8')

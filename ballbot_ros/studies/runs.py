@@ -139,14 +139,14 @@ Advance = Callable[[int], None]
 """Called with the number of runs done since the last call; may raise an error to end the work."""
 
 
-def _ignore(runs: int) -> None:
+def ignore(runs: int) -> None:
     """Show no progress."""
 
 
 class Simulator(Protocol):
     """Simulates runs of a specification."""
 
-    def simulate(self, samples: Samples, advance: Advance = _ignore) -> Results:
+    def simulate(self, samples: Samples, advance: Advance = ignore) -> Results:
         """Return the results of runs; BallbotError if one of them is not possible."""
 
 
@@ -181,7 +181,7 @@ class OrdinarySimulator:
         self._spec = spec
         self._measures = measures
 
-    def simulate(self, samples: Samples, advance: Advance = _ignore) -> Results:
+    def simulate(self, samples: Samples, advance: Advance = ignore) -> Results:
         """Return the results of runs.
 
         Raises
@@ -250,7 +250,7 @@ class CompiledSimulator:
             for each in measures
         }
 
-    def simulate(self, samples: Samples, advance: Advance = _ignore) -> Results:
+    def simulate(self, samples: Samples, advance: Advance = ignore) -> Results:
         """Return the results of runs.
 
         Raises
@@ -272,12 +272,13 @@ class CompiledSimulator:
                 'than this machine has left'
             ) from None
         self._check_starts(rows, samples.values, samples.first)
+        programs = program_rows(rows[ControllerParameters])
         scenarios = scenarios_of_runs(self._spec, samples)
         events = events_of(scenarios or [self._spec.scenario])
         for first in range(0, samples.count, together):
             runs = slice(first, min(first + together, samples.count))
             part = Events(*(each[runs] for each in events)) if scenarios else events
-            self._simulate(rows.part(runs), part, log, time, results.part(runs))
+            self._simulate(rows.part(runs), programs[runs], part, log, time, results.part(runs))
             advance(runs.stop - runs.start)
         return results
 
@@ -299,13 +300,19 @@ class CompiledSimulator:
                     raise StudyError(f'{error} (run {run})') from None
 
     def _simulate(
-        self, rows: RobotRows, events: Events, log: Log, time: Floats, results: Results
+        self,
+        rows: RobotRows,
+        programs: Rows,
+        events: Events,
+        log: Log,
+        time: Floats,
+        results: Results,
     ) -> None:
         plants = rows[PlantParameters]
         ends = np.zeros(len(plants), END)
         self._run(
             plants, rows[GyroParameters], rows[EncoderParameters], rows[SonarParameters],
-            program_rows(rows[ControllerParameters]), self._floor, events, log, ends,
+            programs, self._floor, events, log, ends,
         )  # fmt: skip
         results.ticks[:] = ends['ticks']
         results.failed[:] = ends['stopped']

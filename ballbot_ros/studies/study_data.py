@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ballbot_ros.analysis.proportion import ProportionInterval, wilson_interval
 from ballbot_ros.errors import BallbotError
+from ballbot_ros.simulation.outcome import Outcome
 from ballbot_ros.studies.columns import (
     DUTY_SHA256,
     FALLEN,
@@ -22,7 +23,6 @@ from ballbot_ros.studies.columns import (
     SEED,
     TICKS,
     MeasureColumn,
-    Outcome,
 )
 from ballbot_ros.studies.data_set import read_manifest
 from ballbot_ros.studies.errors import StudyError

@@ -66,6 +66,6 @@ def main() -> None:
 
 def _answer(job: Job, part: int, samples: Samples) -> PartSummary | str:
     try:
-        return job.do(part, samples, lambda runs: None)
+        return job.do(part, samples)
     except BallbotError as error:
         return one_line(error)

@@ -51,7 +51,7 @@ def _difference(required: Mapping[str, str]) -> str:
 
 def _do(payload: bytes, folder: Path) -> Answer:
     packed, part, samples = pickle.loads(payload)
-    encoded = packed.unpack(folder).encode(part, samples, lambda runs: None)
+    encoded = packed.unpack(folder).encode(part, samples)
     summary = encoded.summary
     return '', encoded.data, (summary.runs, summary.passed, summary.failed, summary.fallen)
 
