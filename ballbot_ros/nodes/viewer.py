@@ -29,6 +29,8 @@ from ballbot_ros.parameters import Dimensions, PlantParameters, ViewerParameters
 from ballbot_ros.scenario.library import scenario_names
 from ballbot_ros.timing import SECOND_NS
 from ballbot_ros.viewer.address import network_warning, require_viser
+from ballbot_ros.viewer.overlay import Hold, OverlayState
+from ballbot_ros.viewer.page_sticks import PageSticks
 from ballbot_ros.viewer.real_time_factor import RealTimeFactor
 from ballbot_ros.viewer.snapshot import History, Snapshot
 from ballbot_ros.world.errors import WorldError
@@ -66,6 +68,8 @@ class Viewer(BallbotNode[ViewerParameters]):
         self._panel_period = PERIOD
         self._robot = self._page.show_robot(self._page.dimensions)
         self._requests = ViewerRequests(self, self._page.notify)
+        self._page.overlay.show(OverlayState(can_drive=True))
+        self._sticks = PageSticks()
         self._controls = LiveControls(self._page.server.gui, self._requests, scenario_names())
         sliders = TuningSliders(self._page.server.gui)
         self._tuning = TuningRequests(self, self._page.notify, sliders)
@@ -82,6 +86,9 @@ class Viewer(BallbotNode[ViewerParameters]):
         print(f'viewer  {self._page.address}', flush=True)
 
     def _update(self) -> None:
+        for request in self._page.overlay.take():
+            if isinstance(request, Hold):
+                self._sticks.hold(request)
         self._requests.send_queued()
         self._tuning.send_queued()
         snapshot, changed = self._newest.take()
@@ -156,8 +163,8 @@ class Viewer(BallbotNode[ViewerParameters]):
             self._panel.play(tone_of(message))
 
     def _drive(self) -> None:
-        """Publish the on-screen sticks while they are held, and once after their release."""
-        sticks = self._controls.drive(time.monotonic())
+        """Publish the pages' sticks while they are held, and once after their release."""
+        sticks = self._sticks.value(time.monotonic())
         if sticks is not None or self._is_driving:
             self._joy.publish(encode_joy(self.now_ns, sticks or (0.0, 0.0)))
         self._is_driving = sticks is not None
