@@ -69,6 +69,14 @@ class Panel:
             plot.data = (times, *(values[:, column] for column in columns))
             plot.scales = _scales(snapshot.time, _range(values[:, columns], least))
 
+    def clear(self) -> None:
+        """Show that there is no state, and empty plots."""
+        self._status.content = _status([('state', '–'), ('sim time', '–'), ('battery', '–')], '')
+        self._sound.content = ''
+        for plot in self._plots:
+            plot.data = _nothing(len(plot.data) - 1)
+            plot.scales = _scales(0.0, (-1.0, 1.0))
+
     def play(self, tone: Tone) -> None:
         """Play a tone."""
         self._tones += 1
@@ -93,11 +101,10 @@ def _scales(now_s: float, heights: tuple[float, float]) -> dict[str, uplot.Scale
 
 
 def _plot(gui: viser.GuiApi, curves: int) -> viser.GuiUplotHandle:
-    nothing = np.array([0.0, 1.0])
     colours = (_X_COLOUR, _Y_COLOUR)[:curves]
     series = [uplot.Series(stroke=colour, width=1.5) for colour in colours]
     return gui.add_uplot(
-        (nothing, *[np.full(2, np.nan)] * curves),
+        _nothing(curves),
         (uplot.Series(label='t [s]'), *series),
         scales=_scales(0.0, (-1.0, 1.0)),
         axes=(uplot.Axis(size=30), uplot.Axis(size=46, space=18)),
@@ -105,6 +112,11 @@ def _plot(gui: viser.GuiApi, curves: int) -> viser.GuiUplotHandle:
         height=_HEIGHT,
         padding=(8, 12, 0, 0),
     )
+
+
+def _nothing(curves: int) -> tuple[NDArray[np.float64], ...]:
+    """Return the data of a plot without curves."""
+    return (np.array([0.0, 1.0]), *[np.full(2, np.nan)] * curves)
 
 
 def _caption(title: str, labels: tuple[str, ...]) -> str:

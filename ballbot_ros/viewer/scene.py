@@ -167,6 +167,11 @@ class Robot:
             self._page = snapshot.lcd
             self._display.image = lcd_image(snapshot.lcd)
 
+    def hide(self) -> None:
+        """Hide the robot and its trail until it is shown again."""
+        self._root.visible = False
+        self.show_trail([])
+
     def show_trail(self, trail: list[tuple[float, float]]) -> None:
         """Show the trail, x and y in ``map`` [m]; all points are sent again."""
         if trail == self._trail_points:

@@ -1,6 +1,7 @@
 """A node that shows the graph handles messages in any order."""
 
 import contextlib
+import itertools
 import math
 from types import SimpleNamespace
 
@@ -8,7 +9,10 @@ import pytest
 
 pytest.importorskip('rclpy')
 
+from builtin_interfaces.msg import Time
+from rclpy.serialization import serialize_message
 from ros_client import Client
+from std_msgs.msg import Header
 
 from ballbot_ros.messages.topics import (
     BATTERY_STATE,
@@ -19,11 +23,13 @@ from ballbot_ros.messages.topics import (
     PLANT_IMU,
     PLANT_ODOM,
     RUN,
+    SESSION,
     SONAR_RANGE,
 )
 from ballbot_ros.nodes import latest_messages
 from ballbot_ros.nodes.latest_messages import LatestMessages, snapshot_of
 from ballbot_ros.nodes.topic_publisher import reliable_qos
+from ballbot_ros.viewer.session import Session, encode_session
 
 pytestmark = pytest.mark.graph
 
@@ -87,20 +93,97 @@ def test_what_has_not_arrived_yet_is_unknown_in_the_state():
     assert (full.battery, full.state, full.lcd) == (8.0, 'remote', 'page')
 
 
-def test_the_map_is_that_of_the_run_whatever_arrives_first(monkeypatch):
-    """Each row is a poll: the messages that have arrived, and the map from then on."""
-    waiting = {}
+@pytest.fixture
+def poll(monkeypatch):
+    """Return a function that lets messages arrive and polls them.
+
+    Stamps and times of publication grow with each poll; RUN and SESSION are names.
+    """
+    waiting, polls = {}, itertools.count(1)
     monkeypatch.setattr(latest_messages, 'hidden_node', lambda name, node: None)
     monkeypatch.setattr(latest_messages, 'raw_subscription', lambda node, topic, qos: topic)
     monkeypatch.setattr(latest_messages, 'drain', lambda topic: waiting.pop(topic, ()))
-    monkeypatch.setattr(latest_messages, 'decoder', lambda type_name: lambda data: data)
-    for polls in (
-        [({MAP: 'a'}, 'a'), ({RUN: 1}, 'a'), ({RUN: 2}, None), ({MAP: 'b'}, 'b')],
-        [({RUN: 1}, None), ({MAP: 'a'}, 'a'), ({RUN: 2, MAP: 'b'}, 'b'), ({RUN: 3}, None)],
-        [({RUN: 1, MAP: 'a'}, 'a'), ({}, 'a'), ({RUN: 2}, None), ({}, None)],
+    topics = (PLANT_IMU, PLANT_ODOM, MOTOR_DUTY, MAP, LCD, OPERATING_STATE, RUN, SESSION)
+    newest = LatestMessages(None, topics)
+
+    def poll(messages):
+        now_s = next(polls)
+        for topic, content in messages.items():
+            content, stamp_s = content if isinstance(content, tuple) else (content, now_s)
+            data = bytes(serialize_message(message(topic, content, stamp_s)))
+            waiting[topic] = [(data, {'source_timestamp': now_s})]
+        return newest, newest.take()
+
+    return poll
+
+
+def message(topic, content, stamp_s):
+    """Return a message with a stamp, and the content in its text."""
+    stamp = Time(sec=stamp_s)
+    if topic in (LCD, OPERATING_STATE, SESSION):
+        return topic.message_class(data=content)
+    if topic is RUN:
+        return Header(frame_id=content, stamp=stamp)
+    return topic.message_class(header=Header(frame_id=content, stamp=stamp))
+
+
+POSE = {PLANT_IMU: 'pose', PLANT_ODOM: 'pose'}
+
+
+def test_the_map_is_that_of_the_run_whatever_arrives_first(poll):
+    """Each row is a poll: the messages that have arrived, and the map from then on."""
+    for messages, expected in (
+        ({MAP: 'a'}, 'a'),
+        ({RUN: '1'}, 'a'),
+        (POSE, 'a'),
+        ({RUN: '2'}, None),
+        ({MAP: 'b'}, 'b'),
+        ({RUN: '3', MAP: 'c'}, 'c'),
+        ({RUN: '4'}, None),
     ):
-        newest = LatestMessages(None, (PLANT_IMU, PLANT_ODOM, MAP, RUN))
-        for arrived, expected in polls:
-            waiting.update({topic: [(data, {})] for topic, data in arrived.items()})
-            newest.take()
-            assert newest[MAP] == expected, (polls, arrived)
+        newest, _ = poll(messages)
+        shown = newest[MAP]
+        assert (shown and shown.header.frame_id) == expected, messages
+
+
+def test_a_new_run_discards_everything_of_the_run_before(poll):
+    """Late answers of its nodes do not come back; what is new since the announcement is told."""
+    poll({RUN: '1 a', **POSE})
+    newest, (snapshot, _) = poll({MOTOR_DUTY: 'old', LCD: 'old', OPERATING_STATE: 'old'})
+    assert snapshot.lcd == 'old'
+    poll({RUN: '2 a', MOTOR_DUTY: 'old', **POSE})
+    assert [newest[topic] for topic in (PLANT_IMU, PLANT_ODOM, MOTOR_DUTY, LCD)] == [None] * 4
+    start_s = 3
+    _, (snapshot, changed) = poll({MOTOR_DUTY: ('old', start_s - 1), LCD: 'new'})
+    assert (snapshot, changed, newest[MOTOR_DUTY]) == (None, set(), None)
+    _, (snapshot, changed) = poll({MOTOR_DUTY: 'new', **POSE})
+    assert (snapshot.lcd, snapshot.state) == ('new', '')
+    assert changed == {RUN, LCD, MOTOR_DUTY, PLANT_IMU, PLANT_ODOM}
+
+
+def test_nothing_is_shown_between_the_request_of_a_run_and_its_announcement(poll):
+    """The run before goes on until the command has stopped it."""
+    poll({SESSION: encode_session('push')})
+    newest, _ = poll({RUN: '1 a'})
+    _, (snapshot, _) = poll({LCD: 'old', MAP: 'old', **POSE})
+    assert snapshot is not None
+    poll({SESSION: encode_session('push', {'outcome': 'passed', 'reason': ''})})
+    assert newest.session.result.verdict == 'passed'
+    _, (snapshot, _) = poll({})
+    assert snapshot is not None, 'the end of a run stays on the page'
+    _, (snapshot, _) = poll({SESSION: encode_session('square'), LCD: 'old', **POSE})
+    assert snapshot is None
+    assert newest.session == Session('square')
+    _, (snapshot, _) = poll({LCD: 'old', OPERATING_STATE: 'old', MAP: 'old', **POSE})
+    assert (snapshot, newest[MAP]) == (None, None)
+    poll({RUN: '1 b', **POSE})
+    _, (snapshot, changed) = poll(POSE)
+    assert (snapshot.lcd, snapshot.state) == ('', '')
+    assert changed == {RUN, PLANT_IMU, PLANT_ODOM}
+
+
+def test_a_message_that_is_no_session_is_ignored(poll):
+    for text in ('', '1', '{}', '{"scenario": "push", "result": {}}', '[' * 100_000):
+        newest, _ = poll({SESSION: text})
+        assert newest.session is None
+        assert not newest.run.is_awaited
