@@ -33,8 +33,9 @@ def browser(tmp_path, monkeypatch):
     """A browser that writes its arguments, and complains."""
     program, opened = tmp_path / 'browser', tmp_path / 'opened'
     program.write_text(
-        f'#!/bin/sh\necho noise; echo noise >&2\n'
-        f'echo "$@" "term=$TERM" "tty=$(tty)" > {opened}.part && mv {opened}.part {opened}\nexit 3\n'
+        '#!/bin/sh\necho noise; echo noise >&2\n'
+        f'echo "$@" "term=$TERM" "tty=$(tty)" > {opened}.part\n'
+        f'mv {opened}.part {opened}\nexit 3\n'
     )
     program.chmod(0o755)
     monkeypatch.setenv('BROWSER', f'{program} %s')

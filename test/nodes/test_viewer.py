@@ -178,9 +178,7 @@ class EmptyViewer:
             ),
             _page=SimpleNamespace(
                 has_clients=has_clients,
-                overlay=SimpleNamespace(
-                    show=lambda state: self.states.append(state), take=lambda: requests
-                ),
+                overlay=SimpleNamespace(show=lambda state: None, take=lambda: requests),
                 stop=act('stopped'),
             ),
             _panel=SimpleNamespace(clear=act('panel')),
@@ -198,7 +196,6 @@ class EmptyViewer:
             _sticks=SimpleNamespace(hold=act('hold')),
             _tuning=SimpleNamespace(send_queued=act('tuned')),
         )
-        self.states = []
 
     def update(self):
         """Update once, and return what was done besides sending requests."""

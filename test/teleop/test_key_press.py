@@ -15,8 +15,8 @@ PROGRAM = """
 import time
 from ballbot_ros.teleop.key_press import KeyPress
 key_press = KeyPress(lambda: print('pressed', flush=True))
-print('ready', flush=True)
 try:
+    print('ready', flush=True)
     time.sleep(600)
 except KeyboardInterrupt:
     key_press.close()
