@@ -65,6 +65,7 @@ class Viewer(BallbotNode[ViewerParameters]):
         super().__init__(ViewerParameters, parameters)
         require_viser()
         # Imported only here: viser takes a second.
+        from ballbot_ros.viewer.drag import DragPush, ForceArrow
         from ballbot_ros.viewer.live_controls import LiveControls
         from ballbot_ros.viewer.page import UPDATE_S, Page
         from ballbot_ros.viewer.panel import PERIOD, Panel
@@ -75,11 +76,12 @@ class Viewer(BallbotNode[ViewerParameters]):
         self._page = Page(Dimensions.from_parameters(self.parameters), 'NXT Ballbot', host, port)
         self._panel = Panel(self._page.server.gui)
         self._panel_period = PERIOD
-        self._robot = self._page.show_robot(self._page.dimensions)
         self._requests = ViewerRequests(self, self._page.notify)
         self._start = StartRequest(self)
         self._report = RunReport()
         self._page.serve(REPORT, self._report_page)
+        self._drag = DragPush(ForceArrow(self._page.server.scene), self._requests.push)
+        self._show_robot(self._page.dimensions)
         self._sticks = PageSticks()
         self._controls = LiveControls(self._page.server.gui, self._requests, scenario_names())
         sliders = TuningSliders(self._page.server.gui)
@@ -133,6 +135,7 @@ class Viewer(BallbotNode[ViewerParameters]):
         )
 
     def _take_requests(self, activity: RunActivity) -> None:
+        """Carry out the requests of the pages."""
         for request in self._page.overlay.take():
             if isinstance(request, Hold):
                 self._sticks.hold(request)
@@ -185,12 +188,16 @@ class Viewer(BallbotNode[ViewerParameters]):
         self.apply_parameters()
         dimensions = Dimensions.from_parameters(self.parameters)
         if dimensions != before:
-            self._robot = self._page.show_robot(dimensions)
+            self._show_robot(dimensions)
         floor = self._floor = self._load_floor()
         if floor is None and published is not None:
             floor = floor_map_of(map_grid(published))
         self._page.show_floor(floor, _start(snapshot))
         self._requests.plant_parameters(_ASKED, self._take_parameters)
+
+    def _show_robot(self, dimensions: Dimensions) -> None:
+        self._robot = self._page.show_robot(dimensions)
+        self._robot.on_drag(self._drag.on_drag)
 
     def check(self, parameters: ViewerParameters) -> None:
         """Check that the map exists."""
@@ -206,7 +213,7 @@ class Viewer(BallbotNode[ViewerParameters]):
         self._controls.show_scenario(parameters.scenario)
         dimensions = Dimensions.from_parameters(parameters)
         if dimensions != self._page.dimensions:
-            self._robot = self._page.show_robot(dimensions)
+            self._show_robot(dimensions)
         snapshot = snapshot_of(self._newest)
         if snapshot is None:
             return

@@ -30,7 +30,7 @@ def test_released_sticks_are_published_as_neutral_once():
     sent = []
     node = bare(
         Viewer,
-        _controls=SimpleNamespace(drive=lambda now_s: next(held)),
+        _sticks=SimpleNamespace(value=lambda now_s: next(held)),
         _joy=SimpleNamespace(publish=sent.append),
         _is_driving=False,
         now_ns=SECOND_NS,
@@ -95,7 +95,8 @@ def test_the_robot_is_shown_with_the_dimensions_of_the_plant():
         Viewer,
         _controls=SimpleNamespace(show_scenario=lambda name: None),
         _newest={PLANT_IMU: None, PLANT_ODOM: None},
-        _page=SimpleNamespace(dimensions=DIMENSIONS, show_robot=shown.append),
+        _page=SimpleNamespace(dimensions=DIMENSIONS),
+        _show_robot=shown.append,
     )
     node._take_parameters(PlantParameters())
     assert shown == []
@@ -122,6 +123,7 @@ def test_a_run_whose_plant_is_gone_has_ended():
             _real_time_factor=RealTimeFactor(),
             _requests=SimpleNamespace(send_queued=lambda: None, can_start=not lost_plant),
             _robot=SimpleNamespace(show=lambda snapshot: None, show_trail=lambda trail: None),
+            _take_requests=lambda activity: None,
             _tuning=SimpleNamespace(send_queued=lambda: None),
             _updates=0,
         )
