@@ -195,7 +195,7 @@ def test_live_pages_show_the_robot_and_drive_it(domain, start_node):
             for key, view in enumerate(VIEWS, 1):
                 browser.choose(f'{key} {TITLES[view]}')
                 wait_until(lambda view=view: shows_lines_robot_and_floor(browser, view), browser)
-            browser.press('Run')
+            browser.pause(is_paused=False)
             push_makes_it_lean(browser, truth)
             stick_drives_it(browser, truth)
             keys_drive_it(browser, truth)
@@ -206,7 +206,7 @@ def test_live_pages_show_the_robot_and_drive_it(domain, start_node):
             with unread(port):
                 other = another(browser, address)
                 other.choose('4 Chaser 2 (front)')
-                browser.press('Run')
+                other.pause(is_paused=False)
                 other.hold_stick(1.0, 0.0)
                 wait_until(truth.is_driven, other)
                 wait_until(lambda: other.has_moved(0.3), other)
@@ -302,7 +302,7 @@ def slider_tunes_it(browser, truth):
 
 
 def pause_holds_it(browser):
-    browser.press('Pause')
+    browser.pause()
     wait_until(lambda: stands_still(browser), browser)
 
 
