@@ -106,7 +106,7 @@ class Viewer(BallbotNode[ViewerParameters]):
         self._requests.send_queued()
         self._tuning.send_queued()
         snapshot, changed = self._newest.take()
-        activity = self._activity()
+        activity = self._activity(has_pose=snapshot is not None)
         self._page.overlay.show(activity.overlay)
         self._take_requests(activity)
         if activity.awaits_start and self._page.has_clients:
@@ -119,7 +119,7 @@ class Viewer(BallbotNode[ViewerParameters]):
             snapshot = snapshot._replace(state='run ended')
         self._show(snapshot, changed)
 
-    def _activity(self) -> RunActivity:
+    def _activity(self, *, has_pose: bool) -> RunActivity:
         """Return what is known about the run that is shown."""
         for report in self._plant_reports.take():
             self._plant_report = report
@@ -129,7 +129,7 @@ class Viewer(BallbotNode[ViewerParameters]):
             self._requests.forget_plant()
         return RunActivity(
             session=self._newest.session,
-            has_run=bool(run),
+            has_pose=has_pose,
             report=self._plant_report if self._plant_report.run == run else None,
             has_lost_plant=self._requests.lost_plant,
         )

@@ -19,7 +19,7 @@ RATES = {'0.1×': 0.1, '0.25×': 0.25, '0.5×': 0.5, '1×': 1.0, '2×': 2.0, 'ma
 """Real-time factors by their labels; 0 is as fast as possible."""
 
 REPORT = '/report'
-_MAX_DETAILS = 5
+_MAX_DETAILS = 4
 
 _KINDS: Mapping[str, BannerKind] = {
     Verdict.PASSED: BannerKind.GOOD,
@@ -37,8 +37,8 @@ class RunActivity:
     ----------
     session : Session or None
         What the command of the run tells; None without such a command.
-    has_run : bool
-        Whether a run has been announced, and none has been requested since.
+    has_pose : bool
+        Whether the robot's pose in this run is known.
     report : PlantReport or None
         The plant's newest report about that run.
     has_lost_plant : bool
@@ -46,7 +46,7 @@ class RunActivity:
     """
 
     session: Session | None = None
-    has_run: bool = False
+    has_pose: bool = False
     report: PlantReport | None = None
     has_lost_plant: bool = False
 
@@ -83,13 +83,16 @@ class RunActivity:
     def _banner(self) -> Banner | None:
         if self.session and self.session.result:
             return _result_banner(self.session.scenario, self.session.result)
-        if not self.has_run:
+        report = self.report
+        if report and report.outcome:
+            return self._end_banner(report.outcome, report.problem)
+        if report and report.missing:
+            return Banner(f'waiting for {", ".join(report.missing)} …', BannerKind.BUSY)
+        if not self.has_pose:
             return self._waiting_banner
-        if self.report and self.report.outcome:
-            return self._end_banner(self.report.outcome, self.report.problem)
         if self.has_lost_plant:
             return Banner('the plant has ended', BannerKind.BAD)
-        return _report_banner(self.report) if self.report else None
+        return _report_banner(report) if report else None
 
     @property
     def _waiting_banner(self) -> Banner:
@@ -105,9 +108,7 @@ class RunActivity:
 
 
 def _report_banner(report: PlantReport) -> Banner | None:
-    """Return the banner of a run that has not ended; None if it just runs."""
-    if report.missing:
-        return Banner(f'waiting for {", ".join(report.missing)} …', BannerKind.BUSY)
+    """Return the banner of a run that has begun; None if it just runs."""
     if report.awaits_start:
         return Banner('the run is about to begin', BannerKind.BUSY)
     if report.is_paused:
@@ -116,25 +117,37 @@ def _report_banner(report: PlantReport) -> Banner | None:
 
 
 def _result_banner(scenario: str, result: SessionResult) -> Banner:
-    judged = sorted(result.judgements, key=lambda each: each.holds)
-    has_reason = bool(result.reason) and all(each.holds for each in judged)
-    reasons = (result.reason,) if has_reason else ()
     return Banner(
         f'{scenario}: {result.verdict}',
         _KINDS.get(result.verdict, BannerKind.BAD),
-        (*reasons, *map(_judgement_text, judged[:_MAX_DETAILS])),
+        _result_details(result),
         link=REPORT if result.recording else '',
         link_text='report',
     )
 
 
-def _judgement_text(judgement: Judgement) -> str:
+def _result_details(result: SessionResult) -> tuple[str, ...]:
+    """Return what was not met, or else the reason of a failure and a few metrics."""
+    missed = [each for each in result.judgements if not each.holds]
+    if missed:
+        rest = len(missed) - _MAX_DETAILS
+        more = (f'and {rest} more',) if rest > 0 else ()
+        return (*map(_missed_text, missed[:_MAX_DETAILS]), *more)
+    whole = [each for each in result.judgements if each.expectation.covers_whole_run]
+    reason = (result.reason,) if result.reason else ()
+    return (*reason, *map(_value_text, whole[:_MAX_DETAILS]))
+
+
+def _missed_text(judgement: Judgement) -> str:
     expectation = judgement.expectation
-    name, unit = label(expectation.metric)
-    value = '–' if math.isnan(judgement.value) else f'{judgement.value:.3f} {unit}'.rstrip()
     window = f', {expectation.window}' if expectation.window else ''
-    mark = '✓' if judgement.holds else '✗'
-    return f'{mark} {name}{window}: {value}, expected {expectation}'
+    return f'{_value_text(judgement)}{window}: expected {expectation}'
+
+
+def _value_text(judgement: Judgement) -> str:
+    name, unit = label(judgement.expectation.metric)
+    value = '–' if math.isnan(judgement.value) else f'{judgement.value:.3f} {unit}'
+    return f'{name} {value}'.rstrip()
 
 
 def _buttons(*, is_paused: bool) -> tuple[Button, ...]:

@@ -109,7 +109,7 @@ def test_a_run_whose_plant_is_gone_has_ended():
     for lost_plant in (False, True):
         node = bare(
             Viewer,
-            _activity=lambda lost=lost_plant: RunActivity(has_lost_plant=lost),
+            _activity=lambda has_pose, lost=lost_plant: RunActivity(has_lost_plant=lost),
             _controls=SimpleNamespace(offer_scenarios=lambda *, offer: offered.append(offer)),
             _history=History(),
             _newest=SimpleNamespace(take=lambda: (SNAPSHOT, set())),

@@ -100,7 +100,7 @@ def it_is_paused_from_anywhere(browser, client):
 def it_ends_with_a_verdict(browser, client, run):
     """Return the outcome on the page."""
     pause(client, is_paused=False)
-    wait_until(lambda: 'expected' in browser.banner(), browser)
+    wait_until(lambda: 'report' in browser.banner(), browser)
     assert browser.pressed('Pause') is None
     with browser.page.context.expect_page() as opened:
         # The notice about missing graphics hardware may cover it.
