@@ -70,6 +70,7 @@ setup(
         f'{PACKAGE}.controllers': ['templates/*.jinja'],
         f'{PACKAGE}.codegen': ['templates/*', 'target/*'],
         f'{PACKAGE}.studies': ['templates/*.html'],
+        f'{PACKAGE}.viewer': ['assets/*'],
     },
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),

@@ -32,6 +32,8 @@ from ballbot_ros.plant.ground_truth import Pair
 from ballbot_ros.scenario.library import scenario_names
 from ballbot_ros.timing import SECOND_NS
 from ballbot_ros.viewer.address import network_warning, require_viser
+from ballbot_ros.viewer.overlay import Hold, OverlayState
+from ballbot_ros.viewer.page_sticks import PageSticks
 from ballbot_ros.viewer.plot_kinds import offered_kinds, plot_data
 from ballbot_ros.viewer.real_time_factor import RealTimeFactor
 from ballbot_ros.viewer.snapshot import LIVE_SIGNALS, History, Snapshot
@@ -64,6 +66,7 @@ class Viewer(BallbotNode[ViewerParameters]):
         super().__init__(ViewerParameters, parameters)
         require_viser()
         # Imported only here: viser takes a second.
+        from ballbot_ros.viewer.drag import DragPush, ForceArrow
         from ballbot_ros.viewer.live_controls import LiveControls
         from ballbot_ros.viewer.page import UPDATE_S, Page
         from ballbot_ros.viewer.panel import PERIOD, Panel
@@ -77,8 +80,11 @@ class Viewer(BallbotNode[ViewerParameters]):
         self._panel_period = PERIOD
         self._plots = Plots(self._page.server.gui, offered_kinds(LIVE_SIGNALS))
         self._start_position: Pair | None = None  # of the run; None if unknown
-        self._robot = self._page.show_robot(self._page.dimensions)
         self._requests = ViewerRequests(self, self._page.notify)
+        self._drag = DragPush(ForceArrow(self._page.server.scene), self._requests.push)
+        self._show_robot(self._page.dimensions)
+        self._page.overlay.show(OverlayState(can_drive=True))
+        self._sticks = PageSticks()
         self._controls = LiveControls(self._page.server.gui, self._requests, scenario_names())
         sliders = TuningSliders(self._page.server.gui)
         self._tuning = TuningRequests(self, self._page.notify, sliders)
@@ -95,6 +101,7 @@ class Viewer(BallbotNode[ViewerParameters]):
         print(f'viewer  {self._page.address}', flush=True)
 
     def _update(self) -> None:
+        self._take_requests()
         self._requests.send_queued()
         self._tuning.send_queued()
         snapshot, changed = self._newest.take()
@@ -127,6 +134,12 @@ class Viewer(BallbotNode[ViewerParameters]):
         )
         self._plots.refresh(lambda kind: plot_data(kind, time, columns))
 
+    def _take_requests(self) -> None:
+        """Carry out the requests of the pages."""
+        for request in self._page.overlay.take():
+            if isinstance(request, Hold):
+                self._sticks.hold(request)
+
     def _begin(self, snapshot: Snapshot, published: OccupancyGridMessage | None) -> None:
         """Show the floor of a new run, and discard the previous run.
 
@@ -139,12 +152,16 @@ class Viewer(BallbotNode[ViewerParameters]):
         self.apply_parameters()
         dimensions = Dimensions.from_parameters(self.parameters)
         if dimensions != before:
-            self._robot = self._page.show_robot(dimensions)
+            self._show_robot(dimensions)
         floor = self._floor = self._load_floor()
         if floor is None and published is not None:
             floor = floor_map_of(map_grid(published))
         self._page.show_floor(floor, _start(snapshot))
         self._requests.plant_parameters(_ASKED, self._take_parameters)
+
+    def _show_robot(self, dimensions: Dimensions) -> None:
+        self._robot = self._page.show_robot(dimensions)
+        self._robot.on_drag(self._drag.on_drag)
 
     def check(self, parameters: ViewerParameters) -> None:
         """Check that the map exists."""
@@ -161,7 +178,7 @@ class Viewer(BallbotNode[ViewerParameters]):
         self._start_position = parameters.start_position_x, parameters.start_position_y
         dimensions = Dimensions.from_parameters(parameters)
         if dimensions != self._page.dimensions:
-            self._robot = self._page.show_robot(dimensions)
+            self._show_robot(dimensions)
         snapshot = snapshot_of(self._newest)
         if snapshot is None:
             return
@@ -178,8 +195,8 @@ class Viewer(BallbotNode[ViewerParameters]):
             self._panel.play(tone_of(message))
 
     def _drive(self) -> None:
-        """Publish the on-screen sticks while they are held, and once after their release."""
-        sticks = self._controls.drive(time.monotonic())
+        """Publish the pages' sticks while they are held, and once after their release."""
+        sticks = self._sticks.value(time.monotonic())
         if sticks is not None or self._is_driving:
             self._joy.publish(encode_joy(self.now_ns, sticks or (0.0, 0.0)))
         self._is_driving = sticks is not None

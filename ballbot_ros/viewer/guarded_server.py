@@ -1,4 +1,4 @@
-"""viser's server with access control."""
+"""viser's server with access control, the overlay and documents of our own."""
 
 from __future__ import annotations
 
@@ -19,11 +19,17 @@ from websockets.http11 import Request, Response
 from ballbot_ros.errors import one_line
 from ballbot_ros.viewer.access_policy import AccessPolicy
 from ballbot_ros.viewer.errors import ViewerError
+from ballbot_ros.viewer.page_link import PageLink
+from ballbot_ros.viewer.web_content import ASSETS, asset, html, index
+
+LINK = '/link'
+"""Path of the overlay's connection."""
 
 _log = logging.getLogger('ballbot_ros.viewer')
 _REFUSAL = 'The viewer only answers at the address that it has printed.\n'
 
 Answer = Callable[[ServerConnection, Request], Awaitable[Response | None] | Response | None]
+Handler = Callable[[ServerConnection], Awaitable[None]]
 
 
 class _OneLine(logging.Filter):
@@ -69,10 +75,10 @@ _infra.AsyncMessageBuffer = _MessageBuffer  # type: ignore[attr-defined]
 class GuardedServer(viser.ViserServer):
     """Answers the requests that a policy allows, and lets pages with its token steer.
 
-    viser has no hooks for this, so internals are replaced: its call of ``serve`` gets another
-    request handler, and messages about shared elements pass a check. Messages about a browser's own
-    state, such as its camera, are not affected. The message queues are replaced by thread-safe
-    ones.
+    viser has no hooks for this, so internals are replaced: its call of ``serve`` gets other
+    handlers of requests and connections, and messages about shared elements pass a check. Messages
+    about a browser's own state, such as its camera, are not affected. The message queues are
+    replaced by thread-safe ones.
 
     Raises
     ------
@@ -82,6 +88,9 @@ class GuardedServer(viser.ViserServer):
 
     def __init__(self, policy: AccessPolicy, port: int, title: str) -> None:
         self._policy = policy
+        self._title = title
+        self.link = PageLink()
+        self._documents: dict[str, Callable[[], bytes]] = {}
         self._is_guarded = False
         with _instead_of_serve(self._serve):
             super().__init__(policy.host, port, label=title, verbose=False)
@@ -99,8 +108,12 @@ class GuardedServer(viser.ViserServer):
             return False
         return self._policy.may_steer(connection.request.path)
 
+    def serve_document(self, path: str, make: Callable[[], bytes]) -> None:
+        """Serve an HTML document, which `make` returns in a worker thread for each request."""
+        self._documents[path] = make
+
     def _serve(
-        self, *arguments: Any, process_request: Answer | None = None, **options: Any
+        self, handler: Handler, *arguments: Any, process_request: Answer, **options: Any
     ) -> serve:
         """Start the server as viser does, but refuse requests that the policy does not allow."""
         dispatch = self._websock_server._handle_incoming_message
@@ -114,29 +127,52 @@ class GuardedServer(viser.ViserServer):
         def answer(
             connection: ServerConnection, request: Request
         ) -> Awaitable[Response | None] | Response | None:
-            response = self._answer(connection, request)
-            if response is None and process_request is not None:
-                return process_request(connection, request)
-            return response
+            return self._answer(connection, request) or process_request(connection, request)
+
+        async def handle(connection: ServerConnection) -> None:
+            request = connection.request
+            if request is not None and _path(request) == LINK:
+                may_steer = self._policy.may_steer(request.path)
+                await self.link.serve(connection, may_steer=may_steer)
+            else:
+                await handler(connection)
 
         self._is_guarded = True
-        return serve(*arguments, process_request=answer, logger=_log, **options)
+        return serve(handle, *arguments, process_request=answer, logger=_log, **options)
 
-    def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
+    def _answer(
+        self, connection: ServerConnection, request: Request
+    ) -> Awaitable[Response] | Response | None:
         """Return the answer to a request that viser must not handle, else None."""
         hosts = request.headers.get_all('Host')
         origins = request.headers.get_all('Origin')
         address, port = connection.local_address[:2]
         if not self._policy.allows(hosts, origins, (address, port)):
             return connection.respond(HTTPStatus.FORBIDDEN, _REFUSAL)
-        if 'Upgrade' in request.headers or '?' not in request.path:
+        if 'Upgrade' in request.headers:
             return None
+        path = _path(request)
+        if path in self._documents:
+            return self._make(self._documents[path])
+        if path.startswith(ASSETS):
+            content = asset(path.removeprefix(ASSETS))
+            return content.response() if content else connection.respond(HTTPStatus.NOT_FOUND, '')
         page = self._policy.page(hosts[0], request.path)
-        if request.path == page:
+        if request.path in (page, '/'):
+            return index(self._title).response()
+        if '?' not in request.path:
             return None
         response = connection.respond(HTTPStatus.FOUND, '')
         response.headers['Location'] = page
         return response
+
+    @staticmethod
+    async def _make(make: Callable[[], bytes]) -> Response:
+        return html(await asyncio.to_thread(make)).response()
+
+
+def _path(request: Request) -> str:
+    return request.path.partition('?')[0]
 
 
 @contextlib.contextmanager

@@ -8,6 +8,7 @@ import logging
 import secrets
 import socket
 import threading
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from ballbot_ros.viewer.access_policy import AccessPolicy
 from ballbot_ros.viewer.address import check_address
 from ballbot_ros.viewer.floor import Area
 from ballbot_ros.viewer.guarded_server import GuardedServer
+from ballbot_ros.viewer.overlay import Overlay
 from ballbot_ros.viewer.scene import Robot, Scene
 from ballbot_ros.viewer.snapshot import Snapshot
 from ballbot_ros.viewer.views import TITLES, TRACKING, VIEWS, VISTA, camera
@@ -67,6 +69,7 @@ class Page:
         logging.getLogger('websockets').setLevel(logging.ERROR)
         with contextlib.redirect_stdout(io.StringIO()):  # suppress viser's greeting
             self.server = GuardedServer(self._policy, port, title)
+        self.overlay = Overlay(self.server.link)
         self._title = title
         self.dimensions = dimensions  # of the robot shown
         self._area = Area.of(None)
@@ -91,6 +94,10 @@ class Page:
     def has_clients(self) -> bool:
         """Whether a browser is connected."""
         return bool(self._views)
+
+    def serve(self, path: str, make: Callable[[], bytes]) -> None:
+        """Serve an HTML document, which `make` returns in a worker thread for each request."""
+        self.server.serve_document(path, make)
 
     def show_robot(self, dimensions: Dimensions) -> Robot:
         """Show the robot, replacing another one."""

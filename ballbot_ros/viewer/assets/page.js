@@ -1,0 +1,38 @@
+// The overlay on viser's scene: banner, transport bar, time line and stick.
+
+import { Banner } from './banner.js';
+import { Driving } from './driving.js';
+import { element } from './element.js';
+import { Link } from './link.js';
+import { followScene } from './scene.js';
+import { Transport } from './transport.js';
+
+const link = new Link();
+const banner = new Banner();
+const transport = new Transport((request) => link.send(request));
+const driving = new Driving((request) => link.send(request));
+const root = element('div', { id: 'overlay' }, [
+  banner.node,
+  element('div', { className: 'overlay-foot' }, [driving.node, transport.node]),
+]);
+
+link.on('may_steer', (may) => root.classList.toggle('only-watches', !may));
+link.on('connected', (is) => {
+  banner.setConnected(is);
+  if (!is) driving.enable(false);
+});
+link.on('state', (state) => {
+  banner.show(state.banner);
+  transport.show(state);
+  driving.enable(state.can_drive && !root.classList.contains('only-watches'));
+});
+link.on('time', (time) => transport.moveTo(time));
+
+// The chooser of the view keeps the focus after a choice, and with it the keys.
+addEventListener('click', ({ target }) => {
+  if (target.closest?.('[role="option"]')) setTimeout(() => document.activeElement.blur());
+});
+
+document.body.append(root);
+followScene(root);
+link.connect();

@@ -1,0 +1,203 @@
+"""The overlay on the scene: banner, transport bar, time line and stick."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from enum import Enum
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:  # importing it needs an optional package
+    from ballbot_ros.viewer.page_link import PageLink, PageMessage
+
+MAX_HELD = 1.0
+"""A stick at its end."""
+
+
+class BannerKind(str, Enum):
+    """What a banner is about; it determines the colour."""
+
+    INFO = 'info'
+    BUSY = 'busy'
+    GOOD = 'good'
+    BAD = 'bad'
+
+
+class MarkKind(str, Enum):
+    """Event that a mark on the time line stands for."""
+
+    STATE = 'state'
+    PUSH = 'push'
+    HIT = 'hit'
+    TONE = 'tone'
+
+
+@dataclass(frozen=True)
+class Banner:
+    """A notice above the scene, with a link if `link` is not empty; `details` are further lines."""
+
+    text: str
+    kind: BannerKind = BannerKind.INFO
+    details: tuple[str, ...] = ()
+    link: str = ''
+    link_text: str = ''
+
+
+@dataclass(frozen=True)
+class Button:
+    """A button of the transport bar.
+
+    Attributes
+    ----------
+    name : str
+        What :class:`Press` reports.
+    key : str
+        ``KeyboardEvent.key`` that presses it too, such as ``' '``; '' for none.
+    tip : str
+        What it does, for the tool tip.
+    """
+
+    name: str
+    label: str
+    key: str = ''
+    tip: str = ''
+    is_pressed: bool = False
+
+
+@dataclass(frozen=True)
+class Mark:
+    """An event on the time line, at `time` [s]."""
+
+    time: float
+    kind: MarkKind
+    text: str
+
+
+@dataclass(frozen=True)
+class Timeline:
+    """A time line from 0 to `end` [s]."""
+
+    end: float
+    marks: tuple[Mark, ...] = ()
+
+
+@dataclass(frozen=True)
+class OverlayState:
+    """What the overlay shows, except for the position on the time line.
+
+    Attributes
+    ----------
+    rates, rate : tuple of str, str
+        The choices of speed, and the present one; '' for none of them.
+    can_drive : bool
+        Whether keys, stick and gamepad of the browser drive the robot.
+    """
+
+    banner: Banner | None = None
+    buttons: tuple[Button, ...] = ()
+    rates: tuple[str, ...] = ()
+    rate: str = ''
+    timeline: Timeline | None = None
+    can_drive: bool = False
+
+
+@dataclass(frozen=True)
+class Press:
+    """A button was pressed, by the pointer or its key."""
+
+    name: str
+
+
+@dataclass(frozen=True)
+class ChooseRate:
+    """A speed was chosen."""
+
+    rate: str
+
+
+@dataclass(frozen=True)
+class Seek:
+    """A time was chosen on the time line [s]."""
+
+    time: float
+
+
+@dataclass(frozen=True)
+class Hold:
+    """A page reports its stick: forward and rightward, each −1 ... 1, at `at_s` [s]."""
+
+    page: int
+    forward: float
+    rightward: float
+    at_s: float
+
+
+Request = Press | ChooseRate | Seek | Hold
+
+
+class Overlay:
+    """Shows a state on all pages, and collects their requests.
+
+    Pages get only what has changed; only requests from pages with the token arrive.
+    """
+
+    def __init__(self, link: PageLink) -> None:
+        self._link = link
+        self._state: OverlayState | None = None
+        self._time = math.nan
+        self.show(OverlayState())
+
+    def show(self, state: OverlayState) -> None:
+        """Show a state."""
+        if state != self._state:
+            self._state = state
+            self._link.publish('state', asdict(state))
+
+    def move_playhead(self, time_s: float) -> None:
+        """Move the position on the time line to `time_s` [s]."""
+        if time_s != self._time:
+            self._time = time_s
+            self._link.publish('time', round(time_s, 3))
+
+    def take(self) -> list[Request]:
+        """Return the requests since the last call, oldest first."""
+        return [request for message in self._link.take() if (request := parse_request(message))]
+
+
+def parse_request(message: PageMessage) -> Request | None:
+    """Return the request in a page's message; None if it has none, as from a foreign program."""
+    try:
+        content = json.loads(message.text)
+    except (ValueError, RecursionError):
+        return None
+    if not isinstance(content, dict):
+        return None
+    match content:
+        case {'press': str(name)}:
+            return Press(name)
+        case {'rate': str(rate)}:
+            return ChooseRate(rate)
+        case {'seek': float() | int()}:
+            time = _number(content, 'seek')
+            return None if time is None else Seek(time)
+        case {'forward': float() | int(), 'rightward': float() | int()}:
+            return _hold(message, content)
+    return None
+
+
+def _hold(message: PageMessage, content: Mapping[str, Any]) -> Hold | None:
+    forward, rightward = _number(content, 'forward'), _number(content, 'rightward')
+    if forward is None or rightward is None or max(abs(forward), abs(rightward)) > MAX_HELD:
+        return None
+    return Hold(message.page, forward, rightward, message.at_s)
+
+
+def _number(content: Mapping[str, Any], name: str) -> float | None:
+    """Return a finite number of a message; None if it is none."""
+    value = content[name]
+    try:
+        return float(value) if not isinstance(value, bool) and math.isfinite(value) else None
+    except OverflowError:
+        return None
