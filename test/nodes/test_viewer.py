@@ -108,7 +108,11 @@ def test_a_run_whose_plant_is_gone_has_ended():
             _controls=SimpleNamespace(offer_scenarios=lambda *, offer: offered.append(offer)),
             _history=History(),
             _newest=SimpleNamespace(take=lambda: (SNAPSHOT, set())),
-            _page=SimpleNamespace(has_clients=True, update_cameras=lambda snapshot: None),
+            _page=SimpleNamespace(
+                dimensions=DIMENSIONS, has_clients=True, update_cameras=lambda snapshot: None
+            ),
+            _plots=SimpleNamespace(refresh=lambda source: None),
+            _start_position=None,
             _panel=SimpleNamespace(show=lambda snapshot, *_: shown.append(snapshot.state)),
             _panel_period=1,
             _real_time_factor=RealTimeFactor(),
