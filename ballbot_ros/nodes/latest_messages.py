@@ -9,10 +9,23 @@ from typing import Any
 
 from rclpy.node import Node
 
-from ballbot_ros.messages.conversions import ball_position, body_pitch, stamp_ns, time_ns
+from ballbot_ros.controllers.interface import OperatingState
+from ballbot_ros.messages.conversions import (
+    NO_CONTROLLER_STATE,
+    ball_position,
+    ball_velocity,
+    body_pitch,
+    body_rates,
+    controller_state,
+    stamp_ns,
+    stick_deflection,
+    time_ns,
+)
 from ballbot_ros.messages.raw import decoder, has_stamp, stamp_of
 from ballbot_ros.messages.topics import (
     BATTERY_STATE,
+    CONTROLLER_STATE,
+    GAMEPAD_JOY,
     LCD,
     MOTOR_DUTY,
     OPERATING_STATE,
@@ -29,7 +42,10 @@ from ballbot_ros.parameters import PLANT
 from ballbot_ros.timing import SECOND_NS
 from ballbot_ros.viewer.session import Session, decode_session
 from ballbot_ros.viewer.shown_run import ShownRun
-from ballbot_ros.viewer.snapshot import Snapshot
+from ballbot_ros.viewer.snapshot import UNKNOWN, Snapshot
+
+_OUT_OF_CONTROL = (OperatingState.CALIBRATION, OperatingState.OUT_OF_CONTROL)
+"""States in which the controller's estimates mean nothing."""
 
 _PUBLISHED = 'source_timestamp'
 """Time of publication in a message's metadata [ns]."""
@@ -140,10 +156,18 @@ def snapshot_of(newest: LatestMessages) -> Snapshot | None:
         return None
     duty, sonar, battery = newest[MOTOR_DUTY], newest[SONAR_RANGE], newest[BATTERY_STATE]
     state, lcd = newest[OPERATING_STATE], newest[LCD]
+    estimates, sticks = newest[CONTROLLER_STATE], newest[GAMEPAD_JOY]
+    is_in_control = state is not None and state.data not in _OUT_OF_CONTROL
     return Snapshot(
         time=stamp_ns(ball) / SECOND_NS,
         position=ball_position(ball),
         psi=body_pitch(body),
+        speed=ball_velocity(ball),
+        pitch_rate=body_rates(body),
+        estimates=(
+            controller_state(estimates) if estimates and is_in_control else NO_CONTROLLER_STATE
+        ),
+        sticks=stick_deflection(sticks) if sticks else UNKNOWN,
         duty=(duty.vector.x, duty.vector.y) if duty else (math.nan, math.nan),
         sonar=sonar.range if sonar else math.nan,
         cone_angle=sonar.field_of_view if sonar else 0.0,

@@ -12,6 +12,8 @@ from ballbot_ros.messages.message_types import OccupancyGridMessage
 from ballbot_ros.messages.plant_report import PlantReport
 from ballbot_ros.messages.topics import (
     BATTERY_STATE,
+    CONTROLLER_STATE,
+    GAMEPAD_JOY,
     LCD,
     MAP,
     MOTOR_DUTY,
@@ -32,15 +34,17 @@ from ballbot_ros.nodes.start_request import StartRequest
 from ballbot_ros.nodes.tuning_requests import TuningRequests
 from ballbot_ros.nodes.viewer_requests import ViewerRequests
 from ballbot_ros.parameters import Dimensions, PlantParameters, ViewerParameters
+from ballbot_ros.plant.ground_truth import Pair
 from ballbot_ros.scenario.library import scenario_names
 from ballbot_ros.timing import SECOND_NS
 from ballbot_ros.viewer.address import address_line, network_warning, require_viser
 from ballbot_ros.viewer.overlay import Hold
 from ballbot_ros.viewer.page_sticks import PageSticks
+from ballbot_ros.viewer.plot_kinds import offered_kinds, plot_data
 from ballbot_ros.viewer.real_time_factor import RealTimeFactor
 from ballbot_ros.viewer.run_activity import REPORT, RunActivity
 from ballbot_ros.viewer.run_report import RunReport
-from ballbot_ros.viewer.snapshot import History, Snapshot
+from ballbot_ros.viewer.snapshot import LIVE_SIGNALS, History, Snapshot
 from ballbot_ros.viewer.transport import carry_out
 from ballbot_ros.world.errors import WorldError
 from ballbot_ros.world.exports import floor_map_of
@@ -48,10 +52,16 @@ from ballbot_ros.world.floor_map import FloorMap
 from ballbot_ros.world.library import load_map
 
 _SHOWN = (
-    PLANT_IMU, PLANT_ODOM, MOTOR_DUTY, SONAR_RANGE, BATTERY_STATE, OPERATING_STATE, LCD, SOUND,
-    MAP, RUN, SESSION,
+    PLANT_IMU, PLANT_ODOM, MOTOR_DUTY, CONTROLLER_STATE, GAMEPAD_JOY, SONAR_RANGE,
+    BATTERY_STATE, OPERATING_STATE, LCD, SOUND, MAP, RUN, SESSION,
 )  # fmt: skip
-_ASKED = ('scenario', 'map', *(field.name for field in fields(Dimensions)))
+_ASKED = (
+    'scenario',
+    'map',
+    'start_position_x',
+    'start_position_y',
+    *(field.name for field in fields(Dimensions)),
+)
 """Parameters of the plant that determine what to show."""
 
 _STICK_PERIOD_S = 0.05
@@ -69,6 +79,7 @@ class Viewer(BallbotNode[ViewerParameters]):
         from ballbot_ros.viewer.live_controls import LiveControls
         from ballbot_ros.viewer.page import UPDATE_S, Page
         from ballbot_ros.viewer.panel import PERIOD, Panel
+        from ballbot_ros.viewer.plots import Plots
         from ballbot_ros.viewer.tuning_sliders import TuningSliders
 
         host, port = self.parameters.host, self.parameters.port
@@ -76,6 +87,8 @@ class Viewer(BallbotNode[ViewerParameters]):
         self._page = Page(Dimensions.from_parameters(self.parameters), 'NXT Ballbot', host, port)
         self._panel = Panel(self._page.server.gui)
         self._panel_period = PERIOD
+        self._plots = Plots(self._page.server.gui, offered_kinds(LIVE_SIGNALS))
+        self._start_position: Pair | None = None  # of the run; None if unknown
         self._requests = ViewerRequests(self, self._page.notify)
         self._start = StartRequest(self)
         self._report = RunReport()
@@ -151,6 +164,8 @@ class Viewer(BallbotNode[ViewerParameters]):
         self._real_time_factor = RealTimeFactor()
         self._robot.hide()
         self._panel.clear()
+        self._start_position = None
+        self._show_plots()
 
     def _report_page(self) -> bytes:
         """Return the report of the run that has ended; runs in a thread of the page."""
@@ -174,8 +189,15 @@ class Viewer(BallbotNode[ViewerParameters]):
         if self._updates % self._panel_period == 0:
             self._robot.show_trail(self._history.trail())
             factor = self._real_time_factor.update(time.monotonic(), snapshot.time)
-            self._panel.show(snapshot, self._history.trace(), factor)
+            self._panel.show(snapshot, factor)
+            self._show_plots()
             self._controls.offer_scenarios(offer=self._requests.can_start)
+
+    def _show_plots(self) -> None:
+        time, columns = self._history.columns(
+            self._page.dimensions.ball_radius, self._start_position
+        )
+        self._plots.refresh(lambda kind: plot_data(kind, time, columns))
 
     def _begin(self, snapshot: Snapshot, published: OccupancyGridMessage | None) -> None:
         """Show the floor of a new run, and discard the previous run.
@@ -184,6 +206,7 @@ class Viewer(BallbotNode[ViewerParameters]):
         plant's parameters name the map that has them.
         """
         self._history.clear()
+        self._start_position = None
         before = Dimensions.from_parameters(self.parameters)
         self.apply_parameters()
         dimensions = Dimensions.from_parameters(self.parameters)
@@ -211,6 +234,7 @@ class Viewer(BallbotNode[ViewerParameters]):
     def _take_parameters(self, parameters: PlantParameters) -> None:
         """Show the robot and the map that the plant simulates."""
         self._controls.show_scenario(parameters.scenario)
+        self._start_position = parameters.start_position_x, parameters.start_position_y
         dimensions = Dimensions.from_parameters(parameters)
         if dimensions != self._page.dimensions:
             self._show_robot(dimensions)

@@ -114,10 +114,13 @@ def test_a_run_whose_plant_is_gone_has_ended():
             _history=History(),
             _newest=SimpleNamespace(take=lambda: (SNAPSHOT, set())),
             _page=SimpleNamespace(
+                dimensions=DIMENSIONS,
                 has_clients=True,
                 overlay=SimpleNamespace(show=lambda state: None, take=list),
                 update_cameras=lambda snapshot: None,
             ),
+            _plots=SimpleNamespace(refresh=lambda source: None),
+            _start_position=None,
             _panel=SimpleNamespace(show=lambda snapshot, *_: shown.append(snapshot.state)),
             _panel_period=1,
             _real_time_factor=RealTimeFactor(),
@@ -193,6 +196,7 @@ class EmptyViewer:
                 pause=lambda is_paused: self.done.append(f'pause {is_paused}'),
             ),
             _robot=SimpleNamespace(hide=act('robot')),
+            _show_plots=act('plots'),
             _run='1 a',
             _start=SimpleNamespace(request=act('start')),
             _sticks=SimpleNamespace(hold=act('hold')),
@@ -215,8 +219,8 @@ def test_a_viewer_that_shows_nothing_yet_sends_its_requests_and_closes_its_page(
 
 def test_what_is_shown_of_a_run_is_dropped_once_when_another_is_awaited():
     viewer = EmptyViewer(is_empty=False)
-    assert viewer.update() == ['history', 'robot', 'panel']
-    assert viewer.update()[3:] == ['sent', 'tuned']
+    assert viewer.update() == ['history', 'robot', 'panel', 'plots']
+    assert viewer.update()[4:] == ['sent', 'tuned']
 
 
 def test_a_run_that_waits_for_its_start_begins_when_a_page_is_open():

@@ -29,7 +29,7 @@ from ballbot_ros.viewer.live_controls import LiveControls
 from ballbot_ros.viewer.overlay import Banner, OverlayState, Press
 from ballbot_ros.viewer.page import Page
 from ballbot_ros.viewer.panel import Panel
-from ballbot_ros.viewer.snapshot import History, Snapshot
+from ballbot_ros.viewer.snapshot import Snapshot
 
 PROTOCOL = f'viser-v{viser.__version__}'
 UPGRADE = {
@@ -62,7 +62,7 @@ class Served:
         self.server = self.page.server
         self.controls = LiveControls(self.server.gui, self.robot, ['push', 'square'])
         self.controls.offer_scenarios(offer=True)
-        Panel(self.server.gui).show(Snapshot(0.0, (0.0, 0.0), (0.0, 0.0)), History().trace())
+        Panel(self.server.gui).show(Snapshot(0.0, (0.0, 0.0), (0.0, 0.0)))
         self.address = self.page.address
         self.place = urlsplit(self.address).netloc
         self.inputs = {
@@ -307,7 +307,7 @@ def test_a_page_steers_with_the_token_and_only_shows_without_it(served, needs_br
             other.wait_for_text('This page can only watch')
             for text in ('Scenario', 'Push'):
                 other.page.get_by_text(text, exact=True).wait_for(state='hidden')
-            other.wait_for_text('Last 10 s')
+            other.wait_for_text('battery')
             other.choose('1 Top')
             assert other.errors == []
             other.page.close()

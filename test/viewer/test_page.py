@@ -36,7 +36,7 @@ from ballbot_ros.viewer.panel import Panel  # noqa: E402
 from ballbot_ros.viewer.playback_run import PlaybackRun  # noqa: E402
 from ballbot_ros.viewer.recording_page import RecordingPage  # noqa: E402
 from ballbot_ros.viewer.robot import BLACK, DARK, parts  # noqa: E402
-from ballbot_ros.viewer.snapshot import History, Snapshot  # noqa: E402
+from ballbot_ros.viewer.snapshot import Snapshot  # noqa: E402
 from ballbot_ros.viewer.tuning_sliders import FOLDER  # noqa: E402
 from ballbot_ros.viewer.views import CHASER_1, ROBOT, TITLES, VIEWS, camera  # noqa: E402
 from ballbot_ros.world.floor_map import CELL_M, FLOOR  # noqa: E402
@@ -368,7 +368,7 @@ def test_scenarios_are_offered_where_they_can_be_started(recording):
     page = Page(PlaybackRun(recording).dimensions, 'test', '127.0.0.1', 0)
     robot = StubRobot()
     controls = LiveControls(page.server.gui, robot, ['push', 'square', 'stationary'])
-    Panel(page.server.gui).show(Snapshot(0.0, (0.0, 0.0), (0.0, 0.0)), History().trace())
+    Panel(page.server.gui).show(Snapshot(0.0, (0.0, 0.0), (0.0, 0.0)))
     with browsing(page.address) as browser:
         assert browser.page.get_by_role('button', name='Start', exact=True).count() == 0
         controls.offer_scenarios(offer=True)
