@@ -15,6 +15,7 @@ from ballbot_ros.messages.topics import BATTERY_STATE, PLANT_IMU, PLANT_ODOM, SO
 from ballbot_ros.parameters import Dimensions
 from ballbot_ros.progress import ProgressCallback
 from ballbot_ros.viewer.errors import ViewerError
+from ballbot_ros.viewer.robot import RolledBall, wxyz
 from ballbot_ros.viewer.snapshot import TRACE_COLUMNS, WINDOW_S, Snapshot
 from ballbot_ros.world.exports import OccupancyGrid, floor_map_of
 from ballbot_ros.world.floor_map import FloorMap
@@ -54,6 +55,7 @@ class PlaybackRun:
         self.floor_map = _floor_map(run)
         x, y = run.trajectory.position[0].tolist()
         self.start = (x, -y)
+        self._ball = RolledBall(run.trajectory.position, self.dimensions.ball_radius)
         self._state_times = [interval.start for interval in run.states]
         self._page_times = [time for time, _ in run.pages]
         self._tone_times = [time for time, _ in run.tones]
@@ -68,6 +70,7 @@ class PlaybackRun:
         psi_x, psi_y = motion.psi[tick].tolist()
         duty_x, duty_y = motion.duty[tick].tolist()
         sonar, cone_angle = self._newest_sonar(time)
+        w, i, j, k = wxyz(self._ball.at(tick)).tolist()
         return Snapshot(
             time=float(motion.time[tick]),
             position=(x, y),
@@ -78,6 +81,7 @@ class PlaybackRun:
             battery=float(_held(self._run.series.get(BATTERY_STATE), np.array([time]))[0]),
             state=self._run.states[state].name if state >= 0 else '',
             lcd=self._run.pages[page][1] if page >= 0 else '',
+            ball=(w, i, j, k),
         )
 
     def _newest_sonar(self, time: float) -> tuple[float, float]:

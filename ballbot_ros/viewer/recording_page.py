@@ -10,6 +10,7 @@ from typing import Any
 from ballbot_ros.viewer.page import Page
 from ballbot_ros.viewer.panel import PERIOD, Panel
 from ballbot_ros.viewer.playback_run import PlaybackRun
+from ballbot_ros.viewer.recorded_robots import RecordedRobots
 
 RATES = {'0.1×': 0.1, '0.5×': 0.5, '1×': 1.0, '2×': 2.0, '5×': 5.0}
 _RATES_WITH_TONES = (0.5, 1.0, 2.0)
@@ -73,10 +74,7 @@ class RecordingPage:
         self._slider.on_update(self._on_slider)
         self._button.on_click(self._on_button)
         rate.on_click(self._on_rate)
-        self._robots = [
-            page.scene.add_robot(name, run.dimensions, ghost=name != 'robot')
-            for name, run in zip(('robot', 'ghost'), runs, strict=False)
-        ]
+        self._robots = RecordedRobots(page.scene, runs)
         page.show_floor(runs[0].floor_map, runs[0].start)
         self._updates = 0
 
@@ -107,12 +105,10 @@ class RecordingPage:
     def show(self, time: float, *, panel: bool) -> None:
         """Show the robots at `time` [s]; with `panel`, also update the panel."""
         snapshot = self._runs[0].snapshot(time)
-        for robot, run in zip(self._robots, self._runs, strict=True):
-            robot.show(run.snapshot(time))
+        self._robots.show(time)
         self._page.update_cameras(snapshot)
         if panel:
-            for robot, run in zip(self._robots, self._runs, strict=True):
-                robot.show_trail(run.trail(time))
+            self._robots.show_trails(time)
             self._panel.show(snapshot, self._runs[0].trace(time))
             self._page.server.get_event_loop().call_soon_threadsafe(self._move_slider, time)
             self._button.label = 'Pause' if self.clock.is_playing else 'Play'

@@ -153,7 +153,8 @@ class Robot:
         self._root.visible = True
         ball = snapshot.position[0], -snapshot.position[1], self._dimensions.ball_radius
         self._links[BALL].position = self._links[BODY].position = ball
-        self._links[BALL].wxyz = wxyz(self._orientation.ball(snapshot.position))
+        rolled = self._orientation.ball(snapshot.position)
+        self._links[BALL].wxyz = wxyz(rolled) if snapshot.ball is None else snapshot.ball
         self._links[BODY].wxyz = body_orientation(snapshot.psi)
         rotations = self._orientation.wheels(snapshot.position, snapshot.psi)
         for link, rotation in zip((WHEEL_X, WHEEL_Y), rotations, strict=True):
