@@ -81,16 +81,19 @@ class Browser:
     def open(self, folder):
         self.page.get_by_text(folder, exact=True).click(force=True)
 
-    def hold(self, name):
-        """Press a button; the mouse is down when this returns."""
-        button = self.page.get_by_role('button', name=name, exact=True)
-        button.scroll_into_view_if_needed()
-        button.hover(force=True)
+    def hold_stick(self, forward, rightward):
+        """Hold the stick with the mouse."""
+        stick = self.page.locator('.stick')
+        stick.hover()
         self.page.mouse.down()
+        box = stick.bounding_box()
+        self.page.mouse.move(
+            box['x'] + box['width'] * (1.0 + rightward) / 2.0,
+            box['y'] + box['height'] * (1.0 - forward) / 2.0,
+        )
 
     def let_go(self):
-        """Release the mouse next to a button."""
-        self.page.mouse.move(self.scene['width'] / 2, self.scene['y'] + 10)
+        """Release the mouse."""
         self.page.mouse.up()
 
     def picture(self):

@@ -8,10 +8,22 @@ from typing import Any
 
 from rclpy.node import Node
 
-from ballbot_ros.messages.conversions import ball_position, body_pitch, stamp_ns
+from ballbot_ros.controllers.interface import OperatingState
+from ballbot_ros.messages.conversions import (
+    NO_CONTROLLER_STATE,
+    ball_position,
+    ball_velocity,
+    body_pitch,
+    body_rates,
+    controller_state,
+    stamp_ns,
+    stick_deflection,
+)
 from ballbot_ros.messages.raw import decoder
 from ballbot_ros.messages.topics import (
     BATTERY_STATE,
+    CONTROLLER_STATE,
+    GAMEPAD_JOY,
     LCD,
     MAP,
     MOTOR_DUTY,
@@ -25,7 +37,10 @@ from ballbot_ros.messages.topics import (
 from ballbot_ros.nodes.inbox import drain, hidden_node, raw_subscription
 from ballbot_ros.nodes.topic_publisher import requested_qos
 from ballbot_ros.timing import SECOND_NS
-from ballbot_ros.viewer.snapshot import Snapshot
+from ballbot_ros.viewer.snapshot import UNKNOWN, Snapshot
+
+_OUT_OF_CONTROL = (OperatingState.CALIBRATION, OperatingState.OUT_OF_CONTROL)
+"""States in which the controller's estimates mean nothing."""
 
 
 class LatestMessages:
@@ -86,10 +101,18 @@ def snapshot_of(newest: LatestMessages) -> Snapshot | None:
         return None
     duty, sonar, battery = newest[MOTOR_DUTY], newest[SONAR_RANGE], newest[BATTERY_STATE]
     state, lcd = newest[OPERATING_STATE], newest[LCD]
+    estimates, sticks = newest[CONTROLLER_STATE], newest[GAMEPAD_JOY]
+    is_in_control = state is not None and state.data not in _OUT_OF_CONTROL
     return Snapshot(
         time=stamp_ns(ball) / SECOND_NS,
         position=ball_position(ball),
         psi=body_pitch(body),
+        speed=ball_velocity(ball),
+        pitch_rate=body_rates(body),
+        estimates=(
+            controller_state(estimates) if estimates and is_in_control else NO_CONTROLLER_STATE
+        ),
+        sticks=stick_deflection(sticks) if sticks else UNKNOWN,
         duty=(duty.vector.x, duty.vector.y) if duty else (math.nan, math.nan),
         sonar=sonar.range if sonar else math.nan,
         cone_angle=sonar.field_of_view if sonar else 0.0,

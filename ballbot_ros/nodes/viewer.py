@@ -10,6 +10,8 @@ from ballbot_ros.messages.conversions import encode_joy, map_grid, stamp_ns, ton
 from ballbot_ros.messages.message_types import OccupancyGridMessage
 from ballbot_ros.messages.topics import (
     BATTERY_STATE,
+    CONTROLLER_STATE,
+    GAMEPAD_JOY,
     LCD,
     MAP,
     MOTOR_DUTY,
@@ -26,23 +28,31 @@ from ballbot_ros.nodes.latest_messages import LatestMessages, snapshot_of
 from ballbot_ros.nodes.tuning_requests import TuningRequests
 from ballbot_ros.nodes.viewer_requests import ViewerRequests
 from ballbot_ros.parameters import Dimensions, PlantParameters, ViewerParameters
+from ballbot_ros.plant.ground_truth import Pair
 from ballbot_ros.scenario.library import scenario_names
 from ballbot_ros.timing import SECOND_NS
 from ballbot_ros.viewer.address import network_warning, require_viser
 from ballbot_ros.viewer.overlay import Hold, OverlayState
 from ballbot_ros.viewer.page_sticks import PageSticks
+from ballbot_ros.viewer.plot_kinds import offered_kinds, plot_data
 from ballbot_ros.viewer.real_time_factor import RealTimeFactor
-from ballbot_ros.viewer.snapshot import History, Snapshot
+from ballbot_ros.viewer.snapshot import LIVE_SIGNALS, History, Snapshot
 from ballbot_ros.world.errors import WorldError
 from ballbot_ros.world.exports import floor_map_of
 from ballbot_ros.world.floor_map import FloorMap
 from ballbot_ros.world.library import load_map
 
 _SHOWN = (
-    PLANT_IMU, PLANT_ODOM, MOTOR_DUTY, SONAR_RANGE, BATTERY_STATE, OPERATING_STATE, LCD, SOUND,
-    MAP, RUN,
+    PLANT_IMU, PLANT_ODOM, MOTOR_DUTY, CONTROLLER_STATE, GAMEPAD_JOY, SONAR_RANGE,
+    BATTERY_STATE, OPERATING_STATE, LCD, SOUND, MAP, RUN,
 )  # fmt: skip
-_ASKED = ('scenario', 'map', *(field.name for field in fields(Dimensions)))
+_ASKED = (
+    'scenario',
+    'map',
+    'start_position_x',
+    'start_position_y',
+    *(field.name for field in fields(Dimensions)),
+)
 """Parameters of the plant that determine what to show."""
 
 _STICK_PERIOD_S = 0.05
@@ -56,9 +66,11 @@ class Viewer(BallbotNode[ViewerParameters]):
         super().__init__(ViewerParameters, parameters)
         require_viser()
         # Imported only here: viser takes a second.
+        from ballbot_ros.viewer.drag import DragPush, ForceArrow
         from ballbot_ros.viewer.live_controls import LiveControls
         from ballbot_ros.viewer.page import UPDATE_S, Page
         from ballbot_ros.viewer.panel import PERIOD, Panel
+        from ballbot_ros.viewer.plots import Plots
         from ballbot_ros.viewer.tuning_sliders import TuningSliders
 
         host, port = self.parameters.host, self.parameters.port
@@ -66,8 +78,11 @@ class Viewer(BallbotNode[ViewerParameters]):
         self._page = Page(Dimensions.from_parameters(self.parameters), 'NXT Ballbot', host, port)
         self._panel = Panel(self._page.server.gui)
         self._panel_period = PERIOD
-        self._robot = self._page.show_robot(self._page.dimensions)
+        self._plots = Plots(self._page.server.gui, offered_kinds(LIVE_SIGNALS))
+        self._start_position: Pair | None = None  # of the run; None if unknown
         self._requests = ViewerRequests(self, self._page.notify)
+        self._drag = DragPush(ForceArrow(self._page.server.scene), self._requests.push)
+        self._show_robot(self._page.dimensions)
         self._page.overlay.show(OverlayState(can_drive=True))
         self._sticks = PageSticks()
         self._controls = LiveControls(self._page.server.gui, self._requests, scenario_names())
@@ -86,9 +101,7 @@ class Viewer(BallbotNode[ViewerParameters]):
         print(f'viewer  {self._page.address}', flush=True)
 
     def _update(self) -> None:
-        for request in self._page.overlay.take():
-            if isinstance(request, Hold):
-                self._sticks.hold(request)
+        self._take_requests()
         self._requests.send_queued()
         self._tuning.send_queued()
         snapshot, changed = self._newest.take()
@@ -111,8 +124,21 @@ class Viewer(BallbotNode[ViewerParameters]):
         if self._updates % self._panel_period == 0:
             self._robot.show_trail(self._history.trail())
             factor = self._real_time_factor.update(time.monotonic(), snapshot.time)
-            self._panel.show(snapshot, self._history.trace(), factor)
+            self._panel.show(snapshot, factor)
+            self._show_plots()
             self._controls.offer_scenarios(offer=self._requests.can_start)
+
+    def _show_plots(self) -> None:
+        time, columns = self._history.columns(
+            self._page.dimensions.ball_radius, self._start_position
+        )
+        self._plots.refresh(lambda kind: plot_data(kind, time, columns))
+
+    def _take_requests(self) -> None:
+        """Carry out the requests of the pages."""
+        for request in self._page.overlay.take():
+            if isinstance(request, Hold):
+                self._sticks.hold(request)
 
     def _begin(self, snapshot: Snapshot, published: OccupancyGridMessage | None) -> None:
         """Show the floor of a new run, and discard the previous run.
@@ -121,16 +147,21 @@ class Viewer(BallbotNode[ViewerParameters]):
         plant's parameters name the map that has them.
         """
         self._history.clear()
+        self._start_position = None
         before = Dimensions.from_parameters(self.parameters)
         self.apply_parameters()
         dimensions = Dimensions.from_parameters(self.parameters)
         if dimensions != before:
-            self._robot = self._page.show_robot(dimensions)
+            self._show_robot(dimensions)
         floor = self._floor = self._load_floor()
         if floor is None and published is not None:
             floor = floor_map_of(map_grid(published))
         self._page.show_floor(floor, _start(snapshot))
         self._requests.plant_parameters(_ASKED, self._take_parameters)
+
+    def _show_robot(self, dimensions: Dimensions) -> None:
+        self._robot = self._page.show_robot(dimensions)
+        self._robot.on_drag(self._drag.on_drag)
 
     def check(self, parameters: ViewerParameters) -> None:
         """Check that the map exists."""
@@ -144,9 +175,10 @@ class Viewer(BallbotNode[ViewerParameters]):
     def _take_parameters(self, parameters: PlantParameters) -> None:
         """Show the robot and the map that the plant simulates."""
         self._controls.show_scenario(parameters.scenario)
+        self._start_position = parameters.start_position_x, parameters.start_position_y
         dimensions = Dimensions.from_parameters(parameters)
         if dimensions != self._page.dimensions:
-            self._robot = self._page.show_robot(dimensions)
+            self._show_robot(dimensions)
         snapshot = snapshot_of(self._newest)
         if snapshot is None:
             return

@@ -8,6 +8,7 @@ from typing import Any, Protocol
 import viser
 
 from ballbot_ros.plant.ground_truth import Pair
+from ballbot_ros.viewer.drag import MAX_FORCE, MIN_FORCE
 
 PAUSE, STEP, RUN, RESET = TIME_BUTTONS = ('Pause', 'Step', 'Run', 'Reset')
 SPEEDS = {'0.1×': 0.1, '0.5×': 0.5, '1×': 1.0, 'max': 0.0}
@@ -61,7 +62,7 @@ class LiveControls:
             self._next: Any = gui.add_dropdown('Next', tuple(scenarios))
             self._on_press(gui.add_button('Start'), lambda _: plant.start(self._next.value))
         with gui.add_folder('Push', order=2.0, expand_by_default=False):
-            size = gui.add_slider('Force [N]', 0.1, 3.0, 0.1, 1.0)
+            size = gui.add_slider('Force [N]', MIN_FORCE, MAX_FORCE, 0.1, 1.0)
             push = gui.add_button_group('Direction', tuple(DIRECTIONS))
 
             def give(name: str) -> None:

@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left, bisect_right
+from collections.abc import Collection
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.analysis.run_data import RunData, Series, read_run
+from ballbot_ros.analysis.signals import signals_of
 from ballbot_ros.brick.brick import Tone
 from ballbot_ros.messages.topics import BATTERY_STATE, PLANT_IMU, PLANT_ODOM, SONAR_RANGE
 from ballbot_ros.parameters import Dimensions
 from ballbot_ros.progress import ProgressCallback
+from ballbot_ros.timing import TICK_NS, TICK_S
 from ballbot_ros.viewer.errors import ViewerError
 from ballbot_ros.viewer.robot import RolledBall, wxyz
-from ballbot_ros.viewer.snapshot import TRACE_COLUMNS, WINDOW_S, Snapshot
+from ballbot_ros.viewer.snapshot import Floats, Snapshot
 from ballbot_ros.world.exports import OccupancyGrid, floor_map_of
 from ballbot_ros.world.floor_map import FloorMap
 
@@ -103,17 +106,31 @@ class PlaybackRun:
             return None
         return self._run.tones[number][1]
 
-    def trace(self, time: float) -> NDArray[np.float64]:
-        """Return the columns of the plots up to `time`, as History.trace does."""
-        motion = self._run.trajectory
-        ticks = self._ticks(self._tick(time - WINDOW_S), self._tick(time))
-        table = np.empty((len(ticks), TRACE_COLUMNS))
-        table[:, 0] = motion.time[ticks]
-        table[:, 1:3] = motion.psi[ticks]
-        table[:, 3:5] = motion.position[ticks]
-        table[:, 5:7] = motion.duty[ticks]
-        table[:, 7] = _held(self._run.series.get(SONAR_RANGE), motion.time[ticks])
-        return table
+    @property
+    def ticks(self) -> int:
+        """Number of ticks from the start to the end."""
+        return round(self.end / TICK_S) + 1
+
+    @property
+    def columns(self) -> frozenset[str]:
+        """The names of its signals' columns, as in ``Run.frame``."""
+        return frozenset(name for signal in signals_of(self._run) for name in signal.columns)
+
+    def table(self, names: Collection[str], ticks: int) -> dict[str, Floats]:
+        """Return those of the columns `names` that it has, at its first `ticks` ticks.
+
+        After the end of the run they are NaN.
+        """
+        own = min(ticks, self.ticks)
+        stamps = self._run.start_ns + TICK_NS * np.arange(own)
+        table: dict[str, Floats] = {}
+        for signal in signals_of(self._run):
+            if not set(signal.columns).isdisjoint(names):
+                table |= signal.table(self._run, stamps)
+        return {
+            name: np.pad(values.astype(np.float64), (0, ticks - own), constant_values=np.nan)
+            for name, values in table.items()
+        }
 
     @staticmethod
     def _ticks(first: int, last: int) -> NDArray[np.int64]:

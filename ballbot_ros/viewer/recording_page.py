@@ -10,6 +10,8 @@ from typing import Any
 from ballbot_ros.viewer.page import Page
 from ballbot_ros.viewer.panel import PERIOD, Panel
 from ballbot_ros.viewer.playback_run import PlaybackRun
+from ballbot_ros.viewer.plots import Plots
+from ballbot_ros.viewer.recorded_plots import recorded_kinds, recorded_plot
 from ballbot_ros.viewer.recorded_robots import RecordedRobots
 
 RATES = {'0.1×': 0.1, '0.5×': 0.5, '1×': 1.0, '2×': 2.0, '5×': 5.0}
@@ -64,6 +66,7 @@ class RecordingPage:
         self.clock = PlaybackClock(max(run.end for run in runs))
         gui = page.server.gui
         self._panel = Panel(gui)
+        self._plots = Plots(gui, recorded_kinds(runs))
         with gui.add_folder('Playback', order=1.0):
             self._slider: Any = gui.add_slider(
                 'Time [s]', 0.0, max(self.clock.end, 0.01), 0.01, 0.0
@@ -109,6 +112,7 @@ class RecordingPage:
         self._page.update_cameras(snapshot)
         if panel:
             self._robots.show_trails(time)
-            self._panel.show(snapshot, self._runs[0].trace(time))
+            self._panel.show(snapshot)
+            self._plots.update(lambda kind: recorded_plot(kind, self._runs))
             self._page.server.get_event_loop().call_soon_threadsafe(self._move_slider, time)
             self._button.label = 'Pause' if self.clock.is_playing else 'Play'

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Coroutine
+from typing import Any
 
 import numpy as np
-from viser import SceneApi
+from viser import MeshHandle, SceneApi, SceneNodeDragEvent
 
 from ballbot_ros.messages.conversions import body_orientation
 from ballbot_ros.parameters import Dimensions
 from ballbot_ros.viewer import colours, floor, shapes
 from ballbot_ros.viewer.colours import WHITE, Colour
 from ballbot_ros.viewer.display import lcd_image
+from ballbot_ros.viewer.line_mesh import line_mesh
 from ballbot_ros.viewer.robot import (
     BALL,
     BODY,
@@ -78,8 +81,11 @@ class Scene:
         area = floor.Area.of(floor_map)
         base = -area.half_x, -area.half_y, area.half_x, area.half_y
         self._add_prisms('base', [base], -0.02, 0.0, colours.FLOOR)
-        if lines := floor.lines(floor_map):
-            self._add_prisms('lines', lines, 0.0, _LIFT, colours.LINE)
+        if lines := line_mesh(floor_map):
+            self._api.add_mesh_simple(
+                '/floor/lines', *lines, color=colours.LINE, side='double', flat_shading=True,
+                cast_shadow=False, position=(0.0, 0.0, _LIFT),
+            )  # fmt: skip
         if walls := floor.walls(floor_map):
             self._add_prisms('walls', walls, 0.0, WALL_HEIGHT_CM / 100, colours.WALL)
 
@@ -88,7 +94,7 @@ class Scene:
     ) -> None:
         self._api.add_mesh_simple(
             f'/floor/{name}', *shapes.prisms(rectangles, low, high), color=colour,
-            flat_shading=True, cast_shadow=high > 2 * _LIFT,
+            flat_shading=True, cast_shadow=high > 0.0,
         )  # fmt: skip
 
     def add_robot(self, name: str, dimensions: Dimensions, *, ghost: bool = False) -> Robot:
@@ -113,6 +119,7 @@ class Robot:
         self._links = {link: api.add_frame(paths[link], show_axes=False) for link in LINKS}
         for link, at in zip((WHEEL_X, WHEEL_Y), wheel_centres(dimensions), strict=True):
             self._links[link].position = at
+        self._body_meshes: list[MeshHandle] = []
         self._add_meshes(api, paths, ghost=ghost)
         self._cone = self._display = None
         if not ghost:
@@ -136,10 +143,12 @@ class Robot:
         opacity = GHOST_OPACITY if ghost else None
         meshes = shapes.link_meshes(part for part in parts(self._dimensions) if part.link != BALL)
         for number, ((link, colour), mesh) in enumerate(meshes.items()):
-            api.add_mesh_simple(
+            handle = api.add_mesh_simple(
                 f'{paths[link]}/{number}', *mesh, color=colours.GHOST if ghost else colour,
                 opacity=opacity, flat_shading=True, cast_shadow=not ghost,
             )  # fmt: skip
+            if link == BODY:
+                self._body_meshes.append(handle)
         pair = next(part.colour for part in parts(self._dimensions) if part.link == BALL), WHITE
         halves = shapes.ball_sectors(self._dimensions.ball_radius)
         for number, (mesh, colour) in enumerate(zip(halves, pair, strict=True)):
@@ -147,6 +156,13 @@ class Robot:
                 f'{paths[BALL]}/{number}', *mesh, color=colours.GHOST if ghost else colour,
                 opacity=opacity, cast_shadow=not ghost,
             )  # fmt: skip
+
+    def on_drag(
+        self, callback: Callable[[SceneNodeDragEvent[Any]], Coroutine[Any, Any, None]]
+    ) -> None:
+        """Call a coroutine for each event of a drag of the body with the left button."""
+        for mesh in self._body_meshes:
+            mesh.on_drag(callback)
 
     def show(self, snapshot: Snapshot) -> None:
         """Update the pose of the robot."""

@@ -26,7 +26,7 @@ def test_released_sticks_are_published_as_neutral_once():
     sent = []
     node = bare(
         Viewer,
-        _controls=SimpleNamespace(drive=lambda now_s: next(held)),
+        _sticks=SimpleNamespace(value=lambda now_s: next(held)),
         _joy=SimpleNamespace(publish=sent.append),
         _is_driving=False,
         now_ns=SECOND_NS,
@@ -91,7 +91,8 @@ def test_the_robot_is_shown_with_the_dimensions_of_the_plant():
         Viewer,
         _controls=SimpleNamespace(show_scenario=lambda name: None),
         _newest={PLANT_IMU: None, PLANT_ODOM: None},
-        _page=SimpleNamespace(dimensions=DIMENSIONS, show_robot=shown.append),
+        _page=SimpleNamespace(dimensions=DIMENSIONS),
+        _show_robot=shown.append,
     )
     node._take_parameters(PlantParameters())
     assert shown == []
@@ -107,7 +108,11 @@ def test_a_run_whose_plant_is_gone_has_ended():
             _controls=SimpleNamespace(offer_scenarios=lambda *, offer: offered.append(offer)),
             _history=History(),
             _newest=SimpleNamespace(take=lambda: (SNAPSHOT, set())),
-            _page=SimpleNamespace(has_clients=True, update_cameras=lambda snapshot: None),
+            _page=SimpleNamespace(
+                dimensions=DIMENSIONS, has_clients=True, update_cameras=lambda snapshot: None
+            ),
+            _plots=SimpleNamespace(refresh=lambda source: None),
+            _start_position=None,
             _panel=SimpleNamespace(show=lambda snapshot, *_: shown.append(snapshot.state)),
             _panel_period=1,
             _real_time_factor=RealTimeFactor(),
@@ -115,6 +120,7 @@ def test_a_run_whose_plant_is_gone_has_ended():
                 send_queued=lambda: None, lost_plant=lost_plant, can_start=not lost_plant
             ),
             _robot=SimpleNamespace(show=lambda snapshot: None, show_trail=lambda trail: None),
+            _take_requests=lambda: None,
             _tuning=SimpleNamespace(send_queued=lambda: None),
             _updates=0,
         )
@@ -146,6 +152,7 @@ def test_what_has_changed_is_shown(changed, expected):
         _page=SimpleNamespace(has_clients=False),
         _requests=SimpleNamespace(send_queued=lambda: None, lost_plant=False),
         _sound=lambda: done.append('sound'),
+        _take_requests=lambda: None,
         _tuning=SimpleNamespace(send_queued=lambda: None),
         _updates=0,
         count_sample=done.append,
@@ -170,11 +177,12 @@ def test_a_viewer_that_shows_nothing_yet_sends_its_requests_and_closes_its_page(
         _newest=SimpleNamespace(take=lambda: (None, set()), close=lambda: done.append('closed')),
         _page=SimpleNamespace(stop=lambda: done.append('stopped')),
         _requests=SimpleNamespace(send_queued=lambda: done.append('sent')),
+        _take_requests=lambda: done.append('taken'),
         _tuning=SimpleNamespace(send_queued=lambda: done.append('tuned')),
     )
     node._update()
     node.close()
-    assert done == ['sent', 'tuned', 'closed', 'stopped']
+    assert done == ['taken', 'sent', 'tuned', 'closed', 'stopped']
 
 
 def test_an_unknown_map_is_refused_and_an_empty_one_is_no_floor():

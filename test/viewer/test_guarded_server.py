@@ -5,28 +5,31 @@ import contextlib
 import dataclasses
 import http.client
 import itertools
+import json
 import threading
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from types import SimpleNamespace
 from urllib.parse import urlsplit
+from urllib.request import urlopen
 
 import msgspec
 import pytest
 import viser
 from browsing import StubRobot, another, browsing, wait_until
-from graph import wait_for
+from graph import LAST_RESORT_S, wait_for
 from viser import _messages
 from viser.infra import _infra
-from websockets.exceptions import ConnectionClosedError
+from websockets.exceptions import ConnectionClosedError, InvalidStatus
 from websockets.sync.client import connect
 
 from ballbot_ros.parameters import Dimensions, ParameterSet, ViewerParameters
 from ballbot_ros.viewer.browser import browser_program
 from ballbot_ros.viewer.errors import ViewerError
 from ballbot_ros.viewer.live_controls import LiveControls
+from ballbot_ros.viewer.overlay import Banner, OverlayState, Press
 from ballbot_ros.viewer.page import Page
 from ballbot_ros.viewer.panel import Panel
-from ballbot_ros.viewer.snapshot import History, Snapshot
+from ballbot_ros.viewer.snapshot import Snapshot
 
 PROTOCOL = f'viser-v{viser.__version__}'
 UPGRADE = {
@@ -59,18 +62,18 @@ class Served:
         self.server = self.page.server
         self.controls = LiveControls(self.server.gui, self.robot, ['push', 'square'])
         self.controls.offer_scenarios(offer=True)
-        Panel(self.server.gui).show(Snapshot(0.0, (0.0, 0.0), (0.0, 0.0)), History().trace())
+        Panel(self.server.gui).show(Snapshot(0.0, (0.0, 0.0), (0.0, 0.0)))
         self.address = self.page.address
         self.place = urlsplit(self.address).netloc
         self.inputs = {
             handle.label: handle for handle in self.server.gui._gui_input_handle_from_uuid.values()
         }
 
-    def status(self, **headers):
+    def status(self, path='/', **headers):
         """Return the status of the answer to a request with these headers."""
         connection = http.client.HTTPConnection(self.place)
         with contextlib.closing(connection):
-            connection.request('GET', '/', headers=headers)
+            connection.request('GET', path, headers=headers)
             return connection.getresponse().status
 
     def set(self, name, /, **updates):
@@ -134,25 +137,73 @@ def test_foreign_pages_are_refused(served):
 def test_a_client_without_the_token_can_not_change_anything(served, query, monkeypatch):
     shared = []
     monkeypatch.setattr(served.server, 'request_share_url', lambda: shared.append('shared'))
-    force, drive = served.inputs['Force [N]'], served.inputs['Drive forward']
-    before = force.value, drive.label
+    force = served.inputs['Force [N]']
+    before = force.value, force.label
     with client(served, query) as send, client(served, f'?{urlsplit(served.address).query}') as own:
         send(
             served.set('Run', value='Pause'),
             served.set('Start', value=True),
             served.set('Force [N]', value=3.0),
-            served.set('Drive forward', label='Drive back'),
-            *[_messages.GuiButtonHoldMessage(drive._impl.uuid, 20.0)] * 3,
+            served.set('Force [N]', label='Power [N]'),
             _messages.ShareUrlRequest(),
         )
         own(served.set('Run', value='Step'))
         wait_for(lambda: ('step',) in served.robot.asked, what='the step')
         assert served.robot.asked == [('step',)]
-        assert (force.value, drive.label) == before
-        assert not served.controls.sticks._last_held
+        assert (force.value, force.label) == before
         assert not shared
         own(served.set('Force [N]', value=3.0))
         assert force.value == 3.0
+
+
+def test_the_overlay_s_link_needs_the_token_to_steer(served):
+    overlay, query = served.page.overlay, urlsplit(served.address).query
+    overlay.move_playhead(1.0)
+    address = f'ws://{served.place}/link'
+
+    def receive(socket, *topics):
+        return {k: v for _ in topics for k, v in json.loads(socket.recv(LAST_RESORT_S)).items()}
+
+    with connect(f'{address}?{query}') as own, connect(f'{address}?token=wrong') as other:
+        assert receive(own, 'may_steer', 'state', 'time')['may_steer'] is True
+        assert receive(other, 'may_steer', 'state', 'time')['may_steer'] is False
+        other.send('{"press": "pause"}')
+        overlay.show(OverlayState(can_drive=True))
+        assert receive(own, 'state')['state']['can_drive'] is True
+        assert receive(other, 'state')['state']['can_drive'] is True
+        other.send('{"press": "pause"}')
+        own.send(b'{"press": "binary"}')
+        own.send('nonsense')
+        own.send('{"press": "step"}')
+        taken = []
+        wait_for(lambda: taken.extend(overlay.take()) or taken, what='the request')
+        assert taken == [Press('step')]
+    for origin in (f'http://{FOREIGN}', 'null'):
+        with pytest.raises(InvalidStatus, match='403'):
+            connect(f'{address}?{query}', additional_headers={'Origin': origin})
+
+
+def test_a_page_that_does_not_read_delays_no_other(served):
+    overlay, address = served.page.overlay, f'ws://{served.place}/link'
+    with connect(address, max_queue=1), connect(address) as other:
+        long = 'x' * 100_000
+        for number in range(200):
+            overlay.show(OverlayState(banner=Banner(f'{number} {long}')))
+        overlay.move_playhead(5.0)
+        wait_for(
+            lambda: json.loads(other.recv(LAST_RESORT_S)).get('time') == 5.0, what='the newest time'
+        )
+
+
+def test_a_document_is_made_for_each_request(served):
+    made = []
+    served.page.serve('/report', lambda: made.append(1) or f'<p>{len(made)}</p>'.encode())
+    for number in (1, 2):
+        with urlopen(f'http://{served.place}/report') as answer:
+            assert answer.read() == f'<p>{number}</p>'.encode()
+            assert answer.headers['Content-Type'] == 'text/html; charset=utf-8'
+    for path in ('/assets/none.js', '/assets/../page.py', '/none'):
+        assert served.status(path) == 404
 
 
 @pytest.mark.filterwarnings('ignore:.*does not match annotation')
@@ -254,7 +305,7 @@ def test_a_page_steers_with_the_token_and_only_shows_without_it(served, needs_br
             other = another(browser, f'http://{served.place}/{query}')
             assert other.page.url == f'http://{served.place}/'
             other.wait_for_text('This page can only watch')
-            for text in ('Time', 'Scenario', 'Push', 'Sticks (hold)'):
+            for text in ('Time', 'Scenario', 'Push'):
                 other.page.get_by_text(text, exact=True).wait_for(state='hidden')
             other.wait_for_text('Last 10 s')
             other.choose('1 Top')

@@ -36,9 +36,9 @@ from ballbot_ros.viewer.panel import Panel  # noqa: E402
 from ballbot_ros.viewer.playback_run import PlaybackRun  # noqa: E402
 from ballbot_ros.viewer.recording_page import RecordingPage  # noqa: E402
 from ballbot_ros.viewer.robot import BLACK, DARK, parts  # noqa: E402
-from ballbot_ros.viewer.snapshot import History, Snapshot  # noqa: E402
+from ballbot_ros.viewer.snapshot import Snapshot  # noqa: E402
 from ballbot_ros.viewer.tuning_sliders import FOLDER  # noqa: E402
-from ballbot_ros.viewer.views import ROBOT, TITLES, VIEWS, camera  # noqa: E402
+from ballbot_ros.viewer.views import CHASER_1, ROBOT, TITLES, VIEWS, camera  # noqa: E402
 from ballbot_ros.world.floor_map import CELL_M, FLOOR  # noqa: E402
 from ballbot_ros.world.library import load_map  # noqa: E402
 
@@ -107,9 +107,13 @@ class GraphRecorder:
     def position(self):
         return ball_position(self.client.newest[PLANT_ODOM.name])[0]
 
-    def is_driven(self):
+    def newest_axes(self):
+        """Return the newest stick of the pages, forward and rightward."""
         message = self.client.newest.get(VIEWER_JOY.name)
-        return message is not None and any(message.axes)
+        return (message.axes[1], -message.axes[2]) if message else (0.0, 0.0)
+
+    def is_driven(self):
+        return any(self.newest_axes())
 
 
 def start_viewer(start_node, **parameters):
@@ -145,6 +149,9 @@ def cells_about(x, y):
 
 
 TRACK = load_map('track')
+PLATE_EDGE = (0.0, 0.06, 0.039)
+"""A point on the left edge of the lower plate, relative to the centre of the ball [m]."""
+
 LINES = [((left + right) / 2, (low + high) / 2, 0.0) for left, low, right, high in lines(TRACK)]
 FLOORS = [
     (x, y, 0.0)
@@ -191,6 +198,8 @@ def test_live_pages_show_the_robot_and_drive_it(domain, start_node):
             browser.press('Run')
             push_makes_it_lean(browser, truth)
             stick_drives_it(browser, truth)
+            keys_drive_it(browser, truth)
+            drag_pushes_it(browser, truth)
             slider_tunes_it(browser, truth)
             pause_holds_it(browser)
 
@@ -198,11 +207,12 @@ def test_live_pages_show_the_robot_and_drive_it(domain, start_node):
                 other = another(browser, address)
                 other.choose('4 Chaser 2 (front)')
                 browser.press('Run')
-                hold_stick(other, truth)
+                other.hold_stick(1.0, 0.0)
+                wait_until(truth.is_driven, other)
                 wait_until(lambda: other.has_moved(0.3), other)
                 shown = truth.newest_ns() * 1e-9
                 wait_until(lambda: (browser.shown_time() or 0.0) > shown, browser)
-                assert '5 Robot (sonar)' in browser.inputs()
+                assert '3 Chaser 1 (left)' in browser.inputs()
                 assert '4 Chaser 2 (front)' in other.inputs()
                 other.page.close()  # while the stick is held
                 wait_until(lambda: not truth.is_driven(), browser)
@@ -231,28 +241,51 @@ def push_makes_it_lean(browser, truth):
     wait_until(lambda: truth.largest_lean() > 0.01, browser)
 
 
-def hold_stick(browser, truth):
-    """Hold the forward button; press again if the press missed it while its folder opened."""
-    browser.open('Sticks (hold)')
-
-    def is_driven():
-        browser.hold('Drive forward')
-        for _ in range(100):
-            if truth.is_driven():
-                return True
-            browser.page.wait_for_timeout(50)
-        browser.let_go()
-        return False
-
-    wait_until(is_driven, browser)
-
-
 def stick_drives_it(browser, truth):
+    """Drive diagonally by the stick; the longest diagonal is 1 in length."""
     before = truth.position()
-    hold_stick(browser, truth)
+    browser.hold_stick(1.0, -1.0)
     wait_until(lambda: truth.position() > before + 0.05, browser)
+    assert truth.newest_axes() == pytest.approx([0.5**0.5, -(0.5**0.5)], abs=0.02)
     browser.let_go()
     wait_until(lambda: not truth.is_driven(), browser)
+
+
+def keys_drive_it(browser, truth):
+    """Drive by letters and arrows, also diagonally."""
+    keyboard = browser.page.keyboard
+    for keys, axes in ((['w'], (0.5, 0.0)), (['ArrowDown', 'd'], (-0.5, 0.5))):
+        for key in keys:
+            keyboard.down(key)
+        wait_until(lambda axes=axes: truth.newest_axes() == pytest.approx(axes), browser)
+        for key in keys:
+            keyboard.up(key)
+        wait_until(lambda: not truth.is_driven(), browser)
+
+
+def drag_pushes_it(browser, truth):
+    """Drag a plate of the body, in the view from its left, where forward is on the left."""
+    known = len(truth.client.seen[ACCEPTED_PUSH.name])
+    browser.choose('3 Chaser 1 (left)')
+    grip = np.add((*START, DIMENSIONS.ball_radius), PLATE_EDGE)
+    rows, columns = spots([grip], CHASER_1, browser)
+    x, y = browser.scene['x'] + int(columns[0]), browser.scene['y'] + int(rows[0])
+    mouse = browser.page.mouse
+
+    def is_pushed():
+        """Drag again if the page has not drawn the view yet."""
+        mouse.move(x, y)
+        mouse.down()
+        mouse.move(x - 60, y, steps=6)
+        browser.page.wait_for_timeout(200)
+        mouse.up()
+        browser.page.wait_for_timeout(1000)
+        return len(truth.client.seen[ACCEPTED_PUSH.name]) > known
+
+    wait_until(is_pushed, browser)
+    force = truth.client.seen[ACCEPTED_PUSH.name][known].wrench.force
+    assert force.x > 0.2
+    assert abs(force.y) < force.x
 
 
 def slider_tunes_it(browser, truth):
@@ -335,7 +368,7 @@ def test_scenarios_are_offered_where_they_can_be_started(recording):
     page = Page(PlaybackRun(recording).dimensions, 'test', '127.0.0.1', 0)
     robot = StubRobot()
     controls = LiveControls(page.server.gui, robot, ['push', 'square', 'stationary'])
-    Panel(page.server.gui).show(Snapshot(0.0, (0.0, 0.0), (0.0, 0.0)), History().trace())
+    Panel(page.server.gui).show(Snapshot(0.0, (0.0, 0.0), (0.0, 0.0)))
     with browsing(page.address) as browser:
         assert browser.page.get_by_role('button', name='Start', exact=True).count() == 0
         controls.offer_scenarios(offer=True)

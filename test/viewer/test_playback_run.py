@@ -4,9 +4,11 @@ import json
 import socket
 import sys
 
+import numpy as np
 import pytest
 from browsing import receive
 
+import ballbot_ros as bb
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.brick.brick import Tone
 from ballbot_ros.cli.recordings import read_playback_run
@@ -19,7 +21,6 @@ from ballbot_ros.viewer.live_controls import OnScreenSticks
 from ballbot_ros.viewer.page import Page
 from ballbot_ros.viewer.playback_run import PlaybackRun
 from ballbot_ros.viewer.recording_page import PlaybackClock, RecordingPage
-from ballbot_ros.viewer.snapshot import WINDOW_S
 from ballbot_ros.viewer.sound import tone_html
 
 
@@ -60,11 +61,19 @@ def test_the_map_has_its_lines(run):
     assert (run.floor_map.cells == 0).any()
 
 
-def test_plots_end_at_the_cursor(run):
-    trace = run.trace(9.5)
-    assert trace[-1, 0] == pytest.approx(9.5, abs=0.02)
-    assert trace[-1, 0] - trace[0, 0] <= WINDOW_S
-    assert len(run.trail(9.5)) <= 601
+def test_the_columns_of_a_run_are_those_of_its_frame(run, recording):
+    frame = bb.open(recording).frame()
+    assert run.columns == set(frame.columns) - {'operating_state'}
+    for name, values in run.table(run.columns, run.ticks).items():
+        np.testing.assert_array_equal(values, frame[name], err_msg=name)
+
+
+def test_the_columns_of_a_run_are_unknown_after_its_end(run):
+    columns = run.table(['pitch_x_deg', 'distance_m'], run.ticks + 10)
+    assert set(columns) == {'pitch_x_deg', 'pitch_y_deg', 'distance_m'}
+    for values in columns.values():
+        assert np.isnan(values[-10:]).all()
+        assert not np.isnan(values[:-10]).any()
 
 
 def test_a_file_that_ends_early_is_shown_up_to_there(recording, tmp_path, capsys):

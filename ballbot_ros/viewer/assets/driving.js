@@ -1,6 +1,6 @@
 // Driving by the keys, the stick on the screen, and a gamepad of the browser.
 
-import { element, isTyping } from './element.js';
+import { element, isForFocused } from './element.js';
 
 const SEND_MS = 50;
 const DEAD_ZONE = 0.1;
@@ -53,7 +53,7 @@ export class Driving {
   }
 
   #onKeyDown(event) {
-    if (!this.#isEnabled || isTyping(event) || event.ctrlKey || event.altKey || event.metaKey) return;
+    if (!this.#isEnabled || isForFocused(event) || event.ctrlKey || event.altKey || event.metaKey) return;
     if (event.code in DIRECTIONS) this.#keys.add(event.code);
     else if (event.key === '+' || event.key === '-') this.#changeKeySpeed(event.key);
     else return;

@@ -10,7 +10,9 @@ export function element(tag, properties = {}, children = []) {
   return node;
 }
 
-/** Whether a key event belongs to a field in which the user types. */
-export function isTyping(event) {
-  return event.target instanceof Element && event.target.matches('input, textarea, select, [contenteditable]');
+/** Whether a key is for the element with the focus: a field of text, a slider or a list. */
+export function isForFocused({ target, key }) {
+  if (!(target instanceof Element)) return false;
+  if (target.matches('input:not([readonly]), textarea, select, [contenteditable]')) return true;
+  return target.matches('[role="slider"], [readonly]') && /^(Arrow|Home|End|Page)/.test(key);
 }

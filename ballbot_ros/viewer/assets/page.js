@@ -28,6 +28,11 @@ link.on('state', (state) => {
 });
 link.on('time', (time) => transport.moveTo(time));
 
+// The chooser of the view keeps the focus after a choice, and with it the keys.
+addEventListener('click', ({ target }) => {
+  if (target.closest?.('[role="option"]')) setTimeout(() => document.activeElement.blur());
+});
+
 document.body.append(root);
 followScene(root);
 link.connect();

@@ -7,3 +7,11 @@ const parameters = location.search.slice(1).replace(/(^|&)darkMode=?(?=&|$)/, ''
 const search = [...(dark.matches ? ['darkMode'] : []), ...(parameters ? [parameters] : [])].join('&');
 history.replaceState(null, '', search ? `?${search}` : location.pathname);
 dark.addEventListener('change', () => location.reload());
+
+// viser prevents the default of a press that may begin a drag, from a listener that it registers as
+// passive; browsers report this as an error.
+const addEventListener = EventTarget.prototype.addEventListener;
+EventTarget.prototype.addEventListener = function add(type, listener, options) {
+  const isPress = type === 'pointerdown' && options?.passive;
+  addEventListener.call(this, type, listener, isPress ? { ...options, passive: false } : options);
+};

@@ -1,6 +1,6 @@
 // The bar with buttons, speeds and the time line.
 
-import { element, isTyping } from './element.js';
+import { element, isForFocused } from './element.js';
 
 /** Sends `{press}`, `{rate}` and `{seek}`. */
 export class Transport {
@@ -94,7 +94,7 @@ export class Transport {
   }
 
   #onKey(event) {
-    if (isTyping(event) && event.target !== this.#slider) return;
+    if (isForFocused(event) && event.target !== this.#slider) return;
     if (event.ctrlKey || event.altKey || event.metaKey) return;
     const button = this.#buttons.find(({ key }) => key && key === event.key);
     if (!button) return;
