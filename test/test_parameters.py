@@ -233,7 +233,7 @@ def test_a_later_value_replaces_an_earlier_one():
 @pytest.mark.parametrize(
     ('node', 'name', 'told'),
     [
-        ('plant', 'gravity', "unknown node 'plant'; known: plant_sim, "),
+        ('plant', 'gravity', "unknown node 'plant' (did you mean plant_sim?); known: plant_sim, "),
         ('', 'gravity', "unknown node ''"),
         (PLANT, 'grafity', "plant_sim has no parameter 'grafity'"),
         (PLANT, 'noise', "plant_sim has no parameter 'noise'"),

@@ -6,10 +6,10 @@ import math
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
-from difflib import get_close_matches
 
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.former_names import current_metric
+from ballbot_ros.suggestions import similar
 
 _FORM = re.compile(
     r'\s*(?P<metric>\w+)\s*(?P<sign>[<>])\s*(?P<amount>\d+\.?\d*|\.\d+)\s*(?P<percent>%?)\s*'
@@ -69,7 +69,7 @@ def parse_condition(text: str, metrics: Iterable[str]) -> Condition:
     known = list(metrics)
     name = current_metric(match['metric'])
     if name not in known:
-        close = get_close_matches(name, known)
-        hint = f'did you mean {" or ".join(close)}?' if close else f'known: {", ".join(known)}'
+        found = similar(name, known)
+        hint = f'did you mean {found}?' if found else f'known: {", ".join(known)}'
         raise ConditionError(f'--fail-if {text!r}: unknown metric {name!r}; {hint}')
     return Condition(name, match['sign'], float(match['amount']), bool(match['percent']))

@@ -7,6 +7,7 @@ from importlib import import_module
 import click
 
 from ballbot_ros import __version__
+from ballbot_ros.suggestions import similar
 
 COMMANDS = {
     'run': 'Run a scenario and judge it by its expectations.',
@@ -40,6 +41,24 @@ def load_command(name: str) -> click.Command:
     return command
 
 
+def _commands_with(option: str) -> list[str]:
+    """Return the commands that have an option."""
+    return [
+        name for name in COMMANDS if any(option in each.opts for each in load_command(name).params)
+    ]
+
+
+def _check_scenario(word: str) -> None:
+    """Raise UsageError for a word that is neither a scenario nor a file, but like a command."""
+    # Imported only here: it takes a while, and only a scenario's name needs it.
+    from ballbot_ros.scenario.library import scenario_names
+
+    known = [*COMMANDS, *scenario_names()]
+    found = similar(word, known)
+    if found and word not in known and '.' not in word and '/' not in word:
+        raise click.UsageError(f'no command or scenario {word!r}: did you mean {found}?')
+
+
 class _LazyGroup(click.Group):
     """Commands whose modules are imported only when they are called.
 
@@ -47,10 +66,23 @@ class _LazyGroup(click.Group):
     a scenario: `ballbot stationary` means `ballbot run stationary`.
     """
 
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        try:
+            return super().parse_args(ctx, args)
+        except click.NoSuchOption as error:
+            if owners := _commands_with(error.option_name):
+                raise click.UsageError(
+                    f'{error.option_name}: name the command first, as in `ballbot {owners[0]} '
+                    f'{error.option_name}`; an option of {", ".join(owners)}'
+                ) from None
+            raise
+
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
         if args and args[0] not in self.commands and not args[0].startswith('-'):
+            if not ctx.resilient_parsing:  # as for completion
+                _check_scenario(args[0])
             args = ['run', *args]
         name, command, rest = super().resolve_command(ctx, args)
         return name, load_command(name) if name else command, rest

@@ -24,6 +24,7 @@ from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.controllers.source import Source
 from ballbot_ros.errors import BallbotError, one_line, short_repr
 from ballbot_ros.parameters import DOCUMENTS_PROGRAM
+from ballbot_ros.suggestions import did_you_mean
 
 GROUP = 'ballbot_ros.controllers'
 """Entry point group of installed controllers."""
@@ -203,11 +204,11 @@ def _find_installed(name: str) -> ControllerCode:
             'Class'
         )
     if not claims:
-        known = ', '.join([*DOCUMENTS_PROGRAM, *installed])
+        known = [*DOCUMENTS_PROGRAM, *installed]
         file = f', such as {name}:Class' if name.endswith('.py') else ''
         raise ControllerError(
-            f'no controller {name!r}: give one of {known}, or package.module:Class, or '
-            f'FILE.py:Class{file}'
+            f'no controller {name!r}{did_you_mean(name, known)}: give one of {", ".join(known)}, '
+            f'or package.module:Class, or FILE.py:Class{file}'
         )
     module, _, class_name = claims[0].value.partition(':')
     return replace(_find_module(name, module.strip(), class_name.strip()), owner=_owner(claims[0]))

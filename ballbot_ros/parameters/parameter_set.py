@@ -14,6 +14,7 @@ from ballbot_ros.parameters.table import (
     parameters_of,
     suggest,
 )
+from ballbot_ros.suggestions import did_you_mean
 
 _Node = TypeVar('_Node', bound=NodeParameters)
 
@@ -56,7 +57,9 @@ class ParameterSet:
         elif node in ALL_NODES:
             nodes = [node]
         else:
-            raise ParameterError(f'{prefix}unknown node {node!r}; known: {", ".join(ALL_NODES)}')
+            hint = did_you_mean(node, ALL_NODES)
+            known = ', '.join(ALL_NODES)
+            raise ParameterError(f'{prefix}unknown node {node!r}{hint}; known: {known}')
         for each in nodes:
             row = parameters_of(each).get(name)
             if row is None:

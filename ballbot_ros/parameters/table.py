@@ -7,7 +7,6 @@ The ROS declarations, the validation of parameter files, ``config/ballbot.yaml``
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from difflib import get_close_matches
 
 from ballbot_ros.parameters.controller import ControllerParameters
 from ballbot_ros.parameters.devices import (
@@ -31,6 +30,7 @@ from ballbot_ros.parameters.tools import (
     ViewerParameters,
     VisualizerParameters,
 )
+from ballbot_ros.suggestions import similar
 
 PARTICIPANTS: tuple[type[NodeParameters], ...] = (
     PlantParameters,
@@ -113,7 +113,6 @@ def suggest(name: str, known: Iterable[str]) -> str:
     known = sorted(known)
     group, dot, rest = name.rpartition('.')
     alike = [each.removeprefix(group + dot) for each in known if each.startswith(group + dot)]
-    close = get_close_matches(rest, alike)
-    if close:
-        return f'did you mean {" or ".join(group + dot + each for each in close)}?'
+    if found := similar(rest, alike, group + dot):
+        return f'did you mean {found}?'
     return f'it has {", ".join(known) or "none"}'

@@ -10,6 +10,7 @@ from ballbot_ros.scenario.errors import ScenarioError
 from ballbot_ros.scenario.reader import IDEAL, ScenarioReader
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.share import share_directory
+from ballbot_ros.suggestions import did_you_mean
 from ballbot_ros.yaml_document import YamlDocument
 
 
@@ -35,7 +36,8 @@ def load_scenario(name_or_file: str, profile: str | None = None) -> Scenario:
         path = Path(name_or_file)
     else:
         raise ScenarioError(
-            f'unknown scenario {name_or_file!r}; shipped: {", ".join(scenario_names())} '
+            f'unknown scenario {name_or_file!r}{did_you_mean(name_or_file, scenario_names())}; '
+            f'shipped: {", ".join(scenario_names())} '
             '(for your own scenario, give the path of its file, ending in .yaml)'
         )
     return ScenarioReader(YamlDocument(path), load_profile).scenario(profile)
@@ -57,7 +59,8 @@ def load_profile(name: str) -> ParameterSet:
     if name == IDEAL:
         return ParameterSet()
     folder = share_directory() / 'config/profiles'
-    known = [path.stem for path in sorted(folder.glob('*.yaml'))]
+    known = [IDEAL, *[path.stem for path in sorted(folder.glob('*.yaml'))]]
     if name not in known:
-        raise ScenarioError(f'unknown profile {name!r}; known: {", ".join((IDEAL, *known))}')
+        hint = did_you_mean(name, known)
+        raise ScenarioError(f'unknown profile {name!r}{hint}; known: {", ".join(known)}')
     return read_parameter_file(folder / f'{name}.yaml')

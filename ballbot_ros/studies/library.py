@@ -8,6 +8,7 @@ from ballbot_ros.share import share_directory
 from ballbot_ros.studies.errors import StudyError
 from ballbot_ros.studies.reader import StudyReader
 from ballbot_ros.studies.study import Study
+from ballbot_ros.suggestions import did_you_mean
 from ballbot_ros.yaml_document import YamlDocument
 
 _FOLDER = 'config/studies'
@@ -39,7 +40,8 @@ def read_study(reference: str, *, runs: int | None = None, seed: int | None = No
         path = Path(reference)
     else:
         raise StudyError(
-            f'unknown study {reference!r}; shipped: {", ".join(study_names())} '
+            f'unknown study {reference!r}{did_you_mean(reference, study_names())}; '
+            f'shipped: {", ".join(study_names())} '
             '(for your own study, give the path of its file, ending in .yaml)'
         )
     return StudyReader(YamlDocument(path), runs, seed).study()

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from ballbot_ros.files import read_bytes
 from ballbot_ros.share import share_directory
+from ballbot_ros.suggestions import did_you_mean
 from ballbot_ros.world.errors import WorldError
 from ballbot_ros.world.floor_map import FloorMap
 
@@ -29,7 +30,8 @@ def map_path(name_or_file: str) -> Path:
     if name_or_file in map_names():
         return _folder() / f'{name_or_file}.png'
     raise WorldError(
-        f'unknown map {name_or_file!r}; shipped: {", ".join(map_names())} '
+        f'unknown map {name_or_file!r}{did_you_mean(name_or_file, map_names())}; '
+        f'shipped: {", ".join(map_names())} '
         '(for your own map, give the path of its file, ending in .png or .bmp)'
     )
 

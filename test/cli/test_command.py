@@ -9,6 +9,7 @@ from click.shell_completion import ShellComplete
 from click.testing import CliRunner
 
 from ballbot_ros.cli.command import COMMANDS, ballbot, load_command
+from ballbot_ros.cli.invoke import invoke
 
 HEAVY = ('numpy', 'matplotlib', 'rclpy', 'rosbags', 'scipy', 'viser')
 
@@ -66,3 +67,32 @@ def test_completion(before, incomplete, found):
     completion = ShellComplete(ballbot, {}, 'ballbot', '_BALLBOT_COMPLETE')
     items = completion.get_completions(before, incomplete)
     assert [item.value for item in items] == found
+
+
+@pytest.mark.parametrize(
+    ('words', 'told'),
+    [
+        (['runn'], "no command or scenario 'runn': did you mean run?"),
+        (['stationry'], "no command or scenario 'stationry': did you mean stationary?"),
+        (
+            ['run', 'stationry'],
+            "unknown scenario 'stationry' (did you mean stationary?); shipped: ",
+        ),
+        (['zzz'], "unknown scenario 'zzz'; shipped: "),
+        (['stationry.yaml'], 'stationry.yaml: No such file or directory'),
+        (['stationary', '--profile', 'hardwar'], '(did you mean hardware?); known: ideal'),
+        (['stationary', '--controller', 'lqgg'], "no controller 'lqgg' (did you mean lqg?): give"),
+        (['stationary', '--set', 'controler.a_b=0'], "'controler' (did you mean controller?)"),
+        (['map', 'trak'], "unknown map 'trak' (did you mean track?); shipped: corridor"),
+        (['study', 'robustnes'], "'robustnes' (did you mean robustness?); shipped: basin"),
+        (['--output', 'x'], '--output: name the command first, as in `ballbot run --output`'),
+        (['--nosuch'], "No such option '--nosuch'."),
+    ],
+    ids=' '.join,
+)
+def test_a_wrong_word_gets_a_suggestion(words, told, capsys, monkeypatch):
+    monkeypatch.setattr(sys, 'argv', ['ballbot', *words])
+    assert invoke(ballbot, 'ballbot') == 2
+    shown = capsys.readouterr().err
+    assert told in shown
+    assert shown.count('\n') == 1
