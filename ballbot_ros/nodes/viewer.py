@@ -197,7 +197,9 @@ class Viewer(BallbotNode[ViewerParameters]):
         time, columns = self._history.columns(
             self._page.dimensions.ball_radius, self._start_position
         )
-        self._plots.refresh(lambda kind: plot_data(kind, time, columns))
+        # The curves of a plot stay the same: viser's page reports an error if a plot is replaced
+        # while it is updated.
+        self._plots.refresh(lambda kind: plot_data(kind, time, columns, keeps_unknown=True))
 
     def _begin(self, snapshot: Snapshot, published: OccupancyGridMessage | None) -> None:
         """Show the floor of a new run, and discard the previous run.

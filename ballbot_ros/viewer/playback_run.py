@@ -18,6 +18,8 @@ from ballbot_ros.parameters import Dimensions
 from ballbot_ros.progress import ProgressCallback
 from ballbot_ros.timing import TICK_NS, TICK_S
 from ballbot_ros.viewer.errors import ViewerError
+from ballbot_ros.viewer.robot import RolledBall, wxyz
+from ballbot_ros.viewer.run_marks import run_marks
 from ballbot_ros.viewer.snapshot import Floats, Snapshot
 from ballbot_ros.world.exports import OccupancyGrid, floor_map_of
 from ballbot_ros.world.floor_map import FloorMap
@@ -37,6 +39,8 @@ class PlaybackRun:
         What is missing in the file, according to the reader; None if nothing is.
     start : tuple of float
         x and y of the first tick in ``map`` [m].
+    marks : tuple of Mark
+        Its events.
 
     Raises
     ------
@@ -57,6 +61,8 @@ class PlaybackRun:
         self.floor_map = _floor_map(run)
         x, y = run.trajectory.position[0].tolist()
         self.start = (x, -y)
+        self._ball = RolledBall(run.trajectory.position, self.dimensions.ball_radius)
+        self.marks = run_marks(run)
         self._state_times = [interval.start for interval in run.states]
         self._page_times = [time for time, _ in run.pages]
         self._tone_times = [time for time, _ in run.tones]
@@ -71,6 +77,7 @@ class PlaybackRun:
         psi_x, psi_y = motion.psi[tick].tolist()
         duty_x, duty_y = motion.duty[tick].tolist()
         sonar, cone_angle = self._newest_sonar(time)
+        w, i, j, k = wxyz(self._ball.at(tick)).tolist()
         return Snapshot(
             time=float(motion.time[tick]),
             position=(x, y),
@@ -81,6 +88,7 @@ class PlaybackRun:
             battery=float(_held(self._run.series.get(BATTERY_STATE), np.array([time]))[0]),
             state=self._run.states[state].name if state >= 0 else '',
             lcd=self._run.pages[page][1] if page >= 0 else '',
+            ball=(w, i, j, k),
         )
 
     def _newest_sonar(self, time: float) -> tuple[float, float]:

@@ -69,7 +69,7 @@ def test_the_page_of_a_run_says_what_it_is_doing(start_run, client, tmp_path):
         it_is_paused_from_anywhere(browser, client)
         outcome = it_ends_with_a_verdict(browser, client, run)
         another_scenario_shows_nothing_of_it(browser)
-        assert browser.errors == []
+        assert browser.errors == [], browser.errors
     run.process.send_signal(signal.SIGINT)
     assert run.finish() == 128 + signal.SIGINT
     result, _ = json.JSONDecoder().raw_decode(run.stdout)
