@@ -29,7 +29,7 @@ from ballbot_ros.messages.topics import (  # noqa: E402
     PLANT_ODOM,
     VIEWER_JOY,
 )
-from ballbot_ros.viewer.floor import Area, lines  # noqa: E402
+from ballbot_ros.viewer.floor import Area  # noqa: E402
 from ballbot_ros.viewer.live_controls import LiveControls  # noqa: E402
 from ballbot_ros.viewer.page import Page  # noqa: E402
 from ballbot_ros.viewer.panel import Panel  # noqa: E402
@@ -39,7 +39,7 @@ from ballbot_ros.viewer.robot import BLACK, DARK, parts  # noqa: E402
 from ballbot_ros.viewer.snapshot import Snapshot  # noqa: E402
 from ballbot_ros.viewer.tuning_sliders import FOLDER  # noqa: E402
 from ballbot_ros.viewer.views import CHASER_1, ROBOT, TITLES, VIEWS, camera  # noqa: E402
-from ballbot_ros.world.floor_map import CELL_M, FLOOR  # noqa: E402
+from ballbot_ros.world.floor_map import CELL_M, FLOOR, LINE  # noqa: E402
 from ballbot_ros.world.library import load_map  # noqa: E402
 
 START = (0.0, -0.3)
@@ -152,7 +152,10 @@ TRACK = load_map('track')
 PLATE_EDGE = (0.0, 0.06, 0.039)
 """A point on the left edge of the lower plate, relative to the centre of the ball [m]."""
 
-LINES = [((left + right) / 2, (low + high) / 2, 0.0) for left, low, right, high in lines(TRACK)]
+LINES = [
+    ((column + 0.5 - TRACK.columns / 2) * CELL_M, (TRACK.rows / 2 - row - 0.5) * CELL_M, 0.0)
+    for row, column in np.argwhere(TRACK.cells == LINE)[::10]
+]
 FLOORS = [
     (x, y, 0.0)
     for x, y in itertools.product(np.arange(-1.2, 1.2, 0.05), repeat=2)
