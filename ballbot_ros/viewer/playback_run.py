@@ -18,7 +18,7 @@ from ballbot_ros.parameters import Dimensions
 from ballbot_ros.progress import ProgressCallback
 from ballbot_ros.timing import TICK_NS, TICK_S
 from ballbot_ros.viewer.errors import ViewerError
-from ballbot_ros.viewer.robot import TRAIL_STEP
+from ballbot_ros.viewer.robot import TRAIL_STEP, RolledBall, wxyz
 from ballbot_ros.viewer.run_marks import run_marks
 from ballbot_ros.viewer.snapshot import Floats, Snapshot
 from ballbot_ros.world.exports import OccupancyGrid, floor_map_of
@@ -58,6 +58,7 @@ class PlaybackRun:
         self.floor_map = _floor_map(run)
         x, y = run.trajectory.position[0].tolist()
         self.start = (x, -y)
+        self._ball = RolledBall(run.trajectory.position, self.dimensions.ball_radius)
         self.marks = run_marks(run)
         self._trail_ticks = _trail_ticks(run.trajectory.position)
         self._trail = [(x, -y) for x, y in run.trajectory.position[self._trail_ticks].tolist()]
@@ -75,6 +76,7 @@ class PlaybackRun:
         psi_x, psi_y = motion.psi[tick].tolist()
         duty_x, duty_y = motion.duty[tick].tolist()
         sonar, cone_angle = self._newest_sonar(time)
+        w, i, j, k = wxyz(self._ball.at(tick)).tolist()
         return Snapshot(
             time=float(motion.time[tick]),
             position=(x, y),
@@ -85,6 +87,7 @@ class PlaybackRun:
             battery=float(_held(self._run.series.get(BATTERY_STATE), np.array([time]))[0]),
             state=self._run.states[state].name if state >= 0 else '',
             lcd=self._run.pages[page][1] if page >= 0 else '',
+            ball=(w, i, j, k),
         )
 
     def _newest_sonar(self, time: float) -> tuple[float, float]:

@@ -20,6 +20,7 @@ from ballbot_ros.viewer.playback_clock import PlaybackClock
 from ballbot_ros.viewer.playback_run import PlaybackRun
 from ballbot_ros.viewer.plots import Plots
 from ballbot_ros.viewer.recorded_plots import recorded_kinds, recorded_plot
+from ballbot_ros.viewer.recorded_robots import RecordedRobots
 
 _RATE_LABELS = {f'{rate:g}×': rate for rate in RATES}
 _RATES_WITH_TONES = (0.5, 1.0, 2.0)
@@ -76,10 +77,7 @@ class RecordingPage:
         self._timeline = Timeline(self.clock.end, runs[0].marks)
         self._panel = Panel(page.server.gui)
         self._plots = Plots(page.server.gui, recorded_kinds(runs))
-        self._robots = [
-            page.scene.add_robot(name, run.dimensions, ghost=name != 'robot')
-            for name, run in zip(('robot', 'ghost'), runs, strict=False)
-        ]
+        self._robots = RecordedRobots(page.scene, runs)
         page.show_floor(runs[0].floor_map, runs[0].start)
         self._updates = 0
 
@@ -97,12 +95,10 @@ class RecordingPage:
     def show(self, time: float, *, panel: bool) -> None:
         """Show the robots at `time` [s]; with `panel`, also update the panel."""
         snapshot = self._runs[0].snapshot(time)
-        for robot, run in zip(self._robots, self._runs, strict=True):
-            robot.show(run.snapshot(time))
+        self._robots.show(time)
         self._page.update_cameras(snapshot)
         self._page.overlay.move_playhead(time)
         if panel:
-            for robot, run in zip(self._robots, self._runs, strict=True):
-                robot.show_trail(run.trail(time))
+            self._robots.show_trails(time)
             self._panel.show(snapshot)
             self._plots.update(lambda kind: recorded_plot(kind, self._runs))

@@ -13,6 +13,7 @@ from ballbot_ros.parameters import Dimensions
 from ballbot_ros.viewer import colours, floor, shapes
 from ballbot_ros.viewer.colours import WHITE, Colour
 from ballbot_ros.viewer.display import lcd_image
+from ballbot_ros.viewer.line_mesh import line_mesh
 from ballbot_ros.viewer.robot import (
     BALL,
     BODY,
@@ -80,8 +81,11 @@ class Scene:
         area = floor.Area.of(floor_map)
         base = -area.half_x, -area.half_y, area.half_x, area.half_y
         self._add_prisms('base', [base], -0.02, 0.0, colours.FLOOR)
-        if lines := floor.lines(floor_map):
-            self._add_prisms('lines', lines, 0.0, _LIFT, colours.LINE)
+        if lines := line_mesh(floor_map):
+            self._api.add_mesh_simple(
+                '/floor/lines', *lines, color=colours.LINE, side='double', flat_shading=True,
+                cast_shadow=False, position=(0.0, 0.0, _LIFT),
+            )  # fmt: skip
         if walls := floor.walls(floor_map):
             self._add_prisms('walls', walls, 0.0, WALL_HEIGHT_CM / 100, colours.WALL)
 
@@ -90,7 +94,7 @@ class Scene:
     ) -> None:
         self._api.add_mesh_simple(
             f'/floor/{name}', *shapes.prisms(rectangles, low, high), color=colour,
-            flat_shading=True, cast_shadow=high > 2 * _LIFT,
+            flat_shading=True, cast_shadow=high > 0.0,
         )  # fmt: skip
 
     def add_robot(self, name: str, dimensions: Dimensions, *, ghost: bool = False) -> Robot:
@@ -162,7 +166,8 @@ class Robot:
         self._root.visible = True
         ball = snapshot.position[0], -snapshot.position[1], self._dimensions.ball_radius
         self._links[BALL].position = self._links[BODY].position = ball
-        self._links[BALL].wxyz = wxyz(self._orientation.ball(snapshot.position))
+        rolled = self._orientation.ball(snapshot.position)
+        self._links[BALL].wxyz = wxyz(rolled) if snapshot.ball is None else snapshot.ball
         self._links[BODY].wxyz = body_orientation(snapshot.psi)
         rotations = self._orientation.wheels(snapshot.position, snapshot.psi)
         for link, rotation in zip((WHEEL_X, WHEEL_Y), rotations, strict=True):

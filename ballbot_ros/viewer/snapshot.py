@@ -54,6 +54,9 @@ class Snapshot(NamedTuple):
         Operating state; empty if unknown.
     lcd : str
         The display's lines.
+    ball : tuple of float or None
+        Orientation of the ball as a quaternion w, x, y, z; None if only the shown positions
+        determine it.
     """
 
     time: float
@@ -69,6 +72,7 @@ class Snapshot(NamedTuple):
     battery: float = math.nan
     state: str = ''
     lcd: str = ''
+    ball: tuple[float, float, float, float] | None = None
 
 
 class History:

@@ -23,7 +23,6 @@ ROSDEP_KEYS = {
     'control': None,
     'distributed': None,
     'gymnasium': None,
-    'imageio': 'python3-imageio',
     'imageio-ffmpeg': None,
     'jupyterlab': None,
     'jupytext': None,

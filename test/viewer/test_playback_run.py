@@ -142,9 +142,6 @@ def test_a_page_for_the_network_warns():
     ('words', 'told'),
     [
         (['view', 'missing.mcap'], 'missing.mcap'),
-        (['render', 'missing.mcap', '--output', 'x.avi'], 'must end in one of .png, .gif, .mp4'),
-        (['render', 'missing.mcap', '--output', 'x.gif', '--time', '1'], '--time requires a .png'),
-        (['render', 'missing.mcap', '--output', 'folder.png'], 'is a folder; name a file'),
         (
             ['run', 'stationary', '--viewer', '--processes', 'none'],
             '--viewer requires --processes separate',
@@ -155,7 +152,6 @@ def test_a_page_for_the_network_warns():
 def test_a_mistake_is_one_line(words, told, monkeypatch, capsys, tmp_path):
     from ballbot_ros.cli.main import main
 
-    (tmp_path / 'folder.png').mkdir()
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr('sys.argv', ['ballbot', *words])
     with pytest.raises(SystemExit) as ended:
@@ -164,36 +160,6 @@ def test_a_mistake_is_one_line(words, told, monkeypatch, capsys, tmp_path):
     assert ended.value.code == 2
     assert told in error
     assert error.count('\n') == 1
-
-
-def test_a_time_outside_the_run_is_refused(recording, tmp_path, monkeypatch, capsys):
-    from ballbot_ros.cli.main import main
-
-    monkeypatch.setattr('ballbot_ros.cli.render.browser_program', str)
-    for time in ('nan', '10.5'):
-        words = ['ballbot', 'render', str(recording), '--output', str(tmp_path / 'x.png')]
-        monkeypatch.setattr('sys.argv', [*words, '--time', time])
-        with pytest.raises(SystemExit):
-            main()
-        assert f'--time {time}: the run ends at' in capsys.readouterr().err
-
-
-def test_an_interrupted_film_leaves_the_existing_file(run, tmp_path, monkeypatch):
-    from ballbot_ros.viewer import render
-
-    def interrupted(*_):
-        yield np.zeros((render.HEIGHT, render.WIDTH, 3), np.uint8)
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(render, 'frames', interrupted)
-    output = tmp_path / 'run.gif'
-    output.write_text('another')
-    with pytest.raises(KeyboardInterrupt):
-        render.render_to_file(run, 'top', output, 1.0)
-    assert output.read_text() == 'another'
-    assert list(tmp_path.iterdir()) == [output]
-    with pytest.raises(ViewerError, match=r'nowhere/run.gif: No such file or directory$'):
-        render.render_to_file(run, 'top', tmp_path / 'nowhere/run.gif', 1.0)
 
 
 def test_without_viser_there_is_a_hint(monkeypatch, capsys, recording):
