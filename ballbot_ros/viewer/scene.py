@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable, Coroutine
 from typing import Any
 
-import numpy as np
 from viser import MeshHandle, SceneApi, SceneNodeDragEvent
 
 from ballbot_ros.messages.conversions import body_orientation
@@ -31,6 +30,7 @@ from ballbot_ros.viewer.robot import (
     wxyz,
 )
 from ballbot_ros.viewer.snapshot import Snapshot
+from ballbot_ros.viewer.trail import Points, Trail
 from ballbot_ros.world.exports import WALL_HEIGHT_CM
 from ballbot_ros.world.floor_map import FloorMap
 
@@ -133,11 +133,8 @@ class Robot:
                 receive_shadow=False, position=lcd_position(dimensions), wxyz=_FACES_FORWARD,
             )  # fmt: skip
         self._page = ''
-        self._trail = api.add_line_segments(
-            f'/{name}_trail', np.zeros((0, 2, 3)), colours.GHOST_TRAIL if ghost else colours.TRAIL,
-            thickness=0.006,
-        )  # fmt: skip
-        self._trail_points: list[tuple[float, float]] = []
+        colour = colours.GHOST_TRAIL if ghost else colours.TRAIL
+        self._trail = Trail(api, f'/{name}_trail', colour, 2 * _LIFT)
 
     def _add_meshes(self, api: SceneApi, paths: dict[str, str], *, ghost: bool) -> None:
         opacity = GHOST_OPACITY if ghost else None
@@ -189,10 +186,6 @@ class Robot:
         self._root.visible = False
         self.show_trail([])
 
-    def show_trail(self, trail: list[tuple[float, float]]) -> None:
-        """Show the trail, x and y in ``map`` [m]; all points are sent again."""
-        if trail == self._trail_points:
-            return
-        self._trail_points = trail
-        points = np.array([(x, y, 2 * _LIFT) for x, y in trail], np.float32).reshape(-1, 3)
-        self._trail.points = np.stack([points[:-1], points[1:]], axis=1)
+    def show_trail(self, points: Points) -> None:
+        """Show the trail."""
+        self._trail.show(points)
