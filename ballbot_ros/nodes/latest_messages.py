@@ -16,14 +16,17 @@ from ballbot_ros.messages.conversions import (
     body_pitch,
     body_rates,
     controller_state,
+    push_forces,
     stamp_ns,
     stick_deflection,
 )
 from ballbot_ros.messages.raw import decoder
 from ballbot_ros.messages.topics import (
+    ACCEPTED_PUSH,
     BATTERY_STATE,
     CONTROLLER_STATE,
     GAMEPAD_JOY,
+    HISTORY,
     LCD,
     MAP,
     MOTOR_DUTY,
@@ -37,6 +40,7 @@ from ballbot_ros.messages.topics import (
 from ballbot_ros.nodes.inbox import drain, hidden_node, raw_subscription
 from ballbot_ros.nodes.topic_publisher import requested_qos
 from ballbot_ros.timing import SECOND_NS
+from ballbot_ros.viewer.acting_force import ForceEvent, acting_force
 from ballbot_ros.viewer.snapshot import UNKNOWN, Snapshot
 
 _OUT_OF_CONTROL = (OperatingState.CALIBRATION, OperatingState.OUT_OF_CONTROL)
@@ -46,6 +50,9 @@ _OUT_OF_CONTROL = (OperatingState.CALIBRATION, OperatingState.OUT_OF_CONTROL)
 class LatestMessages:
     """The newest message of each topic; only the newest message of a poll is decoded.
 
+    Of the pushes all messages of the run count: the plant announces start and end of a push
+    together.
+
     The messages are read without the executor, as in the recorder: most of them are never shown,
     and a callback for each would cost many times as much.
     """
@@ -53,10 +60,12 @@ class LatestMessages:
     def __init__(self, node: Node, topics: Collection[Topic]) -> None:
         self._inbox = hidden_node('inbox', node)
         self._subscriptions = {
-            topic: raw_subscription(self._inbox, topic, requested_qos(topic, 1)) for topic in topics
+            topic: raw_subscription(self._inbox, topic, requested_qos(topic, _depth(topic)))
+            for topic in topics
         }
         self._decoders = {topic: decoder(topic.type_name) for topic in topics}
         self._messages: dict[Topic, Any] = {}
+        self._forces: list[ForceEvent] = []
         self._changed: set[Topic] = set()
 
     def take(self) -> tuple[Snapshot | None, set[Topic]]:
@@ -69,11 +78,16 @@ class LatestMessages:
         A new run discards the map of the run before. A map from before the first announcement is
         kept: a late subscriber may get the map of a run before its announcement.
         """
-        arrived = {
-            topic: received[-1]
+        received = {
+            topic: [data for data, _ in drain(subscription)]
             for topic, subscription in self._subscriptions.items()
-            if (received := [data for data, _ in drain(subscription)])
         }
+        arrived = {topic: messages[-1] for topic, messages in received.items() if messages}
+        if RUN in arrived:
+            self._forces.clear()
+        self._forces += [
+            _force(self._decoders[ACCEPTED_PUSH](data)) for data in received.get(ACCEPTED_PUSH, ())
+        ]
         if RUN in arrived and RUN in self._messages:
             self._messages.pop(MAP, None)
         for topic, data in arrived.items():
@@ -83,7 +97,7 @@ class LatestMessages:
         if snapshot is None:
             return None, set()
         changed, self._changed = self._changed, set()
-        return snapshot, changed
+        return snapshot._replace(force=acting_force(self._forces, snapshot.time)), changed
 
     def __getitem__(self, topic: Topic) -> Any:
         """Return the newest message of a topic; None if there is none."""
@@ -92,6 +106,15 @@ class LatestMessages:
     def close(self) -> None:
         """Remove the subscriptions."""
         self._inbox.destroy_node()
+
+
+def _depth(topic: Topic) -> int:
+    return HISTORY if topic is ACCEPTED_PUSH else 1
+
+
+def _force(message: Any) -> ForceEvent:
+    force, _ = push_forces(message)
+    return stamp_ns(message) / SECOND_NS, message.header.frame_id, force
 
 
 def snapshot_of(newest: LatestMessages) -> Snapshot | None:

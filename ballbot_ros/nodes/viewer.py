@@ -9,6 +9,7 @@ from dataclasses import fields
 from ballbot_ros.messages.conversions import encode_joy, map_grid, stamp_ns, tone_of
 from ballbot_ros.messages.message_types import OccupancyGridMessage
 from ballbot_ros.messages.topics import (
+    ACCEPTED_PUSH,
     BATTERY_STATE,
     CONTROLLER_STATE,
     GAMEPAD_JOY,
@@ -44,7 +45,7 @@ from ballbot_ros.world.library import load_map
 
 _SHOWN = (
     PLANT_IMU, PLANT_ODOM, MOTOR_DUTY, CONTROLLER_STATE, GAMEPAD_JOY, SONAR_RANGE,
-    BATTERY_STATE, OPERATING_STATE, LCD, SOUND, MAP, RUN,
+    BATTERY_STATE, OPERATING_STATE, LCD, SOUND, MAP, ACCEPTED_PUSH, RUN,
 )  # fmt: skip
 _ASKED = (
     'scenario',
@@ -66,7 +67,8 @@ class Viewer(BallbotNode[ViewerParameters]):
         super().__init__(ViewerParameters, parameters)
         require_viser()
         # Imported only here: viser takes a second.
-        from ballbot_ros.viewer.drag import DragPush, ForceArrow
+        from ballbot_ros.viewer.arrows import ForceArrow
+        from ballbot_ros.viewer.drag import DragPush
         from ballbot_ros.viewer.live_controls import LiveControls
         from ballbot_ros.viewer.page import UPDATE_S, Page
         from ballbot_ros.viewer.panel import PERIOD, Panel
@@ -81,7 +83,7 @@ class Viewer(BallbotNode[ViewerParameters]):
         self._plots = Plots(self._page.server.gui, offered_kinds(LIVE_SIGNALS))
         self._start_position: Pair | None = None  # of the run; None if unknown
         self._requests = ViewerRequests(self, self._page.notify)
-        self._drag = DragPush(ForceArrow(self._page.server.scene), self._requests.push)
+        self._drag = DragPush(ForceArrow(self._page.server.scene, 'drag'), self._requests.push)
         self._show_robot(self._page.dimensions)
         self._page.overlay.show(OverlayState(can_drive=True))
         self._sticks = PageSticks()

@@ -25,3 +25,4 @@ GHOST_LIGHT = (176, 186, 238)
 """The curve of plane y of the ghost; that of plane x has the colour of the ghost."""
 FORCE = (44, 116, 190)
 BEAM, BEAM_OPACITY = (255, 160, 60), 0.22
+HEADING, HEADING_OPACITY = DARK, 0.45

@@ -10,7 +10,10 @@ pytest.importorskip('rclpy')
 
 from ros_client import Client
 
+from ballbot_ros.messages.conversions import encode_accepted_push
+from ballbot_ros.messages.raw import decoder
 from ballbot_ros.messages.topics import (
+    ACCEPTED_PUSH,
     BATTERY_STATE,
     LCD,
     MAP,
@@ -24,6 +27,8 @@ from ballbot_ros.messages.topics import (
 from ballbot_ros.nodes import latest_messages
 from ballbot_ros.nodes.latest_messages import LatestMessages, snapshot_of
 from ballbot_ros.nodes.topic_publisher import reliable_qos
+from ballbot_ros.plant.ground_truth import Push
+from ballbot_ros.timing import SECOND_NS
 
 pytestmark = pytest.mark.graph
 
@@ -104,3 +109,35 @@ def test_the_map_is_that_of_the_run_whatever_arrives_first(monkeypatch):
             waiting.update({topic: [(data, {})] for topic, data in arrived.items()})
             newest.take()
             assert newest[MAP] == expected, (polls, arrived)
+
+
+def test_start_and_end_of_a_push_arrive_together(monkeypatch):
+    """Both are announced at its start; a new run forgets the pushes of the run before."""
+
+    def decode_pushes(type_name):
+        return decoder(type_name) if type_name == ACCEPTED_PUSH.type_name else lambda data: data
+
+    waiting = {}
+    monkeypatch.setattr(latest_messages, 'hidden_node', lambda *_: None)
+    monkeypatch.setattr(latest_messages, 'raw_subscription', lambda _, topic, *__: topic)
+    monkeypatch.setattr(latest_messages, 'drain', lambda topic: waiting.pop(topic, ()))
+    monkeypatch.setattr(latest_messages, 'decoder', decode_pushes)
+    newest = LatestMessages(None, (PLANT_IMU, PLANT_ODOM, RUN, ACCEPTED_PUSH))
+    push = Push(SECOND_NS, 2 * SECOND_NS, (1.0, -2.0), (0.0, 0.0))
+    start, end = (
+        encode_accepted_push(stamp, push, 1, acts=stamp == push.start_ns)
+        for stamp in (push.start_ns, push.end_ns)
+    )
+    body, ball = PLANT_IMU.message_class(), PLANT_ODOM.message_class()
+
+    def force_at(seconds):
+        ball.header.stamp.sec, ball.header.stamp.nanosec = int(seconds), round(seconds % 1 * 1e9)
+        waiting[PLANT_IMU], waiting[PLANT_ODOM] = [(body, {})], [(ball, {})]
+        return newest.take()[0].force
+
+    waiting[ACCEPTED_PUSH] = [(start, {}), (end, {})]
+    assert force_at(0.5) == (0.0, 0.0)
+    assert force_at(1.5) == (1.0, -2.0)
+    assert force_at(2.0) == (0.0, 0.0)
+    waiting[RUN] = [(None, {})]
+    assert force_at(1.5) == (0.0, 0.0)
