@@ -20,6 +20,7 @@ from ballbot_ros.timing import TICK_NS, TICK_S
 from ballbot_ros.viewer.acting_force import acting_force
 from ballbot_ros.viewer.errors import ViewerError
 from ballbot_ros.viewer.robot import RolledBall, wxyz
+from ballbot_ros.viewer.run_marks import run_marks
 from ballbot_ros.viewer.snapshot import Floats, Snapshot
 from ballbot_ros.world.exports import OccupancyGrid, floor_map_of
 from ballbot_ros.world.floor_map import FloorMap
@@ -39,6 +40,8 @@ class PlaybackRun:
         What is missing in the file, according to the reader; None if nothing is.
     start : tuple of float
         x and y of the first tick in ``map`` [m].
+    marks : tuple of Mark
+        Its events.
 
     Raises
     ------
@@ -61,6 +64,7 @@ class PlaybackRun:
         self.start = (x, -y)
         self._ball = RolledBall(run.trajectory.position, self.dimensions.ball_radius)
         self._forces = [(start, *push) for start, push in run.forces]
+        self.marks = run_marks(run)
         self._state_times = [interval.start for interval in run.states]
         self._page_times = [time for time, _ in run.pages]
         self._tone_times = [time for time, _ in run.tones]

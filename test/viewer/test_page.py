@@ -312,36 +312,49 @@ def stands_still(browser):
 
 
 @pytest.mark.timeout(600)
-def test_a_recorded_run_follows_its_slider(recording, domain):
+def test_a_recorded_run_follows_keys_and_time_line(recording, domain):
     with serving(domain, 'view', recording, recording, '--port', 0) as (address, process):
         with browsing(address) as browser:
-            browser.wait_for_text('Playback')
-            slider = browser.page.get_by_role('slider').first
-            slider.focus()
-            slider.press('End')
-            # Playback stops at the end, so the following steps need not hurry.
-            wait_until(lambda: browser.shown_time() == pytest.approx(9.996, abs=0.006), browser)
+            browser.page.locator('.timeline').wait_for()
+            keyboard = browser.page.keyboard
+
+            def shows(time):
+                return browser.shown_time() == pytest.approx(time, abs=1e-6)
+
+            keyboard.press('End')
+            wait_until(lambda: shows(10.0), browser)
+            browser.page.get_by_role('button', name='Play').wait_for()
             before = browser.tones()
-            slider.press('Home')
-            wait_until(lambda: browser.shown_time() == 0.0, browser)
+            keyboard.press('Home')
+            wait_until(lambda: shows(0.0), browser)
             browser.wait_for_text('calibration')
-            slider.press('End')
-            wait_until(lambda: browser.shown_time() == pytest.approx(9.996, abs=0.006), browser)
-            slider.press('ArrowLeft')
-            wait_until(lambda: browser.shown_time() < 9.99, browser)
-            assert browser.tones() in (0, before)
-            slider.press('Home')
-            # Wait for the move before Play, which could overtake it: the page reports the position
-            # of a slider only periodically.
-            wait_until(lambda: browser.shown_time() == 0.0, browser)
-            browser.press('Play')
+            keyboard.press('ArrowRight')
+            wait_until(lambda: shows(5.0), browser)
+            keyboard.press('.')
+            wait_until(lambda: shows(5.0), browser)
+            browser.page.get_by_text('5.00 / 10.00 s').wait_for()
+            playhead = browser.page.locator('.playhead').first
+            place = playhead.bounding_box()['x']
+            keyboard.press('End')
+            wait_until(lambda: playhead.bounding_box()['x'] > place + 50, browser)
+            browser.page.locator('.mark[data-kind="state"]').nth(1).click()
+            wait_until(lambda: browser.shown_time() == pytest.approx(1.0, abs=0.05), browser)
+            assert browser.page.locator('.mark[data-kind="tone"]').count() == 1
+            assert browser.tones() == before
+
+            keyboard.press('Home')
+            keyboard.press(' ')
             wait_until(lambda: browser.tones() > before, browser)
             wait_until(
                 lambda: browser.page.locator('audio').evaluate('a => a.currentTime > 0'), browser
             )
-            # Compare the time once it is constant, since the texts arrive after the tone.
+            keyboard.press('-')
+            pressed = browser.page.locator('.rates [aria-pressed="true"]')
+            wait_until(lambda: pressed.inner_text() == '0.5×', browser)
             browser.press('0.1×')
-            browser.press('Pause')
+            wait_until(lambda: pressed.inner_text() == '0.1×', browser)
+            keyboard.press(' ')
+            browser.page.get_by_role('button', name='Play').wait_for()
             wait_until(lambda: stands_still(browser), browser)
             assert 1.0 <= browser.shown_time() < 9.0
             assert browser.errors == []

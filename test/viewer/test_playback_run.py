@@ -1,4 +1,4 @@
-"""Recorded runs at any time, their playback clock, and the messages to the user."""
+"""Recorded runs at any time, and the messages to the user."""
 
 import json
 import socket
@@ -6,7 +6,6 @@ import sys
 
 import numpy as np
 import pytest
-from browsing import receive
 
 import ballbot_ros as bb
 from ballbot_ros.analysis.run_data import read_run
@@ -17,10 +16,7 @@ from ballbot_ros.run.processes import Processes
 from ballbot_ros.run.requirements import require_viewer
 from ballbot_ros.viewer.address import check_address, network_warning, url_authority
 from ballbot_ros.viewer.errors import ViewerError
-from ballbot_ros.viewer.live_controls import OnScreenSticks
-from ballbot_ros.viewer.page import Page
 from ballbot_ros.viewer.playback_run import PlaybackRun
-from ballbot_ros.viewer.recording_page import PlaybackClock, RecordingPage
 from ballbot_ros.viewer.sound import tone_html
 
 
@@ -83,95 +79,6 @@ def test_a_file_that_ends_early_is_shown_up_to_there(recording, tmp_path, capsys
     assert f'{path}: cut off at byte 300000; the run is shown up to' in capsys.readouterr().err
     read_playback_run(recording)
     assert capsys.readouterr().err == ''
-
-
-def test_the_clock_stops_at_the_end_and_begins_again():
-    clock = PlaybackClock(2.0)
-    clock.rate = 0.5
-    clock.advance(1.0)
-    assert clock.time == 0.5
-    clock.toggle()
-    clock.advance(1.0)
-    assert clock.time == 0.5
-    clock.toggle()
-    clock.advance(100.0)
-    assert (clock.time, clock.is_playing) == (2.0, False)
-    clock.toggle()
-    assert (clock.time, clock.is_playing) == (0.0, True)
-
-
-class Playback:
-    """A page of a recorded run."""
-
-    def __init__(self, run):
-        self.page = Page(run.dimensions, run.name, '127.0.0.1', 0)
-        self.recording = RecordingPage(self.page, [run])
-
-    def receive(self, *inputs):
-        receive(self.page.server, *inputs)
-
-    def show(self):
-        """Show the time of the clock; return the position of the slider."""
-        self.recording.show(self.recording.clock.time, panel=True)
-        self.receive()  # returns after the event loop has moved the slider
-        return self.recording._slider.value
-
-
-@pytest.fixture
-def playback(run):
-    shown = Playback(run)
-    yield shown
-    shown.page.stop()
-
-
-def test_the_slider_follows_the_clock(playback):
-    playback.recording.update(1.234)
-    assert playback.show() == 1.23
-    playback.recording.update(0.0)
-    assert playback.recording.clock.time == 1.234
-
-
-@pytest.mark.parametrize('is_playing', [True, False])
-def test_a_slider_moved_by_the_user_is_not_moved_back(playback, is_playing):
-    recording = playback.recording
-    recording.clock.is_playing = is_playing
-    recording.update(1.0)
-    playback.receive((recording._slider, 3.0))
-    assert playback.show() == 3.0
-    recording.update(0.5)
-    assert recording.clock.time == playback.show() == (3.5 if is_playing else 3.0)
-
-
-def test_clicks_and_moves_take_effect_in_their_order(playback):
-    recording, end = playback.recording, playback.recording.clock.end
-    recording.clock.is_playing = False
-    playback.receive((recording._button, True), (recording._slider, end))
-    recording.update(0.5)
-    assert (recording.clock.time, recording.clock.is_playing) == (end, False)
-    playback.receive((recording._slider, 0.0), (recording._slider, end), (recording._button, True))
-    recording.update(0.5)
-    # Play, pressed at the end, restarts the run.
-    assert (recording.clock.time, recording.clock.is_playing) == (0.5, True)
-
-
-def test_sticks_count_while_they_are_held():
-    sticks = OnScreenSticks()
-    assert sticks.value(0.0) is None
-    for time in (0.0, 0.05):
-        sticks.hold('forward', time)
-        sticks.hold('right', time + 0.1)
-    assert sticks.value(0.2) == (1.0, 1.0)
-    assert sticks.value(0.4) == (0.0, 1.0)
-    assert sticks.value(1.0) is None
-
-
-def test_a_page_that_reports_once_a_second_does_not_drive():
-    """Browsers slow hidden pages down to this rate, too low to show that a stick is still held."""
-    sticks = OnScreenSticks()
-    for tenth in range(50):
-        if tenth % 10 == 0:
-            sticks.hold('forward', tenth / 10)
-        assert sticks.value(tenth / 10) is None
 
 
 def test_equal_tones_are_different_elements():
