@@ -29,7 +29,8 @@ from ballbot_ros.messages.topics import (  # noqa: E402
     PLANT_ODOM,
     VIEWER_JOY,
 )
-from ballbot_ros.viewer.floor import Area, lines  # noqa: E402
+from ballbot_ros.viewer.floor import Area  # noqa: E402
+from ballbot_ros.viewer.line_mesh import line_mesh  # noqa: E402
 from ballbot_ros.viewer.live_controls import LiveControls  # noqa: E402
 from ballbot_ros.viewer.page import Page  # noqa: E402
 from ballbot_ros.viewer.panel import Panel  # noqa: E402
@@ -152,7 +153,8 @@ TRACK = load_map('track')
 PLATE_EDGE = (0.0, 0.06, 0.039)
 """A point on the left edge of the lower plate, relative to the centre of the ball [m]."""
 
-LINES = [((left + right) / 2, (low + high) / 2, 0.0) for left, low, right, high in lines(TRACK)]
+LINE_VERTICES, LINE_FACES = line_mesh(TRACK)
+LINES = LINE_VERTICES[LINE_FACES].mean(axis=1)
 FLOORS = [
     (x, y, 0.0)
     for x, y in itertools.product(np.arange(-1.2, 1.2, 0.05), repeat=2)
