@@ -35,6 +35,7 @@ from ballbot_ros.viewer.robot import (
     wxyz,
 )
 from ballbot_ros.viewer.snapshot import Snapshot
+from ballbot_ros.viewer.trail import Points, Trail
 from ballbot_ros.world.exports import WALL_HEIGHT_CM
 from ballbot_ros.world.floor_map import FloorMap
 
@@ -149,11 +150,8 @@ class Robot:
                 receive_shadow=False, position=lcd_position(dimensions), wxyz=_FACES_FORWARD,
             )  # fmt: skip
         self._page = ''
-        self._trail = api.add_line_segments(
-            f'/{name}_trail', np.zeros((0, 2, 3)), colours.GHOST_TRAIL if ghost else colours.TRAIL,
-            thickness=0.006,
-        )  # fmt: skip
-        self._trail_points: list[tuple[float, float]] = []
+        colour = colours.GHOST_TRAIL if ghost else colours.TRAIL
+        self._trail = Trail(api, f'/{name}_trail', colour, 2 * _LIFT)
 
     def _add_meshes(self, api: SceneApi, paths: dict[str, str], *, ghost: bool) -> None:
         opacity = GHOST_OPACITY if ghost else None
@@ -205,6 +203,11 @@ class Robot:
             self._page = snapshot.lcd
             self._display.image = lcd_image(snapshot.lcd)
 
+    def hide(self) -> None:
+        """Hide the robot and its trail until it is shown again."""
+        self._root.visible = False
+        self.show_trail([])
+
     def _show_force(self, arrow: Arrow, ball: NDArray[np.float64], snapshot: Snapshot) -> None:
         """Show the force of the pushes at the side of the body to which it points."""
         x, y = snapshot.force
@@ -214,10 +217,6 @@ class Robot:
         at = body_rotation(snapshot.psi).apply(grip(self._dimensions, (x, -y)))
         arrow.show(ball + at, force_vector(snapshot.force))
 
-    def show_trail(self, trail: list[tuple[float, float]]) -> None:
-        """Show the trail, x and y in ``map`` [m]; all points are sent again."""
-        if trail == self._trail_points:
-            return
-        self._trail_points = trail
-        points = np.array([(x, y, 2 * _LIFT) for x, y in trail], np.float32).reshape(-1, 3)
-        self._trail.points = np.stack([points[:-1], points[1:]], axis=1)
+    def show_trail(self, points: Points) -> None:
+        """Show the trail."""
+        self._trail.show(points)
