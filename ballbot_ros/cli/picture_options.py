@@ -9,7 +9,7 @@ import click
 
 from ballbot_ros.viewer.views import CHASER_1, VIEWS, FreeView, View
 
-MIN_SIDE, MAX_SIDE = 16, 4096
+MIN_SIDE, MAX_SIDE = 64, 4096
 """Smallest and largest side of a picture [px]."""
 
 Point = tuple[float, float, float]

@@ -115,6 +115,7 @@ class Rendering:
     def _images(self, times: Sequence[float], progress: ProgressCallback) -> Iterator[Image]:
         shots = [(self.view, time) for time in times]
         images = frames(self.run, shots, ghost=self.ghost, size=self.size)
+        progress(0, len(times))
         with contextlib.closing(images):
             for number, (time, image) in enumerate(zip(times, images, strict=True), 1):
                 yield with_time_stamp(image, time) if self.time_stamp else image

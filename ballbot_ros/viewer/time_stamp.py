@@ -11,7 +11,7 @@ from ballbot_ros.viewer import offscreen
 from ballbot_ros.viewer.colours import BLACK, WHITE
 
 _HEIGHT = 0.045
-"""Height of the letters, as a part of the picture's."""
+"""Height of the letters, as a part of the shorter side of the picture."""
 
 _MIN_LETTERS = 10
 _OPACITY = 170
@@ -20,7 +20,7 @@ _OPACITY = 170
 def with_time_stamp(image: offscreen.Image, time: float) -> offscreen.Image:
     """Return the picture with the time [s] in its lower left corner."""
     picture = Image.fromarray(image)
-    size = max(_MIN_LETTERS, round(_HEIGHT * picture.height))
+    size = max(_MIN_LETTERS, round(_HEIGHT * min(picture.size)))
     font = ImageFont.load_default(size)
     draw = ImageDraw.Draw(picture, 'RGBA')
     text = f'{time:.2f} s'

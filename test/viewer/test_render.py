@@ -159,7 +159,7 @@ def test_a_camera_is_two_points():
         ('x.mp4 --fps 1000', '1000 is not in the range 1<=x<=60'),
         ('x.gif --fps 60', '--fps 60: a .gif has at most 50'),
         ('x.mp4 --size 321x200', '--size 321x200: width and height of a .mp4 must be even'),
-        ('x.gif --size 0x0', '0x0: each side must have 16 to 4096 pixels'),
+        ('x.gif --size 0x0', '0x0: each side must have 64 to 4096 pixels'),
         ('x.gif --size big', "'big' is not a width and a height, such as 960x528"),
         ('x.gif --rate 0', '0.0 is not in the range'),
         ('x.gif --view above', "'above' is neither one of top, vista, chaser1"),
