@@ -20,7 +20,12 @@ from ballbot_ros.scenario.metric_registry import label as metric_label
 
 
 def print_json(spec: RunSpec, result: RunResult) -> None:
-    """Print the result as one JSON object; a missing number is null."""
+    """Print the result as one JSON object."""
+    print(json.dumps(result_json(spec, result), indent=2, allow_nan=False))
+
+
+def result_json(spec: RunSpec, result: RunResult) -> dict[str, object]:
+    """Return the result as a JSON object; a missing number is None."""
     content: dict[str, object] = {
         'scenario': spec.name,
         'processes': spec.processes.value,
@@ -46,7 +51,7 @@ def print_json(spec: RunSpec, result: RunResult) -> None:
             for each in result.judgements
         ],
     }
-    print(json.dumps(with_former_names(content, FORMER_RESULT_KEYS), indent=2, allow_nan=False))
+    return with_former_names(content, FORMER_RESULT_KEYS)
 
 
 def _controller(spec: RunSpec) -> dict[str, object]:

@@ -7,9 +7,16 @@ from pathlib import Path
 
 import click
 
+from ballbot_ros.cli.options import no_browser_option
 from ballbot_ros.cli.path_types import RECORDING
+from ballbot_ros.cli.web_browser import open_browser
 from ballbot_ros.stop_request import StopRequest, defer_sigint
-from ballbot_ros.viewer.address import check_address, network_warning, require_viser
+from ballbot_ros.viewer.address import (
+    address_line,
+    check_address,
+    network_warning,
+    require_viser,
+)
 
 
 @click.command('view')
@@ -29,7 +36,8 @@ from ballbot_ros.viewer.address import check_address, network_warning, require_v
     show_default=True,
     help='Its port; 0: a free one.',
 )
-def command(recording: Path, other: Path | None, host: str, port: int) -> int:
+@no_browser_option
+def command(recording: Path, other: Path | None, host: str, port: int, *, no_browser: bool) -> int:
     """Show the last run of RECORDING in a browser, and that of OTHER as its ghost.
 
     Serves the page until Ctrl-C or SIGTERM.
@@ -49,7 +57,9 @@ def command(recording: Path, other: Path | None, host: str, port: int) -> int:
     recording_page = RecordingPage(page, runs)
     if warning := network_warning(host):
         click.echo(f'warning: {warning}', err=True)
-    click.echo(f'viewer  {page.address}')
+    click.echo(address_line(page.address))
+    if not no_browser:
+        open_browser(page.address)
     with StopRequest() as stop:
         last = time.monotonic()
         while not stop.signal:

@@ -19,7 +19,13 @@ from ballbot_ros.teleop.terminal import Terminal
 
 
 class TeleopTerminal:
-    """Drives from the keyboard, until the terminal disappears (`is_closed`)."""
+    """Drives from the keyboard, until the terminal disappears (`is_closed`).
+
+    Attributes
+    ----------
+    on_key : callable
+        Called for every key, on the keyboard's thread.
+    """
 
     def __init__(
         self, node: BallbotNode[GamepadParameters], sources: Arbiter, command: Callable[[], Command]
@@ -27,6 +33,7 @@ class TeleopTerminal:
         self._node, self._sources, self._command = node, sources, command
         self._state = ''
         self.is_closed = False
+        self.on_key: Callable[[], None] = lambda: None
         self._subscription = node.subscribe(OPERATING_STATE, self._on_state)
         self._reset = node.create_client(Trigger, f'{PLANT}/reset')
         # Ignore SIGHUP: a node that loses its terminal loses an input, but must not end.
@@ -38,6 +45,7 @@ class TeleopTerminal:
             on_sticks=lambda sticks: sources.report(KEYBOARD, sticks, time.monotonic()),
             on_reset=lambda: self._reset.call_async(Trigger.Request()),
             on_quit=node.finish,
+            on_key=self._on_key,
             on_closed=self._on_closed,
         )
 
@@ -50,6 +58,9 @@ class TeleopTerminal:
         self._terminal.close()
         self._node.destroy_subscription(self._subscription)
         self._node.destroy_client(self._reset)
+
+    def _on_key(self) -> None:
+        self.on_key()
 
     def _on_state(self, message: Text) -> None:
         self._state = message.data

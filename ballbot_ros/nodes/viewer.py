@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Collection
 from dataclasses import fields
 
 from ballbot_ros.messages.conversions import encode_joy, map_grid, stamp_ns, tone_of
 from ballbot_ros.messages.message_types import OccupancyGridMessage
+from ballbot_ros.messages.plant_report import PlantReport
 from ballbot_ros.messages.topics import (
+    ACCEPTED_PUSH,
     BATTERY_STATE,
     CONTROLLER_STATE,
     GAMEPAD_JOY,
@@ -19,24 +22,31 @@ from ballbot_ros.messages.topics import (
     PLANT_IMU,
     PLANT_ODOM,
     RUN,
+    SESSION,
     SONAR_RANGE,
     SOUND,
     VIEWER_JOY,
+    Topic,
 )
 from ballbot_ros.nodes.base import BallbotNode, run_node
 from ballbot_ros.nodes.latest_messages import LatestMessages, snapshot_of
+from ballbot_ros.nodes.plant_reports import PlantReports
+from ballbot_ros.nodes.start_request import StartRequest
 from ballbot_ros.nodes.tuning_requests import TuningRequests
 from ballbot_ros.nodes.viewer_requests import ViewerRequests
 from ballbot_ros.parameters import Dimensions, PlantParameters, ViewerParameters
 from ballbot_ros.plant.ground_truth import Pair
 from ballbot_ros.scenario.library import scenario_names
 from ballbot_ros.timing import SECOND_NS
-from ballbot_ros.viewer.address import network_warning, require_viser
-from ballbot_ros.viewer.overlay import Hold, OverlayState
+from ballbot_ros.viewer.address import address_line, network_warning, require_viser
+from ballbot_ros.viewer.overlay import Hold
 from ballbot_ros.viewer.page_sticks import PageSticks
 from ballbot_ros.viewer.plot_kinds import offered_kinds, plot_data
 from ballbot_ros.viewer.real_time_factor import RealTimeFactor
+from ballbot_ros.viewer.run_activity import REPORT, RunActivity
+from ballbot_ros.viewer.run_report import RunReport
 from ballbot_ros.viewer.snapshot import LIVE_SIGNALS, History, Snapshot
+from ballbot_ros.viewer.transport import carry_out
 from ballbot_ros.world.errors import WorldError
 from ballbot_ros.world.exports import floor_map_of
 from ballbot_ros.world.floor_map import FloorMap
@@ -44,7 +54,7 @@ from ballbot_ros.world.library import load_map
 
 _SHOWN = (
     PLANT_IMU, PLANT_ODOM, MOTOR_DUTY, CONTROLLER_STATE, GAMEPAD_JOY, SONAR_RANGE,
-    BATTERY_STATE, OPERATING_STATE, LCD, SOUND, MAP, RUN,
+    BATTERY_STATE, OPERATING_STATE, LCD, SOUND, MAP, ACCEPTED_PUSH, RUN, SESSION,
 )  # fmt: skip
 _ASKED = (
     'scenario',
@@ -66,7 +76,8 @@ class Viewer(BallbotNode[ViewerParameters]):
         super().__init__(ViewerParameters, parameters)
         require_viser()
         # Imported only here: viser takes a second.
-        from ballbot_ros.viewer.drag import DragPush, ForceArrow
+        from ballbot_ros.viewer.arrows import ForceArrow
+        from ballbot_ros.viewer.drag import DragPush
         from ballbot_ros.viewer.live_controls import LiveControls
         from ballbot_ros.viewer.page import UPDATE_S, Page
         from ballbot_ros.viewer.panel import PERIOD, Panel
@@ -81,34 +92,90 @@ class Viewer(BallbotNode[ViewerParameters]):
         self._plots = Plots(self._page.server.gui, offered_kinds(LIVE_SIGNALS))
         self._start_position: Pair | None = None  # of the run; None if unknown
         self._requests = ViewerRequests(self, self._page.notify)
-        self._drag = DragPush(ForceArrow(self._page.server.scene), self._requests.push)
+        self._start = StartRequest(self)
+        self._report = RunReport()
+        self._page.serve(REPORT, self._report_page)
+        self._drag = DragPush(ForceArrow(self._page.server.scene, 'drag'), self._requests.push)
         self._show_robot(self._page.dimensions)
-        self._page.overlay.show(OverlayState(can_drive=True))
         self._sticks = PageSticks()
         self._controls = LiveControls(self._page.server.gui, self._requests, scenario_names())
         sliders = TuningSliders(self._page.server.gui)
         self._tuning = TuningRequests(self, self._page.notify, sliders)
         self._newest = LatestMessages(self, _SHOWN)
+        self._plant_reports = PlantReports(self._newest.inbox)
+        self._plant_report = PlantReport()
+        self._run = ''
         self._history = History()
         self._real_time_factor = RealTimeFactor()
         self._updates = 0
+        self._is_empty = True
         self._is_driving = False
         self._joy = self.output(VIEWER_JOY)
         self.create_wall_timer(UPDATE_S, self._update)
         self.create_wall_timer(_STICK_PERIOD_S, self._drive)
         if warning := network_warning(host):
             self.get_logger().warning(warning)
-        print(f'viewer  {self._page.address}', flush=True)
+        print(address_line(self._page.address), flush=True)
 
     def _update(self) -> None:
-        self._take_requests()
         self._requests.send_queued()
         self._tuning.send_queued()
         snapshot, changed = self._newest.take()
+        activity = self._activity(has_pose=snapshot is not None)
+        self._page.overlay.show(activity.overlay)
+        self._take_requests(activity)
+        if activity.awaits_start and self._page.has_clients:
+            self._start.request()
         if snapshot is None:
+            self._clear()
             return
-        if self._requests.lost_plant:
+        self._is_empty = False
+        if activity.has_lost_plant:
             snapshot = snapshot._replace(state='run ended')
+        self._show(snapshot, changed)
+
+    def _activity(self, *, has_pose: bool) -> RunActivity:
+        """Return what is known about the run that is shown."""
+        for report in self._plant_reports.take():
+            self._plant_report = report
+        run = self._newest.run.name
+        if run != self._run:
+            self._run = run
+            self._requests.forget_plant()
+        return RunActivity(
+            session=self._newest.session,
+            has_pose=has_pose,
+            report=self._plant_report if self._plant_report.run == run else None,
+            has_lost_plant=self._requests.lost_plant,
+        )
+
+    def _take_requests(self, activity: RunActivity) -> None:
+        """Carry out the requests of the pages."""
+        for request in self._page.overlay.take():
+            if isinstance(request, Hold):
+                self._sticks.hold(request)
+            else:
+                carry_out(request, activity, self._requests)
+
+    def _clear(self) -> None:
+        """Show nothing of the run before."""
+        if self._is_empty:
+            return
+        self._is_empty = True
+        self._history.clear()
+        self._real_time_factor = RealTimeFactor()
+        self._robot.hide()
+        self._panel.clear()
+        self._start_position = None
+        self._show_plots()
+
+    def _report_page(self) -> bytes:
+        """Return the report of the run that has ended; runs in a thread of the page."""
+        session = self._newest.session
+        result = session.result if session else None
+        return self._report.page(result.recording if result else '')
+
+    def _show(self, snapshot: Snapshot, changed: Collection[Topic]) -> None:
         if RUN in changed or MAP in changed:
             self._begin(snapshot, self._newest[MAP])
         if PLANT_ODOM in changed:
@@ -132,13 +199,9 @@ class Viewer(BallbotNode[ViewerParameters]):
         time, columns = self._history.columns(
             self._page.dimensions.ball_radius, self._start_position
         )
-        self._plots.refresh(lambda kind: plot_data(kind, time, columns))
-
-    def _take_requests(self) -> None:
-        """Carry out the requests of the pages."""
-        for request in self._page.overlay.take():
-            if isinstance(request, Hold):
-                self._sticks.hold(request)
+        # The curves of a plot stay the same: viser's page reports an error if a plot is replaced
+        # while it is updated.
+        self._plots.refresh(lambda kind: plot_data(kind, time, columns, keeps_unknown=True))
 
     def _begin(self, snapshot: Snapshot, published: OccupancyGridMessage | None) -> None:
         """Show the floor of a new run, and discard the previous run.

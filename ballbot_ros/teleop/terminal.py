@@ -52,6 +52,8 @@ class Terminal:
         Receives the sticks, 50 times a second.
     on_reset, on_quit : callable
         Called for the reset key and the quit key.
+    on_key : callable
+        Called for every key.
     on_closed : callable
         Called when the keyboard is gone: after quitting, or because the terminal has disappeared.
 
@@ -69,13 +71,14 @@ class Terminal:
         on_sticks: Callable[[Sticks], None],
         on_reset: Callable[[], None],
         on_quit: Callable[[], None],
+        on_key: Callable[[], None],
         on_closed: Callable[[], None],
     ) -> None:
         if obstacle := keyboard_unavailable_reason():
             raise TeleopError(f'keyboard: {obstacle}')
         self._keys, self._status = keys, status
         self._on_sticks, self._on_reset = on_sticks, on_reset
-        self._on_quit, self._on_closed = on_quit, on_closed
+        self._on_quit, self._on_key, self._on_closed = on_quit, on_key, on_closed
         self._app: Application[None] | None = None
         self._thread = Thread(target=self._run, name='keyboard', daemon=True)
         self._thread.start()
@@ -136,8 +139,12 @@ class Terminal:
         keys, bindings = self._keys, KeyBindings()
 
         def bind(names: str, act: Callable[[], None]) -> None:
+            def handle(_: object) -> None:
+                self._on_key()
+                act()
+
             for name in names.split():
-                bindings.add(name)(lambda event: act())
+                bindings.add(name)(handle)
 
         for name in ('up', 'down', 'left', 'right'):
             bind(name, lambda name=name: keys.arrow(name, time.monotonic()))  # type: ignore[misc]
@@ -147,6 +154,7 @@ class Terminal:
         bind('-', lambda: keys.change_speed(-1))
         bind('r R', self._reset)
         bind('q Q c-c', self._quit)
+        bind('<any>', lambda: None)
         return bindings
 
     def _reset(self) -> None:

@@ -38,6 +38,11 @@ class Panel:
         rows.append(('battery', '–' if math.isnan(battery) else f'{battery:.2f} V'))
         self._status.content = _status(rows, snapshot.lcd)
 
+    def clear(self) -> None:
+        """Show that there is no state."""
+        self._status.content = _status([('state', '–'), ('sim time', '–'), ('battery', '–')], '')
+        self._sound.content = ''
+
     def play(self, tone: Tone) -> None:
         """Play a tone."""
         self._tones += 1

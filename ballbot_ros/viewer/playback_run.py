@@ -17,6 +17,7 @@ from ballbot_ros.messages.topics import BATTERY_STATE, PLANT_IMU, PLANT_ODOM, SO
 from ballbot_ros.parameters import Dimensions
 from ballbot_ros.progress import ProgressCallback
 from ballbot_ros.timing import TICK_NS, TICK_S
+from ballbot_ros.viewer.acting_force import acting_force
 from ballbot_ros.viewer.errors import ViewerError
 from ballbot_ros.viewer.robot import TRAIL_STEP, RolledBall, wxyz
 from ballbot_ros.viewer.run_marks import run_marks
@@ -59,6 +60,7 @@ class PlaybackRun:
         x, y = run.trajectory.position[0].tolist()
         self.start = (x, -y)
         self._ball = RolledBall(run.trajectory.position, self.dimensions.ball_radius)
+        self._forces = [(start, *push) for start, push in run.forces]
         self.marks = run_marks(run)
         self._trail_ticks = _trail_ticks(run.trajectory.position)
         self._trail = [(x, -y) for x, y in run.trajectory.position[self._trail_ticks].tolist()]
@@ -88,6 +90,7 @@ class PlaybackRun:
             state=self._run.states[state].name if state >= 0 else '',
             lcd=self._run.pages[page][1] if page >= 0 else '',
             ball=(w, i, j, k),
+            force=acting_force(self._forces, time),
         )
 
     def _newest_sonar(self, time: float) -> tuple[float, float]:

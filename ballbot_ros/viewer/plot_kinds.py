@@ -92,9 +92,15 @@ def ghost_columns(columns: Mapping[str, Floats]) -> dict[str, Floats]:
     return {_GHOST_PREFIX + name: values for name, values in columns.items()}
 
 
-def plot_data(kind: PlotKind, time: Floats, columns: Mapping[str, Floats]) -> PlotData:
-    """Return what a plot shows of a table; curves without any value are left out."""
-    known = [curve for curve in kind.curves if _has_values(columns.get(curve.column))]
+def plot_data(
+    kind: PlotKind, time: Floats, columns: Mapping[str, Floats], *, keeps_unknown: bool = False
+) -> PlotData:
+    """Return what a plot shows of a table; `keeps_unknown` keeps curves without any value."""
+    known = [
+        curve
+        for curve in kind.curves
+        if curve.column in columns and (keeps_unknown or _has_values(columns[curve.column]))
+    ]
     values = tuple(columns[curve.column] * kind.scale for curve in known)
     return PlotData(tuple(known), time, values)
 
@@ -105,8 +111,8 @@ def offered_kinds(names: Iterable[str]) -> list[PlotKind]:
     return [kind for kind in PLOT_KINDS if kind.columns & known]
 
 
-def _has_values(values: Floats | None) -> bool:
-    return values is not None and not np.isnan(values).all()
+def _has_values(values: Floats) -> bool:
+    return not np.isnan(values).all()
 
 
 def _ghost_of(curve: Curve) -> Curve:

@@ -57,6 +57,8 @@ class Snapshot(NamedTuple):
     ball : tuple of float or None
         Orientation of the ball as a quaternion w, x, y, z; None if only the shown positions
         determine it.
+    force : tuple of float
+        The force of the pushes that act [N].
     """
 
     time: float
@@ -73,6 +75,7 @@ class Snapshot(NamedTuple):
     state: str = ''
     lcd: str = ''
     ball: tuple[float, float, float, float] | None = None
+    force: Pair = (0.0, 0.0)
 
 
 class History:

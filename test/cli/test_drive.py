@@ -137,12 +137,14 @@ def test_keys_drive_reset_and_quit(start_drive, tmp_path):
 def test_the_page_and_the_keyboard_go_together(start_drive):
     pytest.importorskip('viser', reason='the extra viewer is not installed')
     drive = start_drive('--no-record', '--viewer', '--set', 'viewer.port=0')
-    pids = drive.begin(CHILDREN - {'recorder'} | {'viewer'})
     line = wait_for(
         lambda: re.search(rb'viewer  (http://127.0.0.1:\d+/\?token=\S+)\r?\n', drive.screen),
         what='the address of the page',
     )
+    drive.wait_for_text(b'press a key', line.end())
     drive.wait_for_text(b'arrows drive', line.end())  # the panel is redrawn below it
+    drive.press(b'x')  # any key begins the drive
+    pids = drive.begin(CHILDREN - {'recorder'} | {'viewer'})
     with urllib.request.urlopen(line[1].decode()) as page:
         assert page.headers.get_content_type() == 'text/html'
     drive.press(UP + b'h')

@@ -29,7 +29,7 @@ from ballbot_ros.messages.topics import (  # noqa: E402
     PLANT_ODOM,
     VIEWER_JOY,
 )
-from ballbot_ros.viewer.floor import Area, lines  # noqa: E402
+from ballbot_ros.viewer.floor import Area  # noqa: E402
 from ballbot_ros.viewer.live_controls import LiveControls  # noqa: E402
 from ballbot_ros.viewer.page import Page  # noqa: E402
 from ballbot_ros.viewer.panel import Panel  # noqa: E402
@@ -39,7 +39,7 @@ from ballbot_ros.viewer.robot import BLACK, DARK, parts  # noqa: E402
 from ballbot_ros.viewer.snapshot import Snapshot  # noqa: E402
 from ballbot_ros.viewer.tuning_sliders import FOLDER  # noqa: E402
 from ballbot_ros.viewer.views import CHASER_1, ROBOT, TITLES, VIEWS, camera  # noqa: E402
-from ballbot_ros.world.floor_map import CELL_M, FLOOR  # noqa: E402
+from ballbot_ros.world.floor_map import CELL_M, FLOOR, LINE  # noqa: E402
 from ballbot_ros.world.library import load_map  # noqa: E402
 
 START = (0.0, -0.3)
@@ -152,7 +152,10 @@ TRACK = load_map('track')
 PLATE_EDGE = (0.0, 0.06, 0.039)
 """A point on the left edge of the lower plate, relative to the centre of the ball [m]."""
 
-LINES = [((left + right) / 2, (low + high) / 2, 0.0) for left, low, right, high in lines(TRACK)]
+LINES = [
+    ((column + 0.5 - TRACK.columns / 2) * CELL_M, (TRACK.rows / 2 - row - 0.5) * CELL_M, 0.0)
+    for row, column in np.argwhere(TRACK.cells == LINE)[::10]
+]
 FLOORS = [
     (x, y, 0.0)
     for x, y in itertools.product(np.arange(-1.2, 1.2, 0.05), repeat=2)
@@ -195,7 +198,7 @@ def test_live_pages_show_the_robot_and_drive_it(domain, start_node):
             for key, view in enumerate(VIEWS, 1):
                 browser.choose(f'{key} {TITLES[view]}')
                 wait_until(lambda view=view: shows_lines_robot_and_floor(browser, view), browser)
-            browser.press('Run')
+            browser.pause(is_paused=False)
             push_makes_it_lean(browser, truth)
             stick_drives_it(browser, truth)
             keys_drive_it(browser, truth)
@@ -206,7 +209,7 @@ def test_live_pages_show_the_robot_and_drive_it(domain, start_node):
             with unread(port):
                 other = another(browser, address)
                 other.choose('4 Chaser 2 (front)')
-                browser.press('Run')
+                other.pause(is_paused=False)
                 other.hold_stick(1.0, 0.0)
                 wait_until(truth.is_driven, other)
                 wait_until(lambda: other.has_moved(0.3), other)
@@ -302,7 +305,7 @@ def slider_tunes_it(browser, truth):
 
 
 def pause_holds_it(browser):
-    browser.press('Pause')
+    browser.pause()
     wait_until(lambda: stands_still(browser), browser)
 
 

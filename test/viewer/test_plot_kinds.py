@@ -53,6 +53,10 @@ def test_a_curve_without_any_value_is_left_out():
     data = plot_data(PITCH, TIME, {'pitch_x_deg': column(0, np.nan), 'pitch_y_deg': unknown})
     assert [curve.label for curve in data.curves] == ['x']
     assert plot_data(PITCH, TIME, {'pitch_y_deg': unknown}).curves == ()
+    data = plot_data(PITCH, TIME, {'pitch_y_deg': unknown}, keeps_unknown=True)
+    assert [curve.column for curve in data.curves] == ['pitch_y_deg'], (
+        'a live plot keeps its curves'
+    )
 
 
 def test_no_echo_is_neither_left_out_nor_a_distance():
