@@ -233,6 +233,7 @@ class Extraction:
     pages: list[tuple[int, int, str]] = field(default_factory=list)
     tones: list[tuple[int, int, Tone]] = field(default_factory=list)
     pushes: list[tuple[int, int, tuple[Pair, Pair]]] = field(default_factory=list)
+    forces: list[tuple[int, int, tuple[str, Pair]]] = field(default_factory=list)
     wall_hits: list[tuple[int, int, None]] = field(default_factory=list)
     retunings: list[tuple[int, int, Mapping[str, Value]]] = field(default_factory=list)
     maps: list[tuple[int, int, OccupancyGridMessage]] = field(default_factory=list)
@@ -349,8 +350,9 @@ def _take_event(
 
 
 def _take_push(extraction: Extraction, message: WrenchStamped, epoch: int) -> None:
-    """Take the start of a push; its end is a message without a force."""
+    """Take the start or the end of a push; its end is a message without a force."""
     force, torque = push_forces(message)
+    extraction.forces.append((epoch, stamp_ns(message), (message.header.frame_id, force)))
     if any(force) or any(torque):
         extraction.pushes.append((epoch, stamp_ns(message), (force, torque)))
 

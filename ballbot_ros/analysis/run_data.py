@@ -104,6 +104,9 @@ class RunData:
         Time [s] and tone.
     pushes : tuple of tuple
         The starts of pushes: time [s], and force [N] and torque [N·m] in plane signs.
+    forces : tuple of tuple
+        The starts and ends of pushes: time [s], name of the push, and its force in plane signs from
+        then on [N].
     wall_hits : tuple of float
         The times at which the robot hit a wall [s].
     retunings : tuple of tuple
@@ -145,6 +148,7 @@ class RunData:
     notices: tuple[str, ...]
     plant: PlantParameters = field(default_factory=PlantParameters)
     failure: str = ''
+    forces: tuple[tuple[float, tuple[str, Pair]], ...] = ()
 
     @property
     def name(self) -> str:
@@ -266,6 +270,7 @@ def read_run(
         notices=tuple(notices),
         plant=plant,
         failure=_failure(outcome) if number == len(runs) else '',
+        forces=_events(extraction.forces, run),
     )
 
 

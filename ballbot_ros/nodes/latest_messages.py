@@ -17,15 +17,18 @@ from ballbot_ros.messages.conversions import (
     body_pitch,
     body_rates,
     controller_state,
+    push_forces,
     stamp_ns,
     stick_deflection,
     time_ns,
 )
 from ballbot_ros.messages.raw import decoder, has_stamp, stamp_of
 from ballbot_ros.messages.topics import (
+    ACCEPTED_PUSH,
     BATTERY_STATE,
     CONTROLLER_STATE,
     GAMEPAD_JOY,
+    HISTORY,
     LCD,
     MOTOR_DUTY,
     OPERATING_STATE,
@@ -40,6 +43,7 @@ from ballbot_ros.nodes.inbox import drain, hidden_node, raw_subscription
 from ballbot_ros.nodes.topic_publisher import requested_qos
 from ballbot_ros.parameters import PLANT
 from ballbot_ros.timing import SECOND_NS
+from ballbot_ros.viewer.acting_force import ForceEvent, acting_force
 from ballbot_ros.viewer.session import Session, decode_session
 from ballbot_ros.viewer.shown_run import ShownRun
 from ballbot_ros.viewer.snapshot import UNKNOWN, Snapshot
@@ -53,6 +57,9 @@ _PUBLISHED = 'source_timestamp'
 
 class LatestMessages:
     """The newest message of each topic; only the newest message of a poll is decoded.
+
+    Of the pushes all messages of the run count: the plant announces start and end of a push
+    together.
 
     The messages are read without the executor, as in the recorder: most of them are never shown,
     and a callback for each would cost many times as much.
@@ -70,11 +77,13 @@ class LatestMessages:
     def __init__(self, node: Node, topics: Collection[Topic]) -> None:
         self.inbox = hidden_node('inbox', node)
         self._subscriptions = {
-            topic: raw_subscription(self.inbox, topic, requested_qos(topic, 1)) for topic in topics
+            topic: raw_subscription(self.inbox, topic, requested_qos(topic, _depth(topic)))
+            for topic in topics
         }
         self._decoders = {topic: decoder(topic.type_name) for topic in topics}
         self._stamped = {topic for topic in topics if has_stamp(topic.type_name)}
         self._messages: dict[Topic, Any] = {}
+        self._forces: list[ForceEvent] = []
         self._changed: set[Topic] = set()
         self.run = ShownRun()
         self.session: Session | None = None
@@ -86,24 +95,25 @@ class LatestMessages:
         message since the last state; for the first state of a run, since its announcement or
         before, as a late subscriber may get its messages before the announcement.
         """
-        arrived = {
-            topic: received[-1]
+        received = {
+            topic: messages
             for topic, subscription in self._subscriptions.items()
-            if (received := list(drain(subscription)))
+            if (messages := list(drain(subscription)))
         }
-        if SESSION in arrived:
-            self._on_session(*arrived.pop(SESSION))
-        if RUN in arrived and self._on_run(*arrived[RUN]):
+        if SESSION in received:
+            self._on_session(*received.pop(SESSION)[-1])
+        if RUN in received and self._on_run(*received[RUN][-1]):
             # They may be from the run before, and come again with the next tick.
-            arrived = {topic: each for topic, each in arrived.items() if not topic.period_ns}
-        arrived.pop(RUN, None)
-        for topic, (data, _) in arrived.items():
-            self._on_message(topic, data)
+            received = {topic: each for topic, each in received.items() if not topic.period_ns}
+        received.pop(RUN, None)
+        for topic, messages in received.items():
+            for data, _ in messages if topic is ACCEPTED_PUSH else messages[-1:]:
+                self._on_message(topic, data)
         snapshot = snapshot_of(self)
         if snapshot is None:
             return None, set()
         changed, self._changed = self._changed, set()
-        return snapshot, changed
+        return snapshot._replace(force=acting_force(self._forces, snapshot.time)), changed
 
     def _on_session(self, data: bytes, metadata: Mapping[str, Any]) -> None:
         """Note what the command tells; from the request of another run on, show nothing."""
@@ -128,6 +138,7 @@ class LatestMessages:
 
     def _discard(self) -> None:
         self._messages.clear()
+        self._forces.clear()
         self._changed.clear()
 
     def _on_message(self, topic: Topic, data: bytes) -> None:
@@ -137,8 +148,10 @@ class LatestMessages:
             is_truth = topic.publisher == PLANT and bool(topic.period_ns)
             if not self.run.includes(stamp_of(data), is_truth=is_truth):
                 return
-        self._messages[topic] = self._decoders[topic](data)
+        message = self._messages[topic] = self._decoders[topic](data)
         self._changed.add(topic)
+        if topic is ACCEPTED_PUSH:
+            self._forces.append(_force(message))
 
     def __getitem__(self, topic: Topic) -> Any:
         """Return the newest message of a topic; None if there is none."""
@@ -147,6 +160,15 @@ class LatestMessages:
     def close(self) -> None:
         """Remove the subscriptions."""
         self.inbox.destroy_node()
+
+
+def _depth(topic: Topic) -> int:
+    return HISTORY if topic is ACCEPTED_PUSH else 1
+
+
+def _force(message: Any) -> ForceEvent:
+    force, _ = push_forces(message)
+    return stamp_ns(message) / SECOND_NS, message.header.frame_id, force
 
 
 def snapshot_of(newest: LatestMessages) -> Snapshot | None:

@@ -11,6 +11,7 @@ from ballbot_ros.messages.conversions import encode_joy, map_grid, stamp_ns, ton
 from ballbot_ros.messages.message_types import OccupancyGridMessage
 from ballbot_ros.messages.plant_report import PlantReport
 from ballbot_ros.messages.topics import (
+    ACCEPTED_PUSH,
     BATTERY_STATE,
     CONTROLLER_STATE,
     GAMEPAD_JOY,
@@ -53,7 +54,7 @@ from ballbot_ros.world.library import load_map
 
 _SHOWN = (
     PLANT_IMU, PLANT_ODOM, MOTOR_DUTY, CONTROLLER_STATE, GAMEPAD_JOY, SONAR_RANGE,
-    BATTERY_STATE, OPERATING_STATE, LCD, SOUND, MAP, RUN, SESSION,
+    BATTERY_STATE, OPERATING_STATE, LCD, SOUND, MAP, ACCEPTED_PUSH, RUN, SESSION,
 )  # fmt: skip
 _ASKED = (
     'scenario',
@@ -75,7 +76,8 @@ class Viewer(BallbotNode[ViewerParameters]):
         super().__init__(ViewerParameters, parameters)
         require_viser()
         # Imported only here: viser takes a second.
-        from ballbot_ros.viewer.drag import DragPush, ForceArrow
+        from ballbot_ros.viewer.arrows import ForceArrow
+        from ballbot_ros.viewer.drag import DragPush
         from ballbot_ros.viewer.live_controls import LiveControls
         from ballbot_ros.viewer.page import UPDATE_S, Page
         from ballbot_ros.viewer.panel import PERIOD, Panel
@@ -93,7 +95,7 @@ class Viewer(BallbotNode[ViewerParameters]):
         self._start = StartRequest(self)
         self._report = RunReport()
         self._page.serve(REPORT, self._report_page)
-        self._drag = DragPush(ForceArrow(self._page.server.scene), self._requests.push)
+        self._drag = DragPush(ForceArrow(self._page.server.scene, 'drag'), self._requests.push)
         self._show_robot(self._page.dimensions)
         self._sticks = PageSticks()
         self._controls = LiveControls(self._page.server.gui, self._requests, scenario_names())

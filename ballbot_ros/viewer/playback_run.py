@@ -17,15 +17,13 @@ from ballbot_ros.messages.topics import BATTERY_STATE, PLANT_IMU, PLANT_ODOM, SO
 from ballbot_ros.parameters import Dimensions
 from ballbot_ros.progress import ProgressCallback
 from ballbot_ros.timing import TICK_NS, TICK_S
+from ballbot_ros.viewer.acting_force import acting_force
 from ballbot_ros.viewer.errors import ViewerError
-from ballbot_ros.viewer.robot import RolledBall, wxyz
+from ballbot_ros.viewer.robot import TRAIL_STEP, RolledBall, wxyz
 from ballbot_ros.viewer.run_marks import run_marks
 from ballbot_ros.viewer.snapshot import Floats, Snapshot
 from ballbot_ros.world.exports import OccupancyGrid, floor_map_of
 from ballbot_ros.world.floor_map import FloorMap
-
-_SAMPLES = 600
-"""Maximum number of points of a curve or of the trail."""
 
 
 class PlaybackRun:
@@ -62,7 +60,10 @@ class PlaybackRun:
         x, y = run.trajectory.position[0].tolist()
         self.start = (x, -y)
         self._ball = RolledBall(run.trajectory.position, self.dimensions.ball_radius)
+        self._forces = [(start, *push) for start, push in run.forces]
         self.marks = run_marks(run)
+        self._trail_ticks = _trail_ticks(run.trajectory.position)
+        self._trail = [(x, -y) for x, y in run.trajectory.position[self._trail_ticks].tolist()]
         self._state_times = [interval.start for interval in run.states]
         self._page_times = [time for time, _ in run.pages]
         self._tone_times = [time for time, _ in run.tones]
@@ -89,6 +90,7 @@ class PlaybackRun:
             state=self._run.states[state].name if state >= 0 else '',
             lcd=self._run.pages[page][1] if page >= 0 else '',
             ball=(w, i, j, k),
+            force=acting_force(self._forces, time),
         )
 
     def _newest_sonar(self, time: float) -> tuple[float, float]:
@@ -136,15 +138,19 @@ class PlaybackRun:
             for name, values in table.items()
         }
 
-    @staticmethod
-    def _ticks(first: int, last: int) -> NDArray[np.int64]:
-        step = max(1, math.ceil((last - first) / _SAMPLES))
-        return np.arange(first, last + 1, step)
-
     def trail(self, time: float) -> list[tuple[float, float]]:
         """Return the trail from the start to `time`, x and y in ``map`` [m]."""
-        points = self._run.trajectory.position[self._ticks(0, self._tick(time))].tolist()
-        return [(x, -y) for x, y in points]
+        return self._trail[: bisect_right(self._trail_ticks, self._tick(time))]
+
+
+def _trail_ticks(position: Floats) -> list[int]:
+    """Return the ticks at which the trail gets a point."""
+    points = position.tolist()
+    ticks = [0]
+    for tick, point in enumerate(points):
+        if math.dist(point, points[ticks[-1]]) > TRAIL_STEP:
+            ticks.append(tick)
+    return ticks
 
 
 def _held(series: Series | None, times: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -45,9 +45,9 @@ class PlotKind:
         The actual values first, then what the controller commands (dashed) or estimates (dotted).
     scale : float
         Factor from the unit of the signals to that of the plot.
-    least : float
-        The axis extends at least this far from 0 to both sides, so that noise does not look large;
-        0 for a quantity that is not centred on 0.
+    least : tuple of float or None
+        What the axis shows at least, so that noise does not look large; None for a quantity without
+        a usual value.
     is_default : bool
         Whether the plot is shown until the user chooses.
     """
@@ -55,7 +55,7 @@ class PlotKind:
     label: str
     curves: tuple[Curve, ...]
     scale: float = 1.0
-    least: float = 0.0
+    least: tuple[float, float] | None = None
     is_default: bool = False
 
     @property
@@ -146,7 +146,7 @@ PLOT_KINDS: Sequence[PlotKind] = (
     PlotKind(
         PITCH.label,
         (*_planes('pitch', 'deg'), *_estimated('estimated_pitch', 'deg')),
-        least=1.0,
+        least=(-1.0, 1.0),
         is_default=True,
     ),
     PlotKind(
@@ -159,8 +159,14 @@ PLOT_KINDS: Sequence[PlotKind] = (
         scale=100.0,
         is_default=True,
     ),
-    PlotKind(DUTY.label, _planes('duty', 'percent'), least=10.0, is_default=True),
-    PlotKind('sonar [cm]', (Curve('distance_m', 'distance', BLUE),), scale=100.0, is_default=True),
+    PlotKind(DUTY.label, _planes('duty', 'percent'), least=(-10.0, 10.0), is_default=True),
+    PlotKind(
+        'sonar [cm]',
+        (Curve('distance_m', 'distance', BLUE),),
+        scale=100.0,
+        least=(0.0, 50.0),
+        is_default=True,
+    ),
     PlotKind(
         'speed [cm/s]',
         (
@@ -169,9 +175,9 @@ PLOT_KINDS: Sequence[PlotKind] = (
             *_estimated('commanded_speed', 'm_per_s', 'commanded'),
         ),
         scale=100.0,
-        least=5.0,
+        least=(-5.0, 5.0),
     ),
-    PlotKind('pitch rate [°/s]', _planes('pitch_rate', 'deg_per_s'), least=5.0),
+    PlotKind('pitch rate [°/s]', _planes('pitch_rate', 'deg_per_s'), least=(-5.0, 5.0)),
     PlotKind(
         'gyro [°/s]',
         (
@@ -180,9 +186,11 @@ PLOT_KINDS: Sequence[PlotKind] = (
         ),
     ),
     PlotKind('encoder [°]', _planes('encoder', 'deg')),
-    PlotKind('motor rate [°/s]', _planes('motor_rate', 'deg_per_s'), least=20.0),
-    PlotKind('motor torque [mN·m]', _planes('motor_torque', 'n_m'), scale=1000.0, least=10.0),
-    PlotKind('sticks [%]', _planes('stick', 'percent'), least=10.0),
+    PlotKind('motor rate [°/s]', _planes('motor_rate', 'deg_per_s'), least=(-20.0, 20.0)),
+    PlotKind(
+        'motor torque [mN·m]', _planes('motor_torque', 'n_m'), scale=1000.0, least=(-10.0, 10.0)
+    ),
+    PlotKind('sticks [%]', _planes('stick', 'percent'), least=(-10.0, 10.0)),
     PlotKind('battery [V]', (Curve('battery_v', 'voltage', BLUE),)),
 )
 """The plots in the order of the page."""

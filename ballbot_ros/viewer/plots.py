@@ -119,9 +119,9 @@ def _series(curve: Curve) -> uplot.Series:
     )  # fmt: skip
 
 
-def _vertical_scale(least: float) -> uplot.Scale:
-    """Return a scale that fits the visible values and extends at least to ±`least`, unless 0."""
-    if not least:
+def _vertical_scale(least: tuple[float, float] | None) -> uplot.Scale:
+    """Return a scale that fits the visible values, and shows at least an interval."""
+    if least is None:
         return uplot.Scale()
-    low, high = ({'pad': 0.1, 'soft': soft, 'mode': 1} for soft in (-least, least))
+    low, high = ({'pad': 0.1, 'soft': soft, 'mode': 1} for soft in least)
     return uplot.Scale(range={'min': low, 'max': high})

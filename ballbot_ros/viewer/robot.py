@@ -90,6 +90,14 @@ def lcd_position(dimensions: Dimensions) -> Vector:
     return _brick_centre(dimensions)[0] + 0.0252, 0.0, _brick_centre(dimensions)[2] + 0.022
 
 
+def grip(dimensions: Dimensions, direction: tuple[float, float]) -> Vector:
+    """Return where a horizontal line from the body's centre leaves the body, in ``base_link``."""
+    sides = dimensions.body_depth / 2.0, dimensions.body_width / 2.0
+    reach = min(side / abs(part) for side, part in zip(sides, direction, strict=True) if part)
+    x, y = direction
+    return reach * x, reach * y, dimensions.body_height
+
+
 def _brick_centre(dimensions: Dimensions) -> Vector:
     return 0.0, 0.0, 2.0 * dimensions.body_height - 0.095
 

@@ -25,7 +25,10 @@ DEGREES = math.degrees(1.0)
 UNKNOWN: Pair = (math.nan, math.nan)
 
 TRAIL_POINTS = 2000
-"""Maximum number of points of the trail."""
+"""Number of points that the trail of a long run has at least."""
+
+TRAIL_PIECE = 500
+"""Number of points of a piece of the trail, which is sent again only if it changes."""
 
 
 class Snapshot(NamedTuple):
@@ -54,6 +57,8 @@ class Snapshot(NamedTuple):
     ball : tuple of float or None
         Orientation of the ball as a quaternion w, x, y, z; None if only the shown positions
         determine it.
+    force : tuple of float
+        The force of the pushes that act [N].
     """
 
     time: float
@@ -70,6 +75,7 @@ class Snapshot(NamedTuple):
     state: str = ''
     lcd: str = ''
     ball: tuple[float, float, float, float] | None = None
+    force: Pair = (0.0, 0.0)
 
 
 class History:
@@ -77,7 +83,7 @@ class History:
 
     def __init__(self) -> None:
         self._samples: deque[Snapshot] = deque()
-        self._trail: deque[tuple[float, float]] = deque(maxlen=TRAIL_POINTS)
+        self._trail: list[tuple[float, float]] = []
 
     def clear(self) -> None:
         """Start over with a new run."""
@@ -99,6 +105,8 @@ class History:
         point = snapshot.position[0], -snapshot.position[1]
         if not self._trail or math.dist(point, self._trail[-1]) > TRAIL_STEP:
             self._trail.append(point)
+        if len(self._trail) > TRAIL_POINTS + TRAIL_PIECE:
+            del self._trail[:TRAIL_PIECE]
 
     def trail(self) -> list[tuple[float, float]]:
         """Return the trail, x and y in ``map`` [m]."""

@@ -62,7 +62,7 @@ def camera(
         height = 1.08 * max(area.half_y, area.half_x / aspect) / math.tan(_NARROW / 2.0)
         return _free_camera(FreeView((x, y, height), (x, y, 0.0)))
     if view == VISTA:
-        far = 1.16 * math.hypot(area.half_x, area.half_y) * max(1.2, 1.5 / aspect)
+        far = 1.16 * math.hypot(area.half_x, area.half_y) * max(1.1, 1.5 / aspect)
         away = (x - 0.95 * far, y - 1.0 * far, 1.05 * far)
         return Camera(away, (x, y, -0.10 * far), _UP, _NARROW)
     ball = np.array([snapshot.position[0], -snapshot.position[1], dimensions.ball_radius])

@@ -15,7 +15,9 @@ from rclpy.serialization import serialize_message
 from ros_client import Client
 from std_msgs.msg import Header
 
+from ballbot_ros.messages.conversions import encode_accepted_push
 from ballbot_ros.messages.topics import (
+    ACCEPTED_PUSH,
     BATTERY_STATE,
     LCD,
     MAP,
@@ -30,6 +32,8 @@ from ballbot_ros.messages.topics import (
 from ballbot_ros.nodes import latest_messages
 from ballbot_ros.nodes.latest_messages import LatestMessages, snapshot_of
 from ballbot_ros.nodes.topic_publisher import reliable_qos
+from ballbot_ros.plant.ground_truth import Push
+from ballbot_ros.timing import SECOND_NS
 from ballbot_ros.viewer.session import Session, encode_session
 
 pytestmark = pytest.mark.graph
@@ -102,12 +106,25 @@ def poll(monkeypatch):
     monkeypatch.setattr(latest_messages, 'hidden_node', lambda name, node: None)
     monkeypatch.setattr(latest_messages, 'raw_subscription', lambda node, topic, qos: topic)
     monkeypatch.setattr(latest_messages, 'drain', lambda topic: waiting.pop(topic, ()))
-    topics = (PLANT_IMU, PLANT_ODOM, MOTOR_DUTY, MAP, LCD, OPERATING_STATE, RUN, SESSION)
+    topics = (
+        PLANT_IMU,
+        PLANT_ODOM,
+        MOTOR_DUTY,
+        ACCEPTED_PUSH,
+        MAP,
+        LCD,
+        OPERATING_STATE,
+        RUN,
+        SESSION,
+    )
     newest = LatestMessages(None, topics)
 
     def poll(messages):
         now_s = next(polls)
         for topic, content in messages.items():
+            if topic is ACCEPTED_PUSH:
+                waiting[topic] = [(data, {'source_timestamp': now_s}) for data in content]
+                continue
             content, stamp_s = content if isinstance(content, tuple) else (content, now_s)
             data = bytes(serialize_message(message(topic, content, stamp_s)))
             waiting[topic] = [(data, {'source_timestamp': now_s})]
@@ -186,3 +203,24 @@ def test_a_message_that_is_no_session_is_ignored(poll):
         newest, _ = poll({SESSION: text})
         assert newest.session is None
         assert not newest.run.is_awaited
+
+
+def test_start_and_end_of_a_push_arrive_together(poll):
+    """Both are announced at its start; a new run forgets the pushes of the run before."""
+    push = Push(2 * SECOND_NS, 3 * SECOND_NS, (1.0, -2.0), (0.0, 0.0))
+    announced = [
+        encode_accepted_push(stamp, push, 1, acts=stamp == push.start_ns)
+        for stamp in (push.start_ns, push.end_ns)
+    ]
+
+    def force_at(stamp_s, messages):
+        pose = dict.fromkeys(POSE, ('pose', stamp_s))
+        _, (snapshot, _) = poll({**messages, **pose})
+        return snapshot.force
+
+    poll({RUN: '1 a'})
+    assert force_at(1, {ACCEPTED_PUSH: announced}) == (0.0, 0.0)
+    assert force_at(2, {}) == (1.0, -2.0)
+    assert force_at(3, {}) == (0.0, 0.0)
+    poll({RUN: ('2 a', 1)})
+    assert force_at(2, {}) == (0.0, 0.0)

@@ -307,7 +307,7 @@ def test_a_page_steers_with_the_token_and_only_shows_without_it(served, needs_br
             other.wait_for_text('This page can only watch')
             for text in ('Scenario', 'Push'):
                 other.page.get_by_text(text, exact=True).wait_for(state='hidden')
-            other.wait_for_text('battery')
+            other.wait_for_text('state')
             other.choose('1 Top')
             assert other.errors == []
             other.page.close()

@@ -7,7 +7,14 @@ import pytest
 
 from ballbot_ros.analysis.signals import SIGNALS
 from ballbot_ros.messages.conversions import ControllerState
-from ballbot_ros.viewer.snapshot import LIVE_SIGNALS, TRAIL_POINTS, WINDOW_S, History, Snapshot
+from ballbot_ros.viewer.snapshot import (
+    LIVE_SIGNALS,
+    TRAIL_PIECE,
+    TRAIL_POINTS,
+    WINDOW_S,
+    History,
+    Snapshot,
+)
 
 
 def snapshot(position=(0.0, 0.0), time=1.0):
@@ -69,10 +76,14 @@ def test_the_trail_continues_at_any_length():
     history.add(snapshot(time=0.5))
     history.add(snapshot((0.001, 0.0), time=0.6))
     assert history.trail() == [(0.0, 0.0)]
-    for step in range(1, TRAIL_POINTS + 51):
+    for step in range(1, 2 * TRAIL_POINTS):
+        before = history.trail()
         history.add(snapshot((0.02 * step, 0.01 * step), time=float(step)))
-    assert len(history.trail()) == TRAIL_POINTS
-    assert history.trail()[-1] == (0.02 * step, -0.01 * step)
+        assert history.trail()[-1] == (0.02 * step, -0.01 * step)
+        assert len(history.trail()) >= min(step, TRAIL_POINTS)
+        # Whole pieces disappear, so that those that remain need not be sent again.
+        assert history.trail()[:-1] in (before, before[TRAIL_PIECE:])
+    assert len(history.trail()) <= TRAIL_POINTS + TRAIL_PIECE
 
 
 def test_a_jump_back_restarts_the_history():

@@ -1,6 +1,8 @@
 """Recorded runs at any time, and the messages to the user."""
 
+import itertools
 import json
+import math
 import socket
 import sys
 
@@ -70,6 +72,17 @@ def test_the_columns_of_a_run_are_unknown_after_its_end(run):
     for values in columns.values():
         assert np.isnan(values[-10:]).all()
         assert not np.isnan(values[:-10]).any()
+
+
+def test_the_trail_grows_with_the_time_in_steps_of_a_centimetre(run):
+    whole = run.trail(run.end)
+    assert len(whole) > 50
+    assert run.trail(0.0) == [run.start] == whole[:1]
+    assert run.trail(7.0) == whole[: len(run.trail(7.0))]
+    steps = [math.dist(*pair) for pair in itertools.pairwise(whole)]
+    assert 0.01 < min(steps) <= max(steps) < 0.015
+    x, y = run.snapshot(run.end).position
+    assert math.dist(whole[-1], (x, -y)) <= 0.01
 
 
 def test_a_file_that_ends_early_is_shown_up_to_there(recording, tmp_path, capsys):

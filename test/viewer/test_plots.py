@@ -145,3 +145,13 @@ def test_the_zoom_of_a_live_run_moves_with_it(recording):
         wait_until(lambda: shown.shows(0, 3.0, 13.0), browser)
         assert browser.errors == []
     page.stop()
+
+
+def test_a_page_without_the_token_has_plots_and_no_choice_of_them(recording_page):
+    _, page = recording_page
+    with browsing(page.address.partition('?')[0]) as browser:
+        plots = ShownPlots(browser)
+        wait_until(lambda: plots.titles() == DEFAULT, browser)
+        browser.page.get_by_text(CHOOSER).wait_for(state='hidden')
+        wait_until(lambda: plots.shows(0, 0.0, 10.0), browser)
+        assert browser.errors == []
