@@ -7,6 +7,7 @@ some million messages.
 from __future__ import annotations
 
 from array import array
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -18,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.analysis.announced_parameters import AnnouncedParameters
+from ballbot_ros.analysis.recorded_pushes import PushPairs
 from ballbot_ros.analysis.recorded_runs import RecordedRun, RunFinder, samples_in
 from ballbot_ros.analysis.robot_topics import RobotTopics, robot_topics
 from ballbot_ros.brick.brick import Tone
@@ -30,9 +32,11 @@ from ballbot_ros.messages.conversions import (
 from ballbot_ros.messages.message_types import DiagnosticStatus, OccupancyGridMessage
 from ballbot_ros.messages.parameter_events import decode_parameter_event
 from ballbot_ros.messages.topics import (
+    ACCEPTED_PUSH,
     BATTERY_STATE,
     CONTROLLER_STATE,
     DIAGNOSTICS,
+    GAMEPAD_JOY,
     GYRO_IMU,
     JOINT_STATES,
     LCD,
@@ -48,6 +52,7 @@ from ballbot_ros.messages.topics import (
     RUN_STATUS,
     SONAR_RANGE,
     SOUND,
+    WALL_HIT,
     Topic,
 )
 from ballbot_ros.parameters import Value
@@ -59,6 +64,7 @@ from ballbot_ros.timing import SECOND_NS
 
 _EVENTS = (
     OPERATING_STATE, RUN_STATUS, PARTICIPANTS, DIAGNOSTICS, LCD, SOUND, MAP, PARAMETER_EVENTS,
+    ACCEPTED_PUSH, WALL_HIT,
 )  # fmt: skip
 _OTHER_CLOCK_MS = 3.6e6
 
@@ -97,6 +103,7 @@ STAMPED_TOPICS: Mapping[Topic, tuple[str, int, Callable[[Any], Sequence[Any]]]] 
     JOINT_STATES: ('f', 2, lambda m: m.position.T[:2]),
     SONAR_RANGE: ('f', 2, lambda m: (m.range, m.field_of_view)),
     BATTERY_STATE: ('f', 1, lambda m: (m.voltage,)),
+    GAMEPAD_JOY: ('f', 2, lambda m: m.axes.T[:2]),
 }
 """The stamped topics, with the type code and number of their columns, and the function that reads
 them from a record array of messages.
@@ -104,7 +111,8 @@ them from a record array of messages.
 Pitch and pitch rate of planes x, y [rad, rad/s]; position x, y [m]; motor rate x, y [rad/s] and
 torque x, y [N·m]; duty x, y [%]; the estimates of ``controller/state`` [rad], its pitch rates x, y
 [rad/s], its references of the ball angle x, y [rad] and their rates [rad/s]; gyro x, y with offset
-[rad/s]; encoder x, y [rad]; distance [m]; voltage [V].
+[rad/s]; encoder x, y [rad]; distance [m]; voltage [V]; left stick vertical and right stick
+horizontal, −1 … 1, where −1 is up and left.
 """
 
 
@@ -207,7 +215,10 @@ class TopicStatistics:
 
 @dataclass
 class Extraction:
-    """The content of a recording; each event is a tuple of epoch, log time [ns] and content."""
+    """The content of a recording; each event is a tuple of epoch, log time [ns] and content.
+
+    The pushes are by epoch.
+    """
 
     runs: tuple[RecordedRun, ...] = ()
     buffers: dict[Topic, SampleBuffer] = field(
@@ -222,6 +233,8 @@ class Extraction:
     tones: list[tuple[int, int, Tone]] = field(default_factory=list)
     retunings: list[tuple[int, int, Mapping[str, Value]]] = field(default_factory=list)
     maps: list[tuple[int, int, OccupancyGridMessage]] = field(default_factory=list)
+    wall_hits: list[tuple[int, int, bool]] = field(default_factory=list)
+    pushes: defaultdict[int, PushPairs] = field(default_factory=lambda: defaultdict(PushPairs))
     topic_statistics: dict[str, TopicStatistics] = field(default_factory=dict)
     notices: list[str] = field(default_factory=list)
 
@@ -320,6 +333,10 @@ def _take_event(
         extraction.statuses += [(epoch, log_ns, _status(each)) for each in message.status]
     elif topic is LCD:
         extraction.pages.append((epoch, log_ns, message.data))
+    elif topic is ACCEPTED_PUSH:
+        extraction.pushes[epoch].add(message)
+    elif topic is WALL_HIT:
+        extraction.wall_hits.append((epoch, log_ns, message.data))
     elif topic is SOUND:
         try:
             extraction.tones.append((epoch, log_ns, tone_of(message)))

@@ -17,8 +17,9 @@ from ballbot_ros.analysis.extraction import (
     TopicStatistics,
     extract,
 )
-from ballbot_ros.analysis.interval import Interval
+from ballbot_ros.analysis.interval import Interval, IntervalKind
 from ballbot_ros.analysis.recorded_attachments import RecordedAttachments, read_attachments
+from ballbot_ros.analysis.recorded_pushes import RecordedPush, recorded_pushes
 from ballbot_ros.analysis.recorded_runs import RecordedRun
 from ballbot_ros.brick.brick import Tone
 from ballbot_ros.controllers.interface import OperatingState
@@ -36,6 +37,7 @@ from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.writer import RUN_OUTCOME
 from ballbot_ros.scenario.metrics import Floats
+from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.simulation.outcome import Outcome
 from ballbot_ros.simulation.trajectory import Trajectory
 from ballbot_ros.timing import SECOND_NS, TICK_NS, TICK_S
@@ -117,6 +119,10 @@ class RunData:
         Notices for the reader of a report.
     failure : str
         Why the run failed, as recorded at its end; '' if it did not, or if it is unknown.
+    pushes : tuple of RecordedPush
+        The pushes that acted, from the scenario or from outside.
+    wall_hits : tuple of Interval
+        When the body touched a wall [s].
     """
 
     path: Path
@@ -138,6 +144,8 @@ class RunData:
     notices: tuple[str, ...]
     plant: PlantParameters = field(default_factory=PlantParameters)
     failure: str = ''
+    pushes: tuple[RecordedPush, ...] = ()
+    wall_hits: tuple[Interval, ...] = ()
 
     @property
     def name(self) -> str:
@@ -154,6 +162,12 @@ class RunData:
         """The attached map, which includes lines, or else the recorded grid, or else None."""
         floor_map = self.attached.floor_map
         return self.grid if floor_map is None else floor_map
+
+    @property
+    def marked(self) -> tuple[Interval, ...]:
+        """What figures shade: calibration, pushes and wall hits."""
+        calibration = (each for each in self.states if each.name == OperatingState.CALIBRATION)
+        return (*calibration, *(push.interval for push in self.pushes), *self.wall_hits)
 
     @property
     def has_documents_program(self) -> bool:
@@ -251,6 +265,8 @@ def read_run(
         notices=tuple(notices),
         plant=plant,
         failure=_failure(outcome) if number == len(runs) else '',
+        pushes=_pushes(extraction, run, attached.scenario),
+        wall_hits=_wall_hits(extraction, run, last),
     )
 
 
@@ -329,6 +345,24 @@ def _states(extraction: Extraction, run: RecordedRun, last: float) -> tuple[Inte
         Interval(time, until, state)
         for (time, state), until in zip(changes, ends, strict=False)  # one more end if no change
         if until > time
+    )
+
+
+def _pushes(
+    extraction: Extraction, run: RecordedRun, scenario: Scenario | None
+) -> tuple[RecordedPush, ...]:
+    acted = (p for p in extraction.pushes[run.epoch].pushes if run.has(run.epoch, p.start_ns))
+    scheduled = scenario.pushes_from(run.start_ns) if scenario else ()
+    return recorded_pushes(acted, scheduled, run.start_ns)
+
+
+def _wall_hits(extraction: Extraction, run: RecordedRun, last: float) -> tuple[Interval, ...]:
+    changes = _events(extraction.wall_hits, run)
+    ends = [time for time, _ in changes[1:]] + [float(last) + TICK_S]
+    return tuple(
+        Interval(time, until, 'wall hit', IntervalKind.WALL_HIT)
+        for (time, is_hit), until in zip(changes, ends, strict=False)
+        if is_hit
     )
 
 

@@ -26,7 +26,7 @@ from ballbot_ros.cli.path_types import PATH, RECORDING
 )
 @click.option('--json', 'as_json', is_flag=True, help='Print one JSON object.')
 def command(recording: Path, output: Path | None, number: int | None, as_json: bool) -> int:
-    """Write a report of RECORDING: a self-contained index.html, its PNGs and CSVs.
+    """Write a report of RECORDING: an index.html that needs no other file, its PNGs and CSVs.
 
     Exit status: 0 if the report was written, whatever its verdict; 2 for invalid arguments or a
     file that is not a recording of a ballbot.
