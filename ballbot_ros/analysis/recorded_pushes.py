@@ -4,13 +4,20 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
 
 from ballbot_ros.analysis.interval import Interval, IntervalKind
+from ballbot_ros.analysis.recorded_attachments import read_attachments
+from ballbot_ros.analysis.recorded_runs import END_OF_TIME_NS
 from ballbot_ros.messages.conversions import push_forces, stamp_ns
 from ballbot_ros.messages.message_types import WrenchStamped
+from ballbot_ros.messages.topics import ACCEPTED_PUSH
 from ballbot_ros.plant.ground_truth import Pair, Push
+from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.timing import SECOND_NS
 
 _DIRECTIONS = (
@@ -62,6 +69,16 @@ class RecordedPush:
     torque: Pair
     is_external: bool
 
+    def as_json(self) -> dict[str, object]:
+        """Return the push with units in the keys."""
+        return {
+            'start_s': self.start,
+            'end_s': self.end,
+            'force_n': list(self.force),
+            'torque_n_m': list(self.torque),
+            'is_external': self.is_external,
+        }
+
     @property
     def interval(self) -> Interval:
         """When it acted."""
@@ -76,6 +93,23 @@ class RecordedPush:
             x, y = (f'{each:.3g}'.replace('-', '−') for each in self.torque)
             parts.append(f'torque x {x}, y {y} N·m')
         return ', '.join(parts) or 'no force'
+
+
+def external_push(content: Mapping[str, Any]) -> RecordedPush:
+    """Return an outside push of the JSON of a run."""
+    return RecordedPush(
+        content['start_s'],
+        content['end_s'],
+        tuple(content['force_n']),
+        tuple(content['torque_n_m']),
+        is_external=True,
+    )
+
+
+def scheduled_pushes(scenario: Scenario) -> tuple[RecordedPush, ...]:
+    """Return the pushes of a scenario."""
+    pushes = scenario.pushes_from(0)
+    return recorded_pushes(pushes, pushes, 0)
 
 
 def _force_text(force: Pair) -> str:
@@ -103,6 +137,19 @@ def recorded_pushes(
 
 def _identity(push: Push) -> tuple[float, ...]:
     return push.start_ns, push.end_ns, *push.force, *push.torque
+
+
+def outside_pushes_in(reader: RecordingReader, runs_ns: Sequence[int]) -> list[RecordedPush]:
+    """Return the pushes from outside in a recording whose runs begin at these stamps [ns]."""
+    pairs = PushPairs()
+    for _, _, message in reader.messages([ACCEPTED_PUSH.resolved()]):
+        pairs.add(message)
+    scenario = read_attachments(reader).scenario or Scenario()
+    found: list[RecordedPush] = []
+    for start_ns, next_ns in pairwise([*sorted(runs_ns), END_OF_TIME_NS]):
+        acted = [push for push in pairs.pushes if start_ns <= push.start_ns < next_ns]
+        found += recorded_pushes(acted, scenario.pushes_from(start_ns), start_ns)
+    return [push for push in found if push.is_external]
 
 
 def outside_pushes(pushes: Iterable[RecordedPush]) -> str:

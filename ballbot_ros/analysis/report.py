@@ -22,6 +22,7 @@ from ballbot_ros.analysis.loop_summary import (
 )
 from ballbot_ros.analysis.observations import observations
 from ballbot_ros.analysis.page import number_text, render_template, write_folder
+from ballbot_ros.analysis.recorded_pushes import outside_pushes
 from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.analysis.run_figures import RenderedFigure, draw_figures, figure_contents
 from ballbot_ros.analysis.run_metrics import RUN_METRICS
@@ -153,6 +154,8 @@ def report_page(
         loop=loop,
         missing=MISSING,
         linked=linked,
+        pushes=run.pushes,
+        outside=outside_pushes(run.pushes),
         observations=observations(run, loop.predictions if loop else []),
         topic_statistics=run.topic_statistics,
         nodes=[

@@ -167,7 +167,9 @@ class RunData:
     def marked(self) -> tuple[Interval, ...]:
         """What figures shade: calibration, pushes and wall hits."""
         calibration = (each for each in self.states if each.name == OperatingState.CALIBRATION)
-        return (*calibration, *(push.interval for push in self.pushes), *self.wall_hits)
+        # Those from outside first: where names have no room, theirs stay.
+        pushes = sorted(self.pushes, key=lambda push: not push.is_external)
+        return (*calibration, *(push.interval for push in pushes), *self.wall_hits)
 
     @property
     def has_documents_program(self) -> bool:

@@ -33,6 +33,7 @@ def command(recording: Path, output: Path | None, number: int | None, as_json: b
     """
     # Imported only here: it takes half a second.
     from ballbot_ros.analysis.page import check_folder
+    from ballbot_ros.analysis.recorded_pushes import outside_pushes
     from ballbot_ros.analysis.report import banner, write_report
     from ballbot_ros.cli.recordings import read_and_assess
 
@@ -49,5 +50,7 @@ def command(recording: Path, output: Path | None, number: int | None, as_json: b
     else:
         reason = f': {assessment.reason}' if assessment.reason else ''
         click.echo(f'{assessment.outcome}{reason}')
+        if outside := outside_pushes(assessment.run.pushes):
+            click.echo(outside)
         click.echo(f'report  {page}')
     return 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Sequence
 
 from rich.console import Console
 from rich.table import Table
@@ -11,6 +12,7 @@ from rich.text import Text
 
 from ballbot_ros.analysis.metrics import Judgement, number, with_judgements
 from ballbot_ros.analysis.recorded_controller import ControllerIdentity
+from ballbot_ros.analysis.recorded_pushes import RecordedPush, outside_pushes
 from ballbot_ros.errors import short_text
 from ballbot_ros.former_names import FORMER_METRICS, FORMER_RESULT_KEYS, with_former_names
 from ballbot_ros.parameters import ControllerParameters, GyroParameters
@@ -36,6 +38,7 @@ def print_json(spec: RunSpec, result: RunResult) -> None:
         'resends': result.resends,
         'round_trip_ms': result.round_trip._asdict() if result.round_trip else None,
         'participants': list(result.participants),
+        'external_pushes': [push.as_json() for push in result.external_pushes],
         'recording': None if result.recording is None else str(result.recording),
         'figure': None if result.figure is None else str(result.figure),
         'metrics': with_former_names(
@@ -76,6 +79,7 @@ def print_table(spec: RunSpec, result: RunResult) -> None:
     table.add_column('')
     for name, value, judgement in with_judgements(result.metrics, result.judgements):
         _add_metric(table, name, value, judgement, marked=result.is_complete)
+    _add_pushes(table, result.external_pushes)
     table.add_section()
     if result.real_time_factor:
         table.add_row('real-time factor', f'{result.real_time_factor:.1f}', '', '')
@@ -88,6 +92,8 @@ def print_table(spec: RunSpec, result: RunResult) -> None:
     colour = 'green' if result.exit_status == 0 else 'red'
     reason = f': {result.reason}' if result.reason else ''
     console.print(Text.assemble((result.verdict.value, colour), reason), soft_wrap=True)
+    if outside := outside_pushes(result.external_pushes):
+        console.print(outside, soft_wrap=True)
     if spec.controller:
         identity = ControllerIdentity.of(spec.controller)
         console.print(f'controller  {identity.description}', soft_wrap=True)
@@ -100,6 +106,14 @@ def print_table(spec: RunSpec, result: RunResult) -> None:
     for label, path in (('recording', result.recording), ('picture', result.figure)):
         if path:
             console.print(f'{label}  {path}', soft_wrap=True)
+
+
+def _add_pushes(table: Table, pushes: Sequence[RecordedPush]) -> None:
+    if pushes:
+        table.add_section()
+    for push in pushes:
+        words = f'{push.interval.name}, {push.start:.3f} s to {push.end:.3f} s'
+        table.add_row(words, push.strength, '', '')
 
 
 def _add_metric(
