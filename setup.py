@@ -66,7 +66,7 @@ setup(
     packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
     package_data={
         PACKAGE: ['py.typed'],
-        f'{PACKAGE}.analysis': ['templates/*.html'],
+        f'{PACKAGE}.analysis': ['templates/*.html', 'assets/*.js'],
         f'{PACKAGE}.controllers': ['templates/*.jinja'],
         f'{PACKAGE}.codegen': ['templates/*', 'target/*'],
         f'{PACKAGE}.studies': ['templates/*.html'],
@@ -118,6 +118,10 @@ setup(
         ],
         'parquet': [
             'pyarrow>=14',
+        ],
+        # The interactive figures of reports.
+        'report': [
+            'plotly>=5.24',
         ],
         # Studies of many runs.
         'study': [

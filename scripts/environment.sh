@@ -12,10 +12,10 @@ fail() {
 }
 
 prepare_environment() {
-  local options=() extras=ros,drive,gym,mpc,viewer,pandas,study modules=ensurepip
+  local options=() extras=ros,drive,gym,mpc,viewer,pandas,report,study modules=ensurepip
   venv=$project/.venv
   if [[ ${ROS_DISTRO:-} == jazzy ]]; then
-    venv+=-jazzy options=(--system-site-packages) extras=drive,gym,mpc,viewer,pandas,study modules+=,numpy,rclpy
+    venv+=-jazzy options=(--system-site-packages) extras=drive,gym,mpc,viewer,pandas,report,study modules+=,numpy,rclpy
   elif [[ -n ${ROS_DISTRO:-} ]]; then
     echo "note: the sourced ROS is $ROS_DISTRO, not jazzy: using the ROS 2 wheels" >&2
     unset ROS_DISTRO {AMENT,CMAKE,COLCON}_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH

@@ -65,6 +65,7 @@ class Assessment:
             if run.attached.has_parameters
             else None,
             'versions': run.attached.versions,
+            'pushes': [push.as_json() for push in run.pushes],
             'metrics': with_former_names(
                 {name: number(value) for name, value in self.metrics.items()}, FORMER_METRICS
             ),

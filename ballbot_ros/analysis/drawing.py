@@ -5,16 +5,28 @@ The picture of a run, the report and the comparison share these functions, so th
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from operator import attrgetter
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.analysis.interval import Interval
-from ballbot_ros.analysis.style import GRAY, ORANGE, PLANES, Line
+from ballbot_ros.analysis.interval import Interval, IntervalKind
+from ballbot_ros.analysis.panel import POINTS, TRUE, Curve, Panel, panel_of_planes
+from ballbot_ros.analysis.style import (
+    BLUE,
+    GRAY,
+    GREEN,
+    ORANGE,
+    PURPLE,
+    SKY,
+    YELLOW,
+    Line,
+)
 from ballbot_ros.analysis.table import Table, plane_columns
+from ballbot_ros.controllers.interface import OperatingState
 from ballbot_ros.world.exports import OccupancyGrid
 from ballbot_ros.world.floor_map import CELL_M, LINE, WALL, FloorMap
 
@@ -22,7 +34,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 # Lighter grays than those of map images, so that the track stands out.
-_WALL_SHADE, _LINE_SHADE = 0.6, 0.8
+WALL_SHADE, LINE_SHADE = 0.6, 0.8
+"""Gray values of walls and lines, from 0 for black to 1 for white."""
 
 _LINES = 2.0
 """Matplotlib's default z-order of lines."""
@@ -50,17 +63,39 @@ class Quantity:
         """Return the columns for values of both planes, shape (n, 2), by name."""
         return plane_columns(self.name, self.suffix, values)
 
+    @property
+    def panel(self) -> Panel:
+        """The true values of both planes."""
+        return panel_of_planes(self.label, [(TRUE, self.column('{}'))])
+
 
 POSITION = Quantity('position', 'cm', 'position [cm]')
 PITCH = Quantity('pitch', 'deg', 'body pitch [°]')
 DUTY = Quantity('duty', 'percent', 'duty [%]')
 
 
+class Shade(NamedTuple):
+    """How an interval is shaded: colour, opacity, and width of its edge [point].
+
+    The edge lets a short interval be seen.
+    """
+
+    color: str
+    alpha: float = 0.12
+    edge: float = 0.0
+
+
+SHADES: Mapping[IntervalKind, Shade] = {
+    IntervalKind.STATE: Shade(GRAY),
+    IntervalKind.STICKS: Shade(GRAY),
+    IntervalKind.PUSH: Shade(PURPLE, 0.3, 0.8),
+    IntervalKind.WALL_HIT: Shade(ORANGE, 0.25, 0.8),
+}
+
+
 def draw_planes(axes: Axes, quantity: Quantity, table: Table) -> None:
     """Draw a quantity of both planes against time, plane x in front of plane y."""
-    for plane, line, height in zip('xy', PLANES, (_LINES + 0.1, _LINES), strict=True):
-        draw_line(axes, table['time_s'], table[quantity.column(plane)], line, height)
-    frame_curves(axes, quantity.label)
+    draw_panel(axes, quantity.panel, table, attrgetter('line_of_both'))
 
 
 def draw_line(
@@ -70,10 +105,25 @@ def draw_line(
 
     `height` is the z-order: higher lines cover lower ones.
     """
+    is_point = line.dash in POINTS
     axes.plot(
-        x, y, color=line.color, linewidth=line.width, linestyle=line.dash,
+        x, y, color=line.color, linewidth=line.width, linestyle='' if is_point else line.dash,
+        marker=line.dash if is_point else '', markersize=line.width,
         label=line.label or None, zorder=height,
     )  # fmt: skip
+
+
+def draw_panel(axes: Axes, panel: Panel, table: Table, line_of: Callable[[Curve], Line]) -> None:
+    """Draw the curves of a panel, plane x in front of plane y."""
+    for curve in panel.curves:
+        values = curve.role.select(table[curve.column])
+        height = _LINES + 0.1 * (curve.plane == 'x')
+        draw_line(axes, table['time_s'], values, line_of(curve), height)
+    for limit in panel.limits:
+        axes.axhline(limit, color=GRAY, linewidth=0.8, linestyle=':')
+    frame_curves(axes, panel.label)
+    if panel.bounds:
+        axes.set_ylim(*panel.bounds)
 
 
 def frame_curves(axes: Axes, label: str) -> None:
@@ -89,9 +139,10 @@ def label_time(axes: Axes) -> None:
 
 
 def shade_intervals(axes: Axes, intervals: Iterable[Interval]) -> None:
-    """Shade intervals of time."""
-    for interval in intervals:
-        axes.axvspan(interval.start, interval.end, color=GRAY, alpha=0.12, linewidth=0.0)
+    """Shade intervals of time in the colour of what happens; a short one is still to be seen."""
+    for each in intervals:
+        color, alpha, edge = SHADES[each.kind]
+        axes.axvspan(each.start, each.end, color=color, alpha=alpha, linewidth=edge)
 
 
 def name_intervals(axes: Axes, intervals: Iterable[Interval]) -> None:
@@ -121,44 +172,60 @@ def set_min_span(axes: Axes, span: float) -> None:
     axes.set_ylim(middle - half, middle + half)
 
 
+@dataclass(frozen=True)
+class FloorShades:
+    """The floor from above.
+
+    Attributes
+    ----------
+    shades : ndarray, shape (rows, columns)
+        Gray values between 0 and 1, NaN for nothing; the first row is that of the largest y.
+    extent : tuple of float
+        The smallest and largest x, and the smallest and largest y, in ``map`` [cm].
+    """
+
+    shades: NDArray[np.float64]
+    extent: tuple[float, float, float, float]
+
+
+def floor_shades(floor: FloorMap | OccupancyGrid) -> FloorShades:
+    """Return the floor from above: a map with its walls and lines, a grid with its walls."""
+    return _map_shades(floor) if isinstance(floor, FloorMap) else _grid_shades(floor)
+
+
+def _map_shades(floor_map: FloorMap) -> FloorShades:
+    shades = np.full(floor_map.cells.shape, np.nan)
+    shades[floor_map.cells == WALL] = WALL_SHADE
+    shades[floor_map.cells == LINE] = LINE_SHADE
+    right, top = (n * CELL_M * 100.0 / 2.0 for n in (floor_map.columns, floor_map.rows))
+    return FloorShades(shades, (-right, right, -top, top))
+
+
+def _grid_shades(grid: OccupancyGrid) -> FloorShades:
+    shades = np.where(grid.cells[::-1] >= _OCCUPIED_PERCENT, WALL_SHADE, np.nan)
+    left, low = (edge * 100.0 for edge in grid.origin)
+    height, width = (cells * grid.resolution * 100.0 for cells in grid.cells.shape)
+    return FloorShades(shades, (left, left + width, low, low + height))
+
+
+X_LABEL, Y_LABEL = 'x of map, forward [cm]', 'y of map, left [cm]'
+
+
 def draw_floor(axes: Axes, floor: FloorMap | OccupancyGrid | None) -> None:
     """Draw the floor from above, in the axes of ``map``, with forward on the right.
 
-    A map has walls and lines, a grid only walls; None is an empty floor.
+    None is an empty floor.
     """
-    if isinstance(floor, FloorMap):
-        _draw_map(axes, floor)
-    elif floor is not None:
-        _draw_grid(axes, floor)
+    if floor is not None:
+        seen = floor_shades(floor)
+        axes.imshow(
+            np.ma.masked_invalid(seen.shades), cmap='gray', vmin=0.0, vmax=1.0,
+            interpolation='nearest', extent=seen.extent,
+        )  # fmt: skip
     axes.set_aspect('equal', adjustable='datalim' if floor is None else 'box')
-    axes.set_xlabel('x of map, forward [cm]')
-    axes.set_ylabel('y of map, left [cm]')
+    axes.set_xlabel(X_LABEL)
+    axes.set_ylabel(Y_LABEL)
     style_axes(axes)
-
-
-def _draw_map(axes: Axes, floor_map: FloorMap) -> None:
-    shades = np.full(floor_map.cells.shape, np.nan)
-    shades[floor_map.cells == WALL] = _WALL_SHADE
-    shades[floor_map.cells == LINE] = _LINE_SHADE
-    right, top = (n * CELL_M * 100.0 / 2.0 for n in (floor_map.columns, floor_map.rows))
-    _draw_shades(axes, shades, (-right, right, -top, top))
-
-
-def _draw_grid(axes: Axes, grid: OccupancyGrid) -> None:
-    shades = np.where(grid.cells[::-1] >= _OCCUPIED_PERCENT, _WALL_SHADE, np.nan)
-    left, low = (edge * 100.0 for edge in grid.origin)
-    height, width = (cells * grid.resolution * 100.0 for cells in grid.cells.shape)
-    _draw_shades(axes, shades, (left, left + width, low, low + height))
-
-
-def _draw_shades(
-    axes: Axes, shades: NDArray[np.float64], extent: tuple[float, float, float, float]
-) -> None:
-    """Draw gray values between 0 and 1, and nothing for NaN; `extent` is in cm."""
-    axes.imshow(
-        np.ma.masked_invalid(shades), cmap='gray', vmin=0.0, vmax=1.0, interpolation='nearest',
-        extent=extent,
-    )  # fmt: skip
 
 
 # Row of the table, name, marker, size, colour and colour of the edge. The square is smaller and has
@@ -180,6 +247,34 @@ def draw_track(axes: Axes, table: Table, line: Line) -> None:
             color=line.color if line.label else color, markeredgecolor=edge,
             label=None if line.label else name,
         )  # fmt: skip
+
+
+STATE_COLOURS: Mapping[str, str] = dict(
+    zip(OperatingState, (GRAY, BLUE, GREEN, SKY, YELLOW, PURPLE, ORANGE), strict=True)
+)
+"""The colours of the operating states; gray for a state of another controller."""
+
+TRACK_MARKERS: Mapping[IntervalKind, str] = {IntervalKind.WALL_HIT: 'x', IntervalKind.PUSH: '^'}
+"""What marks the beginning of an interval on the track."""
+
+
+class TrackMark(NamedTuple):
+    """Where the ball was when something began: the interval, and x and y in ``map`` [cm]."""
+
+    interval: Interval
+    x: float
+    y: float
+
+
+def draw_marks(axes: Axes, marks: Iterable[TrackMark]) -> None:
+    """Draw marks on the track, each kind with one entry in the legend."""
+    for kind, marker in TRACK_MARKERS.items():
+        points = [(x, y) for interval, x, y in marks if interval.kind is kind]
+        if points:
+            axes.plot(
+                *zip(*points, strict=True), marker=marker, markersize=7.0, linestyle='',
+                color=SHADES[kind].color, label=kind.value, zorder=_LINES + 0.5,
+            )  # fmt: skip
 
 
 def legend_above(axes: Axes, columns: int = 2) -> None:

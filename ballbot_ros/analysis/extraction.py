@@ -7,6 +7,7 @@ some million messages.
 from __future__ import annotations
 
 from array import array
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -18,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.analysis.announced_parameters import AnnouncedParameters
+from ballbot_ros.analysis.recorded_pushes import PushPairs
 from ballbot_ros.analysis.recorded_runs import RecordedRun, RunFinder, samples_in
 from ballbot_ros.analysis.robot_topics import RobotTopics, robot_topics
 from ballbot_ros.brick.brick import Tone
@@ -25,14 +27,11 @@ from ballbot_ros.messages.conversions import (
     ball_position,
     body_rates,
     pitch_angles,
-    push_forces,
-    stamp_ns,
     tone_of,
 )
 from ballbot_ros.messages.message_types import (
     DiagnosticStatus,
     OccupancyGridMessage,
-    WrenchStamped,
 )
 from ballbot_ros.messages.parameter_events import decode_parameter_event
 from ballbot_ros.messages.topics import (
@@ -60,7 +59,6 @@ from ballbot_ros.messages.topics import (
     Topic,
 )
 from ballbot_ros.parameters import Value
-from ballbot_ros.plant.ground_truth import Pair
 from ballbot_ros.progress import ProgressCallback
 from ballbot_ros.recording.batch import Batch, RawMessage, Rows
 from ballbot_ros.recording.errors import RecordingError
@@ -219,7 +217,10 @@ class TopicStatistics:
 
 @dataclass
 class Extraction:
-    """The content of a recording; each event is a tuple of epoch, log time [ns] and content."""
+    """The content of a recording; each event is a tuple of epoch, log time [ns] and content.
+
+    The pushes are by epoch.
+    """
 
     runs: tuple[RecordedRun, ...] = ()
     buffers: dict[Topic, SampleBuffer] = field(
@@ -232,11 +233,10 @@ class Extraction:
     statuses: list[tuple[int, int, Status]] = field(default_factory=list)
     pages: list[tuple[int, int, str]] = field(default_factory=list)
     tones: list[tuple[int, int, Tone]] = field(default_factory=list)
-    pushes: list[tuple[int, int, tuple[Pair, Pair]]] = field(default_factory=list)
-    forces: list[tuple[int, int, tuple[str, Pair]]] = field(default_factory=list)
-    wall_hits: list[tuple[int, int, None]] = field(default_factory=list)
     retunings: list[tuple[int, int, Mapping[str, Value]]] = field(default_factory=list)
     maps: list[tuple[int, int, OccupancyGridMessage]] = field(default_factory=list)
+    wall_hits: list[tuple[int, int, bool]] = field(default_factory=list)
+    pushes: defaultdict[int, PushPairs] = field(default_factory=lambda: defaultdict(PushPairs))
     topic_statistics: dict[str, TopicStatistics] = field(default_factory=dict)
     notices: list[str] = field(default_factory=list)
 
@@ -335,26 +335,17 @@ def _take_event(
         extraction.statuses += [(epoch, log_ns, _status(each)) for each in message.status]
     elif topic is LCD:
         extraction.pages.append((epoch, log_ns, message.data))
+    elif topic is ACCEPTED_PUSH:
+        extraction.pushes[epoch].add(message)
+    elif topic is WALL_HIT:
+        extraction.wall_hits.append((epoch, log_ns, message.data))
     elif topic is SOUND:
         try:
             extraction.tones.append((epoch, log_ns, tone_of(message)))
         except (ValueError, OverflowError) as error:
             raise _unlike(recording, raw, error) from None
-    elif topic is ACCEPTED_PUSH:
-        _take_push(extraction, message, epoch)
-    elif topic is WALL_HIT:
-        if message.data:
-            extraction.wall_hits.append((epoch, log_ns, None))
     else:
         extraction.maps.append((epoch, log_ns, message))
-
-
-def _take_push(extraction: Extraction, message: WrenchStamped, epoch: int) -> None:
-    """Take the start or the end of a push; its end is a message without a force."""
-    force, torque = push_forces(message)
-    extraction.forces.append((epoch, stamp_ns(message), (message.header.frame_id, force)))
-    if any(force) or any(torque):
-        extraction.pushes.append((epoch, stamp_ns(message), (force, torque)))
 
 
 def _status(message: DiagnosticStatus) -> Status:

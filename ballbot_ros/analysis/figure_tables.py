@@ -28,6 +28,7 @@ from ballbot_ros.analysis.table import (
 )
 from ballbot_ros.messages.topics import (
     BATTERY_STATE,
+    GAMEPAD_JOY,
     GYRO_IMU,
     MOTOR_DUTY,
     PLANT_IMU,
@@ -127,6 +128,15 @@ def sonar_table(run: RunData) -> Table:
     series = run.series[SONAR_RANGE]
     distance = series.values[:, 0].astype(float) * 100.0
     return every_nth(series.time, {'distance_cm': distance})
+
+
+def sticks_table(run: RunData) -> Table:
+    """Return the sticks [%], forward and rightward positive; empty if they are never moved."""
+    series = run.series[GAMEPAD_JOY]
+    sticks = np.rint(series.values * 100.0) + 0.0
+    if not sticks.any():
+        return {'time_s': np.zeros(0)}
+    return _table(series, 'stick', 'percent', sticks)
 
 
 def battery_table(run: RunData) -> Table:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,7 +21,7 @@ from ballbot_ros.analysis.drawing import (
     name_intervals,
     shade_intervals,
 )
-from ballbot_ros.analysis.interval import Interval
+from ballbot_ros.analysis.interval import Interval, IntervalKind
 from ballbot_ros.analysis.style import BLUE, WIDTH, Line, new_figure
 from ballbot_ros.analysis.table import track_columns
 from ballbot_ros.scenario.signal import Segment
@@ -41,12 +42,13 @@ def draw_motion(
     hold_time: float,
     segments: Iterable[Segment] = (),
     floor: FloorMap | OccupancyGrid | None = None,
+    marked: Iterable[Interval] = (),
 ) -> Figure:
     """Draw position, body pitch and duty against time, like the document's figures 8-2 and 8-3.
 
     With a map, or if the ball moves in both planes, the track is drawn next to them. The gyro
-    calibration, up to `hold_time` [s], is shaded, and so are the segments of the sticks; both are
-    named where there is room.
+    calibration, up to `hold_time` [s], is shaded, and so are the segments of the sticks and the
+    `marked` intervals, such as pushes; all are named where there is room.
     """
     position = trajectory.position
     with_track = len(position) > 0 and (
@@ -60,19 +62,27 @@ def draw_motion(
         draw_floor(track, floor)
         draw_track(track, track_columns(position), Line(BLUE))
         legend_above(track)
-    _draw_history(history, trajectory, _intervals(trajectory, hold_time, segments))
+    _draw_history(history, trajectory, _intervals(trajectory, hold_time, segments, marked))
     return figure
 
 
 def _intervals(
-    trajectory: Trajectory, hold_time: float, segments: Iterable[Segment]
+    trajectory: Trajectory,
+    hold_time: float,
+    segments: Iterable[Segment],
+    marked: Iterable[Interval],
 ) -> list[Interval]:
     """Return the intervals to shade, within the recorded ticks."""
     last = float(trajectory.time[-1]) if len(trajectory.time) else 0.0
     intervals = [Interval(0.0, hold_time, 'calibration')]
-    intervals += [Interval(segment.start, segment.end, segment.name) for segment in segments]
+    intervals += marked
+    intervals += [
+        Interval(each.start, each.end, each.name, IntervalKind.STICKS) for each in segments
+    ]
     return [
-        Interval(s.start, min(s.end, last), s.name) for s in intervals if s.start < min(s.end, last)
+        replace(each, end=min(each.end, last))
+        for each in intervals
+        if each.start < min(each.end, last)
     ]
 
 

@@ -11,6 +11,7 @@ from itertools import groupby
 from operator import attrgetter
 
 from ballbot_ros.analysis.announced_parameters import AnnouncedParameters
+from ballbot_ros.analysis.recorded_pushes import PushPairs
 from ballbot_ros.analysis.recorded_runs import (
     RecordedRun,
     RobotRecording,
@@ -19,9 +20,8 @@ from ballbot_ros.analysis.recorded_runs import (
 )
 from ballbot_ros.analysis.robot_topics import robot_topics
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.messages.conversions import decode_sticks, push_forces, stamp_ns
+from ballbot_ros.messages.conversions import decode_sticks, stamp_ns
 from ballbot_ros.messages.inputs import INPUT_READERS
-from ballbot_ros.messages.message_types import WrenchStamped
 from ballbot_ros.messages.motor_stop import is_stop
 from ballbot_ros.messages.parameter_events import decode_parameter_event
 from ballbot_ros.messages.raw import stamp_of
@@ -164,8 +164,7 @@ class _EpochInputs:
     sticks: dict[int, tuple[int, int]] = field(default_factory=dict)
     sources: dict[int, str] = field(default_factory=dict)
     duties: dict[int, tuple[int, int]] = field(default_factory=dict)
-    begun: dict[str, WrenchStamped] = field(default_factory=dict)
-    pushes: list[Push] = field(default_factory=list)
+    pushes: PushPairs = field(default_factory=PushPairs)
     retunings: dict[int, dict[str, Value]] = field(default_factory=dict)
 
     def add(self, reader: RecordingReader, topic: Topic, raw: RawMessage) -> None:
@@ -182,10 +181,8 @@ class _EpochInputs:
         elif topic is MOTOR_DUTY:
             with recording_error_context(reader, raw.topic, raw.stamp_ns):
                 self.duties[stamp_ns(message)] = int(message.vector.x), int(message.vector.y)
-        elif start := self.begun.pop(message.header.frame_id, None):
-            self.pushes.append(Push(stamp_ns(start), stamp_ns(message), *push_forces(start)))
         else:
-            self.begun[message.header.frame_id] = message
+            self.pushes.add(message)
 
     def of_runs(self, reader: RecordingReader, runs: Sequence[RecordedRun]) -> list[RunInputs]:
         """Return the inputs of each run of the epoch.
@@ -201,7 +198,7 @@ class _EpochInputs:
             number = bisect_right(starts, stamp) - 1
             last[number] = max(last[number], stamp)
         pushes: list[list[Push]] = [[] for _ in runs]
-        for push in self.pushes:
+        for push in self.pushes.pushes:
             pushes[bisect_right(starts, push.start_ns) - 1].append(push)
         return [
             RunInputs(run, last_ns, self.sticks, self.sources, self.duties, acted, self.retunings)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 import reprlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
 from ballbot_ros.analysis.assessment import Assessment, ExpectationResult, shown_metrics
 from ballbot_ros.analysis.extraction import Status
+from ballbot_ros.analysis.interactive import MISSING, InteractiveFigures, interactive_figures
 from ballbot_ros.analysis.loop_summary import (
     MarginRow,
     Prediction,
@@ -21,8 +22,9 @@ from ballbot_ros.analysis.loop_summary import (
 )
 from ballbot_ros.analysis.observations import observations
 from ballbot_ros.analysis.page import number_text, render_template, write_folder
+from ballbot_ros.analysis.recorded_pushes import outside_pushes
 from ballbot_ros.analysis.run_data import RunData
-from ballbot_ros.analysis.run_figures import RenderedFigure, draw_figures
+from ballbot_ros.analysis.run_figures import RenderedFigure, draw_figures, figure_contents
 from ballbot_ros.analysis.run_metrics import RUN_METRICS
 from ballbot_ros.analysis.spectrum import render_spectrum
 from ballbot_ros.analysis.table import csv_text
@@ -53,28 +55,22 @@ _MARKS = {
 MEANINGS: Mapping[str, str] = {**METRICS.meanings, **RUN_METRICS.meanings}
 
 
-@dataclass(frozen=True)
-class Report:
-    """The report of a run: its page, which includes the figures, and the figures."""
-
-    page: str
-    figures: list[RenderedFigure]
-
-
-def make_report(assessment: Assessment) -> Report:
-    """Return the report of a run."""
+def report_document(assessment: Assessment) -> str:
+    """Return the report of a run as one HTML document, without links to other files."""
     run = assessment.run
-    loop = loop_of(run)
-    spectrum = render_spectrum(run, loop.predictions if loop else [])
-    others = [spectrum, loop.figure if loop else None]
-    figures = draw_figures(run) + [each for each in others if each]
-    observed = observations(run, loop.predictions if loop else [])
-    return Report(report_page(assessment, figures, loop, observed), figures)
+    loop, contents = loop_of(run), figure_contents(run)
+    interactive = interactive_figures(run, contents)
+    figures = [] if interactive else draw_figures(run, contents)
+    figures += _frequency_figures(run, loop)
+    return report_page(assessment, figures, loop, interactive, linked=False)
 
 
 def write_report(assessment: Assessment, folder: Path) -> None:
     """Write the report of a run into `folder`, as `page.write_folder` does."""
-    report = make_report(assessment)
+    run = assessment.run
+    loop, contents = loop_of(run), figure_contents(run)
+    figures = draw_figures(run, contents) + _frequency_figures(run, loop)
+    page = report_page(assessment, figures, loop, interactive_figures(run, contents))
     metrics = csv_text(
         ('metric', 'value', 'meaning'),
         (
@@ -82,7 +78,12 @@ def write_report(assessment: Assessment, folder: Path) -> None:
             for name, value in assessment.metrics.items()
         ),
     )
-    write_folder(folder, report.page, report.figures, {'metrics.csv': metrics})
+    write_folder(folder, page, figures, {'metrics.csv': metrics})
+
+
+def _frequency_figures(run: RunData, loop: LoopSection | None) -> list[RenderedFigure]:
+    spectrum = render_spectrum(run, loop.predictions if loop else [])
+    return [each for each in (spectrum, loop.figure if loop else None) if each]
 
 
 @dataclass(frozen=True)
@@ -123,9 +124,15 @@ def report_page(
     assessment: Assessment,
     figures: list[RenderedFigure],
     loop: LoopSection | None = None,
-    observed: Sequence[str] = (),
+    interactive: InteractiveFigures | None = None,
+    *,
+    linked: bool = True,
 ) -> str:
-    """Return the report as HTML."""
+    """Return the report as HTML.
+
+    It shows the interactive figures instead of the pictures of the same content. With `linked`, it
+    has links to the files next to it.
+    """
     run = assessment.run
     scenario = run.attached.scenario
     statuses = {status.name.partition(':')[0]: status for _, status in run.statuses}
@@ -143,8 +150,13 @@ def report_page(
             for name, value in shown_metrics(assessment).items()
         ],
         figures=figures,
+        interactive=interactive,
         loop=loop,
-        observations=observed,
+        missing=MISSING,
+        linked=linked,
+        pushes=run.pushes,
+        outside=outside_pushes(run.pushes),
+        observations=observations(run, loop.predictions if loop else []),
         topic_statistics=run.topic_statistics,
         nodes=[
             {

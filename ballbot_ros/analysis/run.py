@@ -16,6 +16,7 @@ import numpy as np
 from ballbot_ros.analysis.assessment import ExpectationResult, assess
 from ballbot_ros.analysis.figures import draw_motion
 from ballbot_ros.analysis.frame import frame_of
+from ballbot_ros.analysis.interval import IntervalKind
 from ballbot_ros.analysis.metrics import with_judgements
 from ballbot_ros.analysis.page import render_template
 from ballbot_ros.analysis.report import banner, metric_text
@@ -156,6 +157,7 @@ class Run:
             run.plant.hold_time,
             scenario.segments if scenario else (),
             run.floor,
+            [each for each in run.marked if each.kind is not IntervalKind.STATE],
         )
 
     def save(self, path: str | os.PathLike[str]) -> Path:

@@ -17,8 +17,9 @@ from ballbot_ros.analysis.extraction import (
     TopicStatistics,
     extract,
 )
-from ballbot_ros.analysis.interval import Interval
+from ballbot_ros.analysis.interval import Interval, IntervalKind
 from ballbot_ros.analysis.recorded_attachments import RecordedAttachments, read_attachments
+from ballbot_ros.analysis.recorded_pushes import RecordedPush, recorded_pushes
 from ballbot_ros.analysis.recorded_runs import RecordedRun
 from ballbot_ros.brick.brick import Tone
 from ballbot_ros.controllers.interface import OperatingState
@@ -31,12 +32,12 @@ from ballbot_ros.parameters import (
     PlantParameters,
     Value,
 )
-from ballbot_ros.plant.ground_truth import Pair
 from ballbot_ros.progress import ProgressCallback
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.writer import RUN_OUTCOME
 from ballbot_ros.scenario.metrics import Floats
+from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.simulation.outcome import Outcome
 from ballbot_ros.simulation.trajectory import Trajectory
 from ballbot_ros.timing import SECOND_NS, TICK_NS, TICK_S
@@ -102,13 +103,10 @@ class RunData:
         The display: time [s] and text.
     tones : tuple of tuple
         Time [s] and tone.
-    pushes : tuple of tuple
-        The starts of pushes: time [s], and force [N] and torque [N·m] in plane signs.
-    forces : tuple of tuple
-        The starts and ends of pushes: time [s], name of the push, and its force in plane signs from
-        then on [N].
-    wall_hits : tuple of float
-        The times at which the robot hit a wall [s].
+    pushes : tuple of RecordedPush
+        The pushes that acted, from the scenario or from outside.
+    wall_hits : tuple of Interval
+        When the body touched a wall [s].
     retunings : tuple of tuple
         Changes of the controller's parameters during the run: time [s] and new values by name.
     topic_statistics : tuple of TopicStatistics
@@ -137,8 +135,8 @@ class RunData:
     statuses: tuple[tuple[float, Status], ...]
     pages: tuple[tuple[float, str], ...]
     tones: tuple[tuple[float, Tone], ...]
-    pushes: tuple[tuple[float, tuple[Pair, Pair]], ...]
-    wall_hits: tuple[float, ...]
+    pushes: tuple[RecordedPush, ...]
+    wall_hits: tuple[Interval, ...]
     retunings: tuple[tuple[float, Mapping[str, Value]], ...]
     topic_statistics: tuple[TopicStatistics, ...]
     attached: RecordedAttachments
@@ -148,7 +146,6 @@ class RunData:
     notices: tuple[str, ...]
     plant: PlantParameters = field(default_factory=PlantParameters)
     failure: str = ''
-    forces: tuple[tuple[float, tuple[str, Pair]], ...] = ()
 
     @property
     def name(self) -> str:
@@ -171,6 +168,14 @@ class RunData:
         """The attached map, which includes lines, or else the recorded grid, or else None."""
         floor_map = self.attached.floor_map
         return self.grid if floor_map is None else floor_map
+
+    @property
+    def marked(self) -> tuple[Interval, ...]:
+        """What figures shade: calibration, pushes and wall hits."""
+        calibration = (each for each in self.states if each.name == OperatingState.CALIBRATION)
+        # Those from outside first: where names have no room, theirs stay.
+        pushes = sorted(self.pushes, key=lambda push: not push.is_external)
+        return (*calibration, *(push.interval for push in pushes), *self.wall_hits)
 
     @property
     def has_documents_program(self) -> bool:
@@ -259,8 +264,8 @@ def read_run(
         statuses=_events(extraction.statuses, run),
         pages=_events(extraction.pages, run),
         tones=_events(extraction.tones, run),
-        pushes=_events(extraction.pushes, run),
-        wall_hits=tuple(time for time, _ in _events(extraction.wall_hits, run)),
+        pushes=_pushes(extraction, run, attached.scenario),
+        wall_hits=_wall_hits(extraction, run, last),
         retunings=_events(extraction.retunings, run),
         topic_statistics=tuple(extraction.topic_statistics.values()),
         attached=attached,
@@ -270,7 +275,6 @@ def read_run(
         notices=tuple(notices),
         plant=plant,
         failure=_failure(outcome) if number == len(runs) else '',
-        forces=_events(extraction.forces, run),
     )
 
 
@@ -349,6 +353,24 @@ def _states(extraction: Extraction, run: RecordedRun, last: float) -> tuple[Inte
         Interval(time, until, state)
         for (time, state), until in zip(changes, ends, strict=False)  # one more end if no change
         if until > time
+    )
+
+
+def _pushes(
+    extraction: Extraction, run: RecordedRun, scenario: Scenario | None
+) -> tuple[RecordedPush, ...]:
+    acted = (p for p in extraction.pushes[run.epoch].pushes if run.has(run.epoch, p.start_ns))
+    scheduled = scenario.pushes_from(run.start_ns) if scenario else ()
+    return recorded_pushes(acted, scheduled, run.start_ns)
+
+
+def _wall_hits(extraction: Extraction, run: RecordedRun, last: float) -> tuple[Interval, ...]:
+    changes = _events(extraction.wall_hits, run)
+    ends = [time for time, _ in changes[1:]] + [float(last) + TICK_S]
+    return tuple(
+        Interval(time, until, 'wall hit', IntervalKind.WALL_HIT)
+        for (time, is_hit), until in zip(changes, ends, strict=False)
+        if is_hit
     )
 
 

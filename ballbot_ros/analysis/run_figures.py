@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from operator import attrgetter
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,13 +14,16 @@ from ballbot_ros.analysis.drawing import (
     DUTY,
     PITCH,
     POSITION,
+    STATE_COLOURS,
+    TRACK_MARKERS,
+    TrackMark,
     draw_floor,
-    draw_line,
-    draw_planes,
+    draw_marks,
+    draw_panel,
     draw_track,
-    frame_curves,
     label_time,
     legend_above,
+    name_intervals,
     set_min_span,
     shade_intervals,
     style_axes,
@@ -32,28 +37,38 @@ from ballbot_ros.analysis.figure_tables import (
     motion_table,
     sonar_table,
     state_table,
+    sticks_table,
     track_table,
 )
-from ballbot_ros.analysis.interval import Interval
-from ballbot_ros.analysis.run_data import RunData
+from ballbot_ros.analysis.interval import Interval, IntervalKind
+from ballbot_ros.analysis.panel import (
+    COMMANDED,
+    ECHO,
+    ESTIMATED,
+    MEASURED,
+    NO_ECHO,
+    READING,
+    REFERENCE,
+    TRUE,
+    Curve,
+    Panel,
+    panel_of_planes,
+)
+from ballbot_ros.analysis.run_data import RunData, Series
 from ballbot_ros.analysis.style import (
     BLUE,
     GRAY,
-    GREEN,
-    ORANGE,
-    PURPLE,
-    SKY,
     WIDTH,
-    YELLOW,
     Line,
     new_figure,
     png_of,
 )
-from ballbot_ros.analysis.table import Table
+from ballbot_ros.analysis.table import Table, track_columns
 from ballbot_ros.controllers.interface import OperatingState
 from ballbot_ros.messages.topics import (
     BATTERY_STATE,
     CONTROLLER_STATE,
+    GAMEPAD_JOY,
     GYRO_IMU,
     MOTOR_DUTY,
     PLANT_IMU,
@@ -65,7 +80,6 @@ from ballbot_ros.messages.topics import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_STATE_COLOURS = (GRAY, BLUE, GREEN, SKY, YELLOW, PURPLE, ORANGE)
 _HATCHES = ('', '', '//', '..', 'xx', '\\\\', '++')
 
 MIN_AXIS_SPAN = 1.0
@@ -76,7 +90,8 @@ MIN_AXIS_SPAN = 1.0
 class RunFigure:
     """A figure of a run: its file name without extension, heading and caption.
 
-    It `needs` topics, makes its numbers from a run as a table, and draws them.
+    It `needs` topics, makes its numbers from a run as a table, and draws them. Its `panels` are
+    what it shows against time.
     """
 
     name: str
@@ -85,6 +100,7 @@ class RunFigure:
     needs: tuple[Topic, ...]
     table: Callable[[RunData], Table]
     draw: Callable[[RunData, Table], Figure]
+    panels: tuple[Panel, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -98,32 +114,62 @@ class RenderedFigure:
     table: Table
 
 
-def draw_figures(run: RunData) -> list[RenderedFigure]:
-    """Draw every figure for which the recording has the topics."""
-    drawn = []
-    for figure in FIGURES:
-        if not all(topic in run.series for topic in figure.needs):
-            continue
-        table = figure.table(run)
-        if all(np.size(column) for column in table.values()):
-            png = png_of(figure.draw(run, table))
-            drawn.append(RenderedFigure(figure.name, figure.title, figure.caption, png, table))
-    return drawn
+@dataclass(frozen=True)
+class FigureContent:
+    """A figure of a run and its numbers."""
+
+    figure: RunFigure
+    table: Table
 
 
-def _calibration(run: RunData) -> list[Interval]:
-    return [each for each in run.states if each.name == OperatingState.CALIBRATION]
+def figure_contents(run: RunData) -> list[FigureContent]:
+    """Return every figure for which the recording has the topics and something to show."""
+    usable = [figure for figure in FIGURES if run.series.keys() >= set(figure.needs)]
+    contents = (FigureContent(figure, figure.table(run)) for figure in usable)
+    return [each for each in contents if all(map(np.size, each.table.values()))]
 
 
-def _draw_motion(run: RunData, table: Table) -> Figure:
-    figure = new_figure(WIDTH, 5.0)
-    rows = figure.subplots(2, 1, sharex=True)
-    for axes, quantity in zip(rows, (POSITION, PITCH), strict=True):
-        draw_planes(axes, quantity, table)
-        shade_intervals(axes, _calibration(run))
-    legend_above(rows[0])
-    label_time(rows[1])
+def draw_figures(run: RunData, contents: Iterable[FigureContent]) -> list[RenderedFigure]:
+    """Draw figures of a run as pictures."""
+    return [_draw(run, each.figure, each.table) for each in contents]
+
+
+def _draw(run: RunData, figure: RunFigure, table: Table) -> RenderedFigure:
+    png = png_of(figure.draw(run, table))
+    return RenderedFigure(figure.name, figure.title, figure.caption, png, table)
+
+
+def _draw_stacked(run: RunData, table: Table, panels: Sequence[Panel]) -> Figure:
+    """Draw panels of both planes, one above the other."""
+    height = 2.8 if len(panels) == 1 else 2.5 * len(panels)
+    figure = new_figure(WIDTH, height)
+    rows = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
+    for axes, panel in zip(rows, panels, strict=True):
+        draw_panel(axes, panel.of_table(table), table, attrgetter('line_of_both'))
+        if not panel.bounds:
+            set_min_span(axes, panel.min_span)
+        shade_intervals(axes, run.marked)
+    named = [each for each in run.marked if each.kind is not IntervalKind.STATE]
+    name_intervals(rows[0], named)
+    if len(rows[0].get_legend_handles_labels()[0]) > 1:
+        legend_above(rows[0])
+    label_time(rows[-1])
     return figure
+
+
+def track_marks(run: RunData) -> list[TrackMark]:
+    """Return where the body hit walls, and where pushes began."""
+    if PLANT_ODOM not in run.series:
+        return []
+    return [
+        _mark(run.series[PLANT_ODOM], each) for each in run.marked if each.kind in TRACK_MARKERS
+    ]
+
+
+def _mark(odometry: Series, interval: Interval) -> TrackMark:
+    row = min(int(np.searchsorted(odometry.time, interval.start)), len(odometry.time) - 1)
+    track = track_columns(odometry.values[row : row + 1])
+    return TrackMark(interval, float(track['map_x_cm'][0]), float(track['map_y_cm'][0]))
 
 
 def _draw_track(run: RunData, table: Table) -> Figure:
@@ -131,115 +177,30 @@ def _draw_track(run: RunData, table: Table) -> Figure:
     axes = figure.subplots()
     draw_floor(axes, run.floor)
     draw_track(axes, table, Line(BLUE))
-    legend_above(axes)
+    draw_marks(axes, track_marks(run))
+    legend_above(axes, 4)
     return figure
 
 
-def _draw_duty(run: RunData, table: Table) -> Figure:
-    figure = new_figure(WIDTH, 2.8)
-    axes = figure.subplots()
-    draw_planes(axes, DUTY, table)
-    for limit in (-100.0, 100.0):
-        axes.axhline(limit, color=GRAY, linewidth=0.8, linestyle=':')
-    shade_intervals(axes, _calibration(run))
-    legend_above(axes)
-    label_time(axes)
-    return figure
-
-
-_TRUE, _ESTIMATED = Line(ORANGE, 2.2, label='true'), Line(BLUE, 0.9, '--', 'estimated')
-
-
-@dataclass(frozen=True)
-class _Row:
-    """The curves of a quantity for each plane: columns, {} for the plane, and their lines."""
-
-    label: str
-    curves: Mapping[str, Line]
-
-
-def _draw_rows(run: RunData, table: Table, rows: Sequence[_Row], *, share_rows: bool) -> Figure:
-    """Draw two rows of curves, with a column for each plane."""
+def _draw_by_plane(
+    run: RunData, table: Table, panels: Sequence[Panel], *, share_rows: bool
+) -> Figure:
+    """Draw panels one above the other, with a column for each plane."""
     figure = new_figure(WIDTH, 5.0)
-    grid = figure.subplots(2, 2, sharex=True, sharey='row' if share_rows else 'none')
-    for line, row in zip(grid, rows, strict=True):
+    grid = figure.subplots(len(panels), 2, sharex=True, sharey='row' if share_rows else 'none')
+    for line, panel in zip(grid, panels, strict=True):
         for axes, plane in zip(line, 'xy', strict=True):
-            for column, look in row.curves.items():
-                draw_line(axes, table['time_s'], table[column.format(plane)], look)
-            frame_curves(axes, '')
-            shade_intervals(axes, _calibration(run))
+            shown = panel.of_table(table).of_plane(plane)
+            draw_panel(axes, replace(shown, label=''), table, attrgetter('line'))
+            shade_intervals(axes, run.marked)
         for axes in line:  # after all curves of the row: setting the span ends autoscaling
-            set_min_span(axes, MIN_AXIS_SPAN)
-        line[0].set_ylabel(row.label)
+            set_min_span(axes, panel.min_span)
+        line[0].set_ylabel(panel.label)
         legend_above(line[1])
     for axes, plane in zip(grid[0], 'xy', strict=True):
         axes.set_title(f'plane {plane}', loc='left')
     for axes in grid[1]:
         label_time(axes)
-    return figure
-
-
-def _draw_estimate(run: RunData, table: Table) -> Figure:
-    rows = (
-        _Row(PITCH.label, {'true_pitch_{}_deg': _TRUE, 'estimated_pitch_{}_deg': _ESTIMATED}),
-        _Row(
-            POSITION.label,
-            {'true_position_{}_cm': _TRUE, 'estimated_position_{}_cm': _ESTIMATED},
-        ),
-    )
-    return _draw_rows(run, table, rows, share_rows=True)
-
-
-def _draw_command(run: RunData, table: Table) -> Figure:
-    reference = replace(_ESTIMATED, label='reference')
-    speeds = {'true_speed_{}_cm_per_s': _TRUE, 'reference_speed_{}_cm_per_s': reference}
-    if not np.isnan(table['commanded_speed_x_cm_per_s']).all():
-        speeds['commanded_speed_{}_cm_per_s'] = Line(GRAY, 1.2, ':', 'commanded')
-    positions = {'true_position_{}_cm': _TRUE, 'reference_position_{}_cm': reference}
-    rows = _Row('speed [cm/s]', speeds), _Row(POSITION.label, positions)
-    return _draw_rows(run, table, rows, share_rows=True)
-
-
-def _draw_gyro(run: RunData, table: Table) -> Figure:
-    rows = (
-        _Row(
-            'pitch rate [°/s]',
-            {
-                'true_rate_{}_deg_per_s': _TRUE,
-                'read_rate_{}_deg_per_s': replace(_ESTIMATED, label='reading − offset'),
-            },
-        ),
-        _Row(
-            'gyro offset [°/s]',
-            {'true_offset_{}_deg_per_s': _TRUE, 'estimated_offset_{}_deg_per_s': _ESTIMATED},
-        ),
-    )
-    # The planes do not share an axis, since their gyros have different offsets.
-    return _draw_rows(run, table, rows, share_rows=False)
-
-
-def _draw_sonar(run: RunData, table: Table) -> Figure:
-    figure = new_figure(WIDTH, 2.8)
-    axes = figure.subplots()
-    time, distance = table['time_s'], table['distance_cm']
-    heard, silent = np.isfinite(distance), np.isinf(distance)
-    axes.plot(time[heard], distance[heard], '.', color=BLUE, markersize=3.0, label='echo')
-    axes.plot(time[silent], np.full(silent.sum(), 255.0), '|', color=ORANGE, markersize=4.0,
-              label='no echo')  # fmt: skip
-    axes.set_ylim(0.0, 270.0)
-    frame_curves(axes, 'distance [cm]')
-    label_time(axes)
-    legend_above(axes)
-    return figure
-
-
-def _draw_battery(run: RunData, table: Table) -> Figure:
-    figure = new_figure(WIDTH, 2.4)
-    axes = figure.subplots()
-    draw_line(axes, table['time_s'], table['voltage_v'], Line(BLUE))
-    frame_curves(axes, 'battery [V]')
-    set_min_span(axes, 0.5)
-    label_time(axes)
     return figure
 
 
@@ -250,11 +211,11 @@ def _draw_states(run: RunData, table: Table) -> Figure:
     figure = new_figure(WIDTH, 1.1 + 0.32 * len(present))
     axes = figure.subplots()
     for each in run.states:
-        look = known.index(each.name) if each.name in known else 0
+        hatch = _HATCHES[known.index(each.name)] if each.name in known else ''
         # One band per state, with its name next to it, so that colour is not needed.
         axes.barh(
             present.index(each.name), each.end - each.start, left=each.start, height=0.7,
-            color=_STATE_COLOURS[look], hatch=_HATCHES[look], edgecolor='white', linewidth=0.0,
+            color=STATE_COLOURS.get(each.name, GRAY), hatch=hatch, edgecolor='white', linewidth=0.0,
         )  # fmt: skip
     axes.set_yticks(range(len(present)), [state.replace('_', ' ') for state in present])
     axes.invert_yaxis()
@@ -265,6 +226,59 @@ def _draw_states(run: RunData, table: Table) -> Figure:
     return figure
 
 
+_MOTION = POSITION.panel, PITCH.panel
+_DUTY = (replace(DUTY.panel, limits=(-100.0, 100.0)),)
+_STICKS = (panel_of_planes('sticks [%]', [(TRUE, 'stick_{}_percent')]),)
+_COMMAND = (
+    panel_of_planes(
+        'speed [cm/s]',
+        [
+            (TRUE, 'true_speed_{}_cm_per_s'),
+            (COMMANDED, 'commanded_speed_{}_cm_per_s'),
+            (REFERENCE, 'reference_speed_{}_cm_per_s'),
+        ],
+        min_span=MIN_AXIS_SPAN,
+    ),
+    panel_of_planes(
+        POSITION.label,
+        [(TRUE, 'true_position_{}_cm'), (REFERENCE, 'reference_position_{}_cm')],
+        min_span=MIN_AXIS_SPAN,
+    ),
+)
+_ESTIMATE = (
+    panel_of_planes(
+        PITCH.label,
+        [(TRUE, 'true_pitch_{}_deg'), (ESTIMATED, 'estimated_pitch_{}_deg')],
+        min_span=MIN_AXIS_SPAN,
+    ),
+    panel_of_planes(
+        POSITION.label,
+        [(TRUE, 'true_position_{}_cm'), (ESTIMATED, 'estimated_position_{}_cm')],
+        min_span=MIN_AXIS_SPAN,
+    ),
+)
+_GYRO = (
+    panel_of_planes(
+        'pitch rate [°/s]',
+        [(TRUE, 'true_rate_{}_deg_per_s'), (READING, 'read_rate_{}_deg_per_s')],
+        min_span=MIN_AXIS_SPAN,
+    ),
+    panel_of_planes(
+        'gyro offset [°/s]',
+        [(TRUE, 'true_offset_{}_deg_per_s'), (ESTIMATED, 'estimated_offset_{}_deg_per_s')],
+        min_span=MIN_AXIS_SPAN,
+    ),
+)
+_SONAR = (
+    Panel(
+        'distance [cm]',
+        (Curve('distance_cm', ECHO), Curve('distance_cm', NO_ECHO)),
+        bounds=(0.0, 270.0),
+    ),
+)
+_BATTERY = (Panel('battery [V]', (Curve('voltage_v', MEASURED),), min_span=0.5),)
+
+
 FIGURES = (
     RunFigure(
         'motion',
@@ -273,7 +287,8 @@ FIGURES = (
         'the document; forward and rightward are positive. The gyro calibration is shaded.',
         (PLANT_ODOM, PLANT_IMU),
         motion_table,
-        _draw_motion,
+        partial(_draw_stacked, panels=_MOTION),
+        _MOTION,
     ),
     RunFigure(
         'track',
@@ -297,7 +312,17 @@ FIGURES = (
         'The duties of both motors against time; the dotted lines are the saturation limits.',
         (MOTOR_DUTY,),
         duty_table,
-        _draw_duty,
+        partial(_draw_stacked, panels=_DUTY),
+        _DUTY,
+    ),
+    RunFigure(
+        'sticks',
+        'Sticks',
+        'The sticks of the gamepad against time; forward and rightward are positive.',
+        (GAMEPAD_JOY,),
+        sticks_table,
+        partial(_draw_stacked, panels=_STICKS),
+        _STICKS,
     ),
     RunFigure(
         'command',
@@ -306,7 +331,8 @@ FIGURES = (
         'passes a low pass in the controller, whose output is the reference that it follows.',
         (PLANT_ODOM, CONTROLLER_STATE),
         command_table,
-        _draw_command,
+        partial(_draw_by_plane, panels=_COMMAND, share_rows=True),
+        _COMMAND,
     ),
     RunFigure(
         'estimate',
@@ -315,7 +341,8 @@ FIGURES = (
         'estimates start at the end of the calibration.',
         (PLANT_IMU, PLANT_ODOM, CONTROLLER_STATE),
         estimate_table,
-        _draw_estimate,
+        partial(_draw_by_plane, panels=_ESTIMATE, share_rows=True),
+        _ESTIMATE,
     ),
     RunFigure(
         'gyro',
@@ -324,7 +351,9 @@ FIGURES = (
         'estimated offset and the true one, which is the 1 s mean of reading minus true rate.',
         (GYRO_IMU, PLANT_IMU, CONTROLLER_STATE),
         gyro_table,
-        _draw_gyro,
+        # The planes do not share an axis, since their gyros have different offsets.
+        partial(_draw_by_plane, panels=_GYRO, share_rows=False),
+        _GYRO,
     ),
     RunFigure(
         'sonar',
@@ -332,7 +361,8 @@ FIGURES = (
         'The distance measured by the sensor, against time.',
         (SONAR_RANGE,),
         sonar_table,
-        _draw_sonar,
+        partial(_draw_stacked, panels=_SONAR),
+        _SONAR,
     ),
     RunFigure(
         'battery',
@@ -340,7 +370,8 @@ FIGURES = (
         'Terminal voltage of the battery against time.',
         (BATTERY_STATE,),
         battery_table,
-        _draw_battery,
+        partial(_draw_stacked, panels=_BATTERY),
+        _BATTERY,
     ),
 )
 """The figures of a report, in order."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from io import BytesIO
@@ -14,6 +15,25 @@ if TYPE_CHECKING:
 # Okabe and Ito's colours, which colour-blind readers and black-and-white prints can tell apart.
 BLUE, ORANGE, GRAY = '#0072B2', '#D55E00', '#666666'
 GREEN, SKY, YELLOW, PURPLE = '#009E73', '#56B4E9', '#F0E442', '#CC79A7'
+
+DARKER: Mapping[str, str] = {BLUE: '#002F4A', ORANGE: '#6B2E00'}
+"""The colours of thin curves over the wide ones of the planes."""
+
+INK, PAPER = '#1A1A1A', '#FFFFFF'
+"""Colours of text, and of what is behind it."""
+
+ON_DARK: Mapping[str, str] = {
+    INK: '#E6E8EA',
+    PAPER: '#15181B',
+    BLUE: '#56B4E9',
+    ORANGE: '#FF8F45',
+    GRAY: '#A0A4A8',
+    GREEN: '#2FC79A',
+    PURPLE: '#E29AC2',
+    DARKER[BLUE]: '#CDEBFF',
+    DARKER[ORANGE]: '#FFDCC2',
+}
+"""What stands for a colour on a dark page; other colours stay."""
 
 WIDTH = 8.0
 """Width of a figure on a page [inch]."""

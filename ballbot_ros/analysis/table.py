@@ -36,8 +36,8 @@ def envelope(
 ) -> Table:
     """Return a table of the columns; more than `max_rows` are reduced to extremes of intervals.
 
-    Each interval then has two rows, with the minimum and the maximum of each column. A line through
-    them covers the same area as a line through all rows.
+    Each of the `max_rows` / 4 intervals then has two rows, with the minimum and the maximum of each
+    column. A line through them covers the same area as a line through all rows.
     """
     if len(time) <= max_rows:
         return {'time_s': time, **columns}
@@ -52,9 +52,13 @@ def envelope(
     return table
 
 
-def every_nth(time: NDArray[Any], columns: Mapping[str, NDArray[Any]]) -> Table:
+def every_nth(
+    time: NDArray[Any],
+    columns: Mapping[str, NDArray[Any]],
+    max_rows: int = MAX_FIGURE_ROWS,
+) -> Table:
     """Return a table of the columns; many rows are reduced to every nth and the last."""
-    stride = -(-len(time) // MAX_FIGURE_ROWS)
+    stride = -(-len(time) // max_rows)
     rows = np.unique(np.append(np.arange(0, len(time), stride), len(time) - 1))
     return {'time_s': time[rows], **{name: values[rows] for name, values in columns.items()}}
 

@@ -13,6 +13,11 @@ import yaml
 from rich.console import Console
 
 from ballbot_ros.analysis.recorded_controller import ControllerIdentity, decode_controller
+from ballbot_ros.analysis.recorded_pushes import (
+    external_push,
+    outside_pushes,
+    outside_pushes_in,
+)
 from ballbot_ros.cli.file_progress import file_progress
 from ballbot_ros.cli.path_types import RECORDING
 from ballbot_ros.messages.topics import RUN
@@ -71,6 +76,7 @@ def _read(reader: RecordingReader, progress: ProgressCallback) -> dict[str, Any]
         'message_count': sum(topic.count for topic in topics.values()),
         'runs_s': [stamp_ns / 1e9 for stamp_ns in runs_ns],
         'outcome': outcome,
+        'external_pushes': [push.as_json() for push in outside_pushes_in(reader, runs_ns)],
         'made_by': _made_by(reader.attachments()),
         'topics': {
             name: {
@@ -131,6 +137,8 @@ def _lines(content: Mapping[str, Any], state: str) -> list[tuple[str, str]]:
     if outcome := content['outcome']:
         words = (outcome.get('outcome', ''), outcome.get('reason', ''))
         lines.append(('outcome', ': '.join(filter(None, words))))
+    if pushes := [external_push(each) for each in content['external_pushes']]:
+        lines.append(('pushes', outside_pushes(pushes)))
     for name, value in content['made_by'].items():
         if name == 'controller':
             lines.append((name, ControllerIdentity(**value).description))

@@ -26,13 +26,14 @@ from ballbot_ros.cli.path_types import PATH, RECORDING
 )
 @click.option('--json', 'as_json', is_flag=True, help='Print one JSON object.')
 def command(recording: Path, output: Path | None, number: int | None, as_json: bool) -> int:
-    """Write a report of RECORDING: a self-contained index.html, its PNGs and CSVs.
+    """Write a report of RECORDING: an index.html that needs no other file, its PNGs and CSVs.
 
     Exit status: 0 if the report was written, whatever its verdict; 2 for invalid arguments or a
     file that is not a recording of a ballbot.
     """
     # Imported only here: it takes half a second.
     from ballbot_ros.analysis.page import check_folder
+    from ballbot_ros.analysis.recorded_pushes import outside_pushes
     from ballbot_ros.analysis.report import banner, write_report
     from ballbot_ros.cli.recordings import read_and_assess
 
@@ -49,5 +50,7 @@ def command(recording: Path, output: Path | None, number: int | None, as_json: b
     else:
         reason = f': {assessment.reason}' if assessment.reason else ''
         click.echo(f'{assessment.outcome}{reason}')
+        if outside := outside_pushes(assessment.run.pushes):
+            click.echo(outside)
         click.echo(f'report  {page}')
     return 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Sequence
 
 from rich.console import Console
 from rich.table import Table
@@ -11,6 +12,7 @@ from rich.text import Text
 
 from ballbot_ros.analysis.metrics import Judgement, number, with_judgements
 from ballbot_ros.analysis.recorded_controller import ControllerIdentity
+from ballbot_ros.analysis.recorded_pushes import RecordedPush, outside_pushes
 from ballbot_ros.cli.next_steps import next_steps
 from ballbot_ros.errors import short_text
 from ballbot_ros.former_names import FORMER_METRICS, FORMER_RESULT_KEYS, with_former_names
@@ -42,6 +44,7 @@ def result_json(spec: RunSpec, result: RunResult) -> dict[str, object]:
         'resends': result.resends,
         'round_trip_ms': result.round_trip._asdict() if result.round_trip else None,
         'participants': list(result.participants),
+        'external_pushes': [push.as_json() for push in result.external_pushes],
         'recording': None if result.recording is None else str(result.recording),
         'figure': None if result.figure is None else str(result.figure),
         'metrics': with_former_names(
@@ -82,6 +85,7 @@ def print_table(spec: RunSpec, result: RunResult) -> None:
     table.add_column('')
     for name, value, judgement in with_judgements(result.metrics, result.judgements):
         _add_metric(table, name, value, judgement, marked=result.is_complete)
+    _add_pushes(table, result.external_pushes)
     table.add_section()
     if result.real_time_factor:
         table.add_row('real-time factor', f'{result.real_time_factor:.1f}', '', '')
@@ -94,6 +98,8 @@ def print_table(spec: RunSpec, result: RunResult) -> None:
     colour = 'green' if result.exit_status == 0 else 'red'
     reason = f': {result.reason}' if result.reason else ''
     console.print(Text.assemble((result.verdict.value, colour), reason), soft_wrap=True)
+    if outside := outside_pushes(result.external_pushes):
+        console.print(outside, soft_wrap=True)
     if spec.controller:
         identity = ControllerIdentity.of(spec.controller)
         console.print(f'controller  {identity.description}', soft_wrap=True)
@@ -108,6 +114,14 @@ def print_table(spec: RunSpec, result: RunResult) -> None:
             console.print(f'{label}  {path}', soft_wrap=True)
     for line in next_steps(result.recording) if result.recording else ():
         console.print(line, soft_wrap=True)
+
+
+def _add_pushes(table: Table, pushes: Sequence[RecordedPush]) -> None:
+    if pushes:
+        table.add_section()
+    for push in pushes:
+        words = f'{push.interval.name}, {push.start:.3f} s to {push.end:.3f} s'
+        table.add_row(words, push.strength, '', '')
 
 
 def _add_metric(

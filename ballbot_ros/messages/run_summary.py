@@ -8,8 +8,10 @@ import numpy as np
 
 from ballbot_ros.former_names import FORMER_RESULT_KEYS, with_former_names
 from ballbot_ros.messages.participation import RunStatus, membership_json, membership_text
+from ballbot_ros.plant.ground_truth import Push
 from ballbot_ros.recording.attachments import OUTCOME_KEYS
 from ballbot_ros.simulation.run_actions import PublishStatus, RunSummary
+from ballbot_ros.timing import SECOND_NS
 
 
 def summary_json(summary: RunSummary) -> dict[str, object]:
@@ -24,8 +26,19 @@ def summary_json(summary: RunSummary) -> dict[str, object]:
         'resends': summary.resends,
         'round_trip_ms': _in_milliseconds(summary.round_trips_s),
         'participants': [membership_json(each, summary.start_ns) for each in summary.members],
+        'external_pushes': [_push_json(each, summary.start_ns) for each in summary.external_pushes],
     }
     return with_former_names(content, FORMER_RESULT_KEYS)
+
+
+def _push_json(push: Push, start_ns: int) -> dict[str, object]:
+    """Return a push with times from the start of the run, in plane signs."""
+    return {
+        'start_s': (push.start_ns - start_ns) / SECOND_NS,
+        'end_s': (push.end_ns - start_ns) / SECOND_NS,
+        'force_n': list(push.force),
+        'torque_n_m': list(push.torque),
+    }
 
 
 def summary_words(summary: RunSummary) -> dict[str, object]:

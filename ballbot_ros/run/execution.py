@@ -9,6 +9,7 @@ from pathlib import Path
 
 from ballbot_ros.analysis.figures import draw_motion
 from ballbot_ros.analysis.metrics import judge, measure
+from ballbot_ros.analysis.recorded_pushes import scheduled_pushes
 from ballbot_ros.analysis.style import png_of
 from ballbot_ros.files import temporary_folder
 from ballbot_ros.run.fork_client import ForkClient
@@ -139,6 +140,7 @@ def _with_figure(spec: RunSpec, world: World | None, result: RunResult, path: Pa
             spec.plant.hold_time,
             scenario.segments,
             world.map if world else None,
+            [push.interval for push in (*result.external_pushes, *scheduled_pushes(scenario))],
         )
         path.write_bytes(png_of(figure))
     except OSError as error:

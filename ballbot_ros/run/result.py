@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ballbot_ros.analysis.metrics import Judgement
+from ballbot_ros.analysis.recorded_pushes import RecordedPush, external_push
 from ballbot_ros.analysis.verdict import Verdict
 from ballbot_ros.simulation.outcome import Outcome
 from ballbot_ros.simulation.trajectory import Trajectory
@@ -54,6 +55,8 @@ class RunResult:
         The files, if written.
     figure_failure : str
         Why the figure was not written; otherwise ''.
+    external_pushes : tuple of RecordedPush
+        The pushes that came from outside, not from the scenario.
     """
 
     outcome: Outcome
@@ -72,6 +75,7 @@ class RunResult:
     recording: Path | None = None
     figure: Path | None = None
     figure_failure: str = ''
+    external_pushes: tuple[RecordedPush, ...] = ()
 
     @classmethod
     def from_summary(cls, summary: Mapping[str, Any], trajectory: Trajectory) -> RunResult:
@@ -87,6 +91,7 @@ class RunResult:
             resends=summary['resends'],
             round_trip=RoundTrip(**trip) if trip else None,
             participants=summary['participants'],
+            external_pushes=tuple(map(external_push, summary['external_pushes'])),
             trajectory=trajectory,
         )
 

@@ -164,6 +164,8 @@ class RunSummary:
         Sim time per wall time.
     round_trips_s : tuple of float
         Times from publishing a truth to receiving its duties [s]; empty if not measured.
+    external_pushes : tuple of Push
+        The pushes that came from outside, not from the scenario.
     """
 
     outcome: Outcome
@@ -176,6 +178,7 @@ class RunSummary:
     round_trips_s: tuple[float, ...]
     start_ns: int
     members: tuple[Membership, ...] = field(default=())
+    external_pushes: tuple[Push, ...] = ()
 
 
 Action = (

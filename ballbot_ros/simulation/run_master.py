@@ -214,6 +214,7 @@ class RunMaster(ABC):
             text = f'{self._topics.push}: push ignored: {problem}'
             self._act(do.Log(text, do.Severity.WARNING, is_throttled=True))
         else:
+            self._external_pushes.append(push)
             self._push(push)
 
     @event
@@ -278,6 +279,7 @@ class RunMaster(ABC):
         self._phase = Phase.DISCOVERING
         self._truth = self._plant.truth()
         self._pushes = 0
+        self._external_pushes: list[Push] = []
         self._is_hit = self._is_held = False
         self.log = TrajectoryLog(keep=self._duration_ns > 0)
         self._round_trips_s = array('d')
@@ -406,6 +408,7 @@ class RunMaster(ABC):
             round_trips_s=tuple(self._round_trips_s[1:]),
             start_ns=self._run.start_ns,
             members=self._participants.roster.history,
+            external_pushes=tuple(self._external_pushes),
         )
         self._participants.publish_status(self.summary)
         if self._number:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left, bisect_right
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot_ros.analysis.recorded_pushes import RecordedPush
 from ballbot_ros.analysis.run_data import RunData, Series, read_run
 from ballbot_ros.analysis.signals import signals_of
 from ballbot_ros.brick.brick import Tone
@@ -17,7 +18,7 @@ from ballbot_ros.messages.topics import BATTERY_STATE, PLANT_IMU, PLANT_ODOM, SO
 from ballbot_ros.parameters import Dimensions
 from ballbot_ros.progress import ProgressCallback
 from ballbot_ros.timing import TICK_NS, TICK_S
-from ballbot_ros.viewer.acting_force import acting_force
+from ballbot_ros.viewer.acting_force import ForceEvent, acting_force
 from ballbot_ros.viewer.errors import ViewerError
 from ballbot_ros.viewer.robot import TRAIL_STEP, RolledBall, wxyz
 from ballbot_ros.viewer.run_marks import run_marks
@@ -60,7 +61,7 @@ class PlaybackRun:
         x, y = run.trajectory.position[0].tolist()
         self.start = (x, -y)
         self._ball = RolledBall(run.trajectory.position, self.dimensions.ball_radius)
-        self._forces = [(start, *push) for start, push in run.forces]
+        self._forces = _force_events(run.pushes)
         self.marks = run_marks(run)
         self._trail_ticks = _trail_ticks(run.trajectory.position)
         self._trail = [(x, -y) for x, y in run.trajectory.position[self._trail_ticks].tolist()]
@@ -160,6 +161,13 @@ def _held(series: Series | None, times: NDArray[np.float64]) -> NDArray[np.float
     places = np.searchsorted(series.time, times + 1e-6, 'right') - 1
     values = np.asarray(series.values[places.clip(min=0), 0], np.float64)
     return np.where(places < 0, np.nan, values)
+
+
+def _force_events(pushes: Iterable[RecordedPush]) -> list[ForceEvent]:
+    events: list[ForceEvent] = []
+    for number, push in enumerate(pushes):
+        events += [(push.start, str(number), push.force), (push.end, str(number), (0.0, 0.0))]
+    return events
 
 
 def _floor_map(run: RunData) -> FloorMap | None:

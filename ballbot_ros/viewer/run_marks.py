@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 
 from ballbot_ros.analysis.run_data import RunData
-from ballbot_ros.plant.ground_truth import Pair
 from ballbot_ros.viewer.overlay import Mark, MarkKind
 
 _MARKS_PER_LINE = 200
@@ -20,24 +19,17 @@ def run_marks(run: RunData) -> tuple[Mark, ...]:
     states = (
         Mark(state.start, MarkKind.STATE, state.name.replace('_', ' ')) for state in run.states
     )
-    pushes = (Mark(time, MarkKind.PUSH, _push_text(*push)) for time, push in run.pushes)
-    hits = (Mark(time, MarkKind.HIT, 'wall hit') for time in run.wall_hits)
+    pushes = (
+        Mark(push.start, MarkKind.PUSH, f'{push.interval.name} of {push.strength}')
+        for push in run.pushes
+    )
+    hits = (Mark(hit.start, MarkKind.HIT, hit.name) for hit in run.wall_hits)
     tones = (
         Mark(time, MarkKind.TONE, f'tone of {tone.frequency_hz} Hz, {tone.duration_ms} ms')
         for time, tone in run.tones
     )
     apart = run.end / _MARKS_PER_LINE
     return tuple(mark for kind in (states, pushes, hits, tones) for mark in _merged(kind, apart))
-
-
-def _push_text(force: Pair, torque: Pair) -> str:
-    parts = [
-        f'{value + 0.0:g} {unit} {direction}'
-        for pair, unit in ((force, 'N'), (torque, 'N·m'))
-        for value, direction in zip(pair, ('forward', 'rightward'), strict=True)
-        if value
-    ]
-    return f'push of {", ".join(parts)}'
 
 
 def _merged(marks: Iterable[Mark], apart: float) -> Iterator[Mark]:

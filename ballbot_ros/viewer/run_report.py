@@ -31,11 +31,11 @@ def _page(recording: str) -> bytes:
         return _notice('This run has no report: it has not ended, or was not recorded.')
     # Imported only here: it takes half a second.
     from ballbot_ros.analysis.assessment import assess
-    from ballbot_ros.analysis.report import make_report
+    from ballbot_ros.analysis.report import report_document
     from ballbot_ros.analysis.run_data import read_run
 
     try:
-        return make_report(assess(read_run(Path(recording)))).page.encode()
+        return report_document(assess(read_run(Path(recording)))).encode()
     except (BallbotError, OSError) as error:
         return _notice(f'There is no report: {error}')
 

@@ -15,11 +15,12 @@ from hypothesis import strategies as st
 from laws import given
 from matplotlib.image import imread
 
+from ballbot_ros.analysis import interactive
 from ballbot_ros.analysis.assessment import assess
 from ballbot_ros.analysis.page import number_text
-from ballbot_ros.analysis.report import loop_of, report_page, write_report
+from ballbot_ros.analysis.report import loop_of, report_document, report_page, write_report
 from ballbot_ros.analysis.run_data import read_run
-from ballbot_ros.analysis.run_figures import FIGURES, MIN_AXIS_SPAN, draw_figures
+from ballbot_ros.analysis.run_figures import FIGURES, MIN_AXIS_SPAN, figure_contents
 from ballbot_ros.analysis.table import MAX_FIGURE_ROWS, envelope, every_nth
 from ballbot_ros.former_names import FORMER_METRICS
 from ballbot_ros.messages.parameter_events import encode_parameter_event
@@ -71,7 +72,7 @@ def page(folder):
 
 
 def test_the_page_is_self_contained(page, folder):
-    assert not page.all('script')
+    assert not any('src' in each for each in page.all('script'))
     assert not page.all('link')
     assert all(each['src'].startswith('data:image/png;base64,') for each in page.all('img'))
     for link in page.all('a'):
@@ -94,13 +95,9 @@ def test_the_page_is_accessible(page):
     assert all(each['href'][1:] in targets for each in page.all('a') if each['href'][0] == '#')
 
 
-def test_every_figure_has_an_image_file_and_a_table(page, folder):
-    names = [*(figure.name for figure in FIGURES), 'spectrum', 'loop']
-    assert [each['id'] for each in page.all('figure')] == names
-    for name, image in zip(names, page.all('img'), strict=True):
-        png = base64.b64decode(image['src'].partition(',')[2])
-        assert png == (folder / f'{name}.png').read_bytes()
-        picture = imread(BytesIO(png))
+def test_every_figure_has_an_image_file_and_a_table(folder):
+    for name in [*(figure.name for figure in FIGURES), 'spectrum', 'loop']:
+        picture = imread(folder / f'{name}.png')
         assert picture.shape[1] == 1200
         assert np.ptp(picture[..., :3]) > 0.5
         header, *rows = csv.reader((folder / f'{name}.csv').read_text().splitlines())
@@ -108,6 +105,38 @@ def test_every_figure_has_an_image_file_and_a_table(page, folder):
         assert all(len(row) == len(header) for row in rows)
         unit = re.compile(r'.*_(s|cm|deg|percent|v|deg_per_s|cm_per_s|hz|gain)')
         assert all(unit.fullmatch(column) or column == 'state' for column in header)
+
+
+def test_the_page_has_interactive_figures_and_pictures_of_the_others(page, folder):
+    assert [each['id'] for each in page.all('div') if 'id' in each] == ['history', 'path']
+    assert [each['id'] for each in page.all('figure') if 'id' in each] == ['spectrum', 'loop']
+    for name, image in zip(('spectrum', 'loop'), page.all('img'), strict=True):
+        shown = imread(BytesIO(base64.b64decode(image['src'].partition(',')[2])))
+        kept = imread(folder / f'{name}.png')
+        assert np.abs(shown[..., :3] - kept[..., :3]).mean() < 0.01
+    links = {each['href'] for each in page.all('a')}
+    assert {f'{figure.name}.{kind}' for figure in FIGURES for kind in ('png', 'csv')} <= links
+
+
+def test_without_plotly_the_page_has_all_pictures_and_says_how_to_get_the_others(
+    short_assessment, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(interactive, 'plotly_script', lambda: None)
+    write_report(short_assessment, tmp_path)
+    page = Page((tmp_path / 'index.html').read_text(encoding='utf-8'))
+    assert not page.all('script')
+    assert len(page.all('img')) == len(list(tmp_path.glob('*.png'))) > 5
+    assert 'ballbot_ros[report]' in ''.join(page.text)
+
+
+@pytest.mark.parametrize('has_plotly', [True, False])
+def test_the_document_needs_no_other_file(short_assessment, monkeypatch, has_plotly):
+    if not has_plotly:
+        monkeypatch.setattr(interactive, 'plotly_script', lambda: None)
+    page = Page(report_document(short_assessment))
+    assert bool(page.all('script')) == has_plotly
+    assert len(page.all('img')) == (2 if has_plotly else 11)
+    assert all(each['href'].startswith('#') for each in page.all('a'))
 
 
 def test_every_axis_has_a_unit(driven_assessment):
@@ -189,8 +218,8 @@ def test_text_from_a_file_is_escaped(short_assessment):
 
 def test_a_missing_topic_leaves_out_its_figure(short, copy):
     run = read_run(copy(short[0], wanted=lambda name: name not in ('/gyro', '/operating_state')))
-    names = {each.name for each in draw_figures(run)}
-    assert names == {figure.name for figure in FIGURES} - {'gyro', 'operating_state'}
+    names = {each.figure.name for each in figure_contents(run)}
+    assert names == {figure.name for figure in FIGURES} - {'gyro', 'operating_state', 'sticks'}
 
 
 def test_the_commanded_speed_is_that_of_the_sticks(driven_assessment):
@@ -223,9 +252,8 @@ def test_a_controller_without_references_has_no_figure_of_them(short, copy):
         return encoder(CONTROLLER_STATE.type_name)(message)
 
     run = read_run(copy(short[0], edit=only_estimates))
-    assert {each.name for each in draw_figures(run)} == {each.name for each in FIGURES} - {
-        'command'
-    }
+    names = {each.figure.name for each in figure_contents(run)}
+    assert names == {each.name for each in FIGURES} - {'command', 'sticks'}
     assert np.isnan(assess(run).metrics['speed_error_rms_m_per_s'])
 
 

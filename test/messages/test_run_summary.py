@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 from ballbot_ros.messages.run_summary import run_status, summary_json, summary_words
+from ballbot_ros.plant.ground_truth import Push
 from ballbot_ros.simulation.lockstep import Run
 from ballbot_ros.simulation.outcome import Outcome
 from ballbot_ros.simulation.participants import Membership, Participant
@@ -25,12 +26,16 @@ SUMMARY = RunSummary(
     round_trips_s=(0.001, 0.002, 0.003),
     start_ns=START_NS,
     members=(MEMBER,),
+    external_pushes=(Push(START_NS + 250_000_000, START_NS + 350_000_000, (0.0, 2.0)),),
 )
 
 
 def test_the_json_keeps_its_keys():
     summary = summary_json(SUMMARY)
     assert summary.pop('participants')[0]['since_s'] == 0.5
+    assert summary.pop('external_pushes') == [
+        {'start_s': 0.25, 'end_s': 0.35, 'force_n': [0.0, 2.0], 'torque_n_m': [0.0, 0.0]}
+    ]
     assert summary.pop('round_trip_ms') == {'p50': 2.0, 'p99': 2.98, 'max': 3.0}
     assert summary == {
         'outcome': 'failed',

@@ -32,6 +32,7 @@ ROSDEP_KEYS = {
     'numpy': 'python3-numpy',
     'pillow': 'python3-pil',
     'playwright': None,
+    'plotly': 'python3-plotly',
     'prompt_toolkit': 'python3-prompt-toolkit',
     'pygame-ce': 'python3-pygame',
     'osqp': None,

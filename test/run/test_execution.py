@@ -15,6 +15,7 @@ from maps import open_floor, save
 
 from ballbot_ros.analysis.assessment import assess
 from ballbot_ros.analysis.metrics import Judgement
+from ballbot_ros.analysis.recorded_pushes import RecordedPush
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.analysis.verdict import Verdict
 from ballbot_ros.errors import BallbotError
@@ -288,6 +289,9 @@ SUMMARY = {
     'outcome': 'failed', 'reason': 'fell', 'ticks': 3, 'duty_sha256': 'ab',
     'real_time_factor': 0.5, 'late_ticks': 2, 'resends': 1,
     'round_trip_ms': {'p50': 0.1, 'p99': 0.2, 'max': 0.3}, 'participants': [{'role': 'plant_sim'}],
+    'external_pushes': [
+        {'start_s': 1.0, 'end_s': 1.1, 'force_n': [0.0, 2.0], 'torque_n_m': [0.0, 0.0]}
+    ],
 }  # fmt: skip
 
 
@@ -296,6 +300,7 @@ def test_a_summary_in_json_gives_the_whole_result():
     result = RunResult(
         Outcome.FAILED, 'fell', 1, 3, 'ab', 0.5, 2, 1, RoundTrip(0.1, 0.2, 0.3),
         [{'role': 'plant_sim'}], trajectory,
+        external_pushes=(RecordedPush(1.0, 1.1, (0.0, 2.0), (0.0, 0.0), is_external=True),),
     )  # fmt: skip
     assert RunResult.from_summary(SUMMARY, trajectory) == result
     assert RunResult.from_summary(SUMMARY | {'round_trip_ms': None}, trajectory).round_trip is None

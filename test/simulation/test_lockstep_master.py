@@ -950,6 +950,8 @@ def test_a_push_acts_and_is_published():
     (push,) = world.actions(do.PublishPush)
     assert (push.number, push.push.start_ns) == (1, now_ns)
     assert push.push.end_ns - push.push.start_ns == 100_000_000
+    world.dispatch(world.master.stop)
+    assert world.master.summary.external_pushes == (push.push,)
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from ballbot_ros.analysis.interval import Interval
+from ballbot_ros.analysis.recorded_pushes import RecordedPush
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.brick.brick import Tone
 from ballbot_ros.run.library import simulate
@@ -16,18 +17,26 @@ def run(end=100.0, states=(), pushes=(), wall_hits=(), tones=()):
     return SimpleNamespace(end=end, states=states, pushes=pushes, wall_hits=wall_hits, tones=tones)
 
 
+def push(start, force=(0.0, 0.0), torque=(0.0, 0.0), *, is_external=False):
+    return RecordedPush(start, start + 0.1, force, torque, is_external)
+
+
+def hit(start):
+    return Interval(start, start + 0.1, 'wall hit')
+
+
 def test_each_event_has_a_mark():
     events = run(
         states=(Interval(0.0, 1.0, 'calibration'), Interval(1.0, 9.0, 'out_of_control')),
-        pushes=((2.0, ((1.5, -0.0), (0.0, 0.0))), (4.0, ((0.0, 0.0), (0.0, -0.2)))),
-        wall_hits=(3.0,),
+        pushes=(push(2.0, force=(1.5, -0.0)), push(4.0, torque=(0.0, -0.2), is_external=True)),
+        wall_hits=(hit(3.0),),
         tones=((1.0, Tone(440, 500, 70)),),
     )
     assert run_marks(events) == (
         Mark(0.0, MarkKind.STATE, 'calibration'),
         Mark(1.0, MarkKind.STATE, 'out of control'),
         Mark(2.0, MarkKind.PUSH, 'push of 1.5 N forward'),
-        Mark(4.0, MarkKind.PUSH, 'push of -0.2 N·m rightward'),
+        Mark(4.0, MarkKind.PUSH, 'outside push of torque x 0, y −0.2 N·m'),
         Mark(3.0, MarkKind.HIT, 'wall hit'),
         Mark(1.0, MarkKind.TONE, 'tone of 440 Hz, 500 ms'),
     )
@@ -38,7 +47,7 @@ def test_events_upon_each_other_share_a_mark():
     marks = run_marks(run(tones=tones))
     assert 100 < len(marks) <= 201
     assert marks[0].text.startswith('tone of 440 Hz, 20 ms, and ')
-    assert run_marks(run(wall_hits=(1.0, 1.1, 50.0))) == (
+    assert run_marks(run(wall_hits=(hit(1.0), hit(1.1), hit(50.0)))) == (
         Mark(1.0, MarkKind.HIT, 'wall hit, and 1 more'),
         Mark(50.0, MarkKind.HIT, 'wall hit'),
     )
@@ -53,7 +62,7 @@ def pushed(tmp_path_factory):
 
 def test_the_pushes_of_a_recorded_run_are_marked(pushed):
     marks = [mark for mark in run_marks(pushed) if mark.kind is MarkKind.PUSH]
-    assert [mark.time for mark in marks] == [time for time, _ in pushed.pushes]
+    assert [mark.time for mark in marks] == [each.start for each in pushed.pushes]
     assert len(marks) >= 1
     assert all(mark.text.startswith('push of ') for mark in marks)
 

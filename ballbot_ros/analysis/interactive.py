@@ -1,0 +1,382 @@
+"""The interactive figures of a page: panels with one time axis, and the track.
+
+They are figures of Plotly, described as its JSON. The page holds the description, the numbers and
+Plotly's script, all compressed, so that a single file works without a network.
+"""
+
+from __future__ import annotations
+
+import gzip
+import json
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+
+from ballbot_ros.analysis.drawing import (
+    LINE_SHADE,
+    SHADES,
+    STATE_COLOURS,
+    TRACK_MARKERS,
+    WALL_SHADE,
+    X_LABEL,
+    Y_LABEL,
+    FloorShades,
+    TrackMark,
+    floor_shades,
+)
+from ballbot_ros.analysis.interval import Interval, IntervalKind
+from ballbot_ros.analysis.packed_numbers import PackedNumbers
+from ballbot_ros.analysis.panel import ESTIMATED, POINTS, READING, ROLES, TRUE, Curve, Panel
+from ballbot_ros.analysis.run_data import RunData
+from ballbot_ros.analysis.run_figures import FigureContent, track_marks
+from ballbot_ros.analysis.style import BLUE, GRAY, INK, ON_DARK, ORANGE, PAPER
+from ballbot_ros.analysis.table import Table, envelope, every_nth
+
+MAX_ROWS = 6_000
+"""Maximum number of rows of a table that the page holds: 24 s of ticks, or their extremes."""
+
+MISSING = (
+    'These are pictures. For figures to zoom into, install Plotly: '
+    '`pip install "ballbot_ros[report]"`.'
+)
+"""What a report without Plotly says."""
+
+_ROW_PX, _LANE_PX, _TOP_PX, _GAP_PX = 128, 26, 64, 30
+_HIDDEN_AT_FIRST = (ESTIMATED, READING)
+_DASHES = {'-': 'solid', '--': 'dash', ':': 'dot'}
+_SYMBOLS = {'.': 'circle', '|': 'line-ns-open', 'x': 'x-thin-open', '^': 'triangle-up'}
+_GRID = {'showgrid': True, 'zeroline': False, 'gridcolor': '#E3E5E7', 'linecolor': '#B0B4B8'}
+_PAGE_ON_DARK = {
+    '#E3E5E7': '#2C3136',
+    '#B0B4B8': '#565C62',
+    '#999999': '#747A80',
+    '#CCCCCC': '#42484E',
+}
+Json = dict[str, Any]
+
+
+@cache
+def plotly_script() -> bytes | None:
+    """Return Plotly's script, compressed with gzip; None if Plotly is not installed."""
+    try:
+        script = files('plotly').joinpath('package_data', 'plotly.min.js').read_bytes()
+    except (ImportError, OSError):
+        return None
+    return gzip.compress(script, mtime=0)
+
+
+@dataclass(frozen=True)
+class InteractiveFigures:
+    """What a page with interactive figures holds, all compressed with gzip.
+
+    Attributes
+    ----------
+    plotly : bytes
+        Plotly's script.
+    description : bytes
+        JSON: the figures by the id of their element, and the colours on a dark page.
+    numbers : bytes
+        The columns to which the description refers.
+    script : str
+        The page's own script.
+    names : tuple of str
+        The ids of the figures' elements.
+    covered : frozenset of str
+        The names of the pictures that show the same.
+    """
+
+    plotly: bytes
+    description: bytes
+    numbers: bytes
+    script: str
+    names: tuple[str, ...]
+    covered: frozenset[str]
+
+
+def interactive_figures(
+    run: RunData, contents: Sequence[FigureContent]
+) -> InteractiveFigures | None:
+    """Return the interactive figures of a run; None without Plotly or anything to show."""
+    plotly = plotly_script()
+    if plotly is None or not contents:
+        return None
+    numbers = PackedNumbers()
+    figures = {'history': history_figure(run, contents, numbers)}
+    track = next((each.table for each in contents if each.figure.name == 'track'), None)
+    if track is not None:
+        figures['path'] = track_figure(run, track, numbers)
+    description = {'figures': figures, 'dark': {**ON_DARK, **_PAGE_ON_DARK}}
+    return InteractiveFigures(
+        plotly,
+        gzip.compress(json.dumps(description, allow_nan=False).encode(), mtime=0),
+        numbers.compressed(),
+        files(__package__).joinpath('assets', 'interactive.js').read_text(encoding='utf-8'),
+        tuple(figures),
+        frozenset(each.figure.name for each in contents),
+    )
+
+
+@dataclass(frozen=True)
+class _Row:
+    """A panel, with the table of each of its curves."""
+
+    panel: Panel
+    tables: tuple[Table, ...]
+
+
+def history_figure(run: RunData, contents: Iterable[FigureContent], numbers: PackedNumbers) -> Json:
+    """Return all panels against one time axis, one above the other, below the events."""
+    rows = _merged_rows(contents)
+    lanes = _lanes(run)
+    bottoms, tops = _domains(len(lanes), len(rows))
+    traces = [_lane_trace(lanes)] if lanes else []
+    layout = {**_layout(), 'height': _height(len(lanes), len(rows))}
+    layout['yaxis'] = {
+        'domain': [bottoms[0], tops[0]], 'range': [len(lanes) - 0.5, -0.5], 'fixedrange': True,
+        'tickvals': list(range(len(lanes))), 'ticktext': list(lanes), 'showgrid': False,
+        'zeroline': False,
+    }  # fmt: skip
+    shown: set[str] = set()
+    for number, row in enumerate(rows, 2):
+        layout[f'yaxis{number}'] = _value_axis(row, bottoms[number - 1], tops[number - 1])
+        layout['annotations'].append(_heading(row.panel.label, tops[number - 1]))
+        layout['shapes'] += [_limit(limit, number) for limit in row.panel.limits]
+        for curve, table in zip(row.panel.curves, row.tables, strict=True):
+            traces.append(_curve_trace(row.panel, curve, table, number, shown, numbers))
+    layout['xaxis'] = {
+        **_GRID, 'anchor': f'y{len(rows) + 1}', 'title': {'text': 'time [s]'},
+        'range': [0.0, max(run.end, 1e-3)], 'hoverformat': '.3f', 'showspikes': True,
+        'spikemode': 'across', 'spikesnap': 'cursor', 'spikethickness': 1, 'spikedash': 'solid',
+        'spikecolor': GRAY, 'unifiedhovertitle': {'text': '%{x:.3f} s'},
+    }  # fmt: skip
+    layout['shapes'] += [_shade(each) for each in run.marked]
+    return {'data': traces, 'layout': layout}
+
+
+def _merged_rows(contents: Iterable[FigureContent]) -> list[_Row]:
+    """Return one row for each quantity; a curve that several figures show appears once."""
+    rows: dict[str, _Row] = {}
+    for content in contents:
+        for panel in content.figure.panels:
+            shown = panel.of_table(content.table)
+            row = rows.setdefault(panel.label, _Row(replace(panel, curves=()), ()))
+            known = {(each.role, each.plane) for each in row.panel.curves}
+            new = tuple(each for each in shown.curves if (each.role, each.plane) not in known)
+            merged = replace(row.panel, curves=row.panel.curves + new)
+            rows[panel.label] = _Row(merged, row.tables + (content.table,) * len(new))
+    return [row for row in rows.values() if row.panel.curves]
+
+
+def _lanes(run: RunData) -> dict[str, list[Interval]]:
+    """Return the intervals of the run by kind: states, pushes and wall hits."""
+    marked = [each for each in run.marked if each.kind is not IntervalKind.STATE]
+    intervals = [*run.states, *marked]
+    kinds = [kind for kind in IntervalKind if any(each.kind is kind for each in intervals)]
+    return {kind.value: [each for each in intervals if each.kind is kind] for kind in kinds}
+
+
+def _height(lanes: int, rows: int) -> int:
+    return _TOP_PX + lanes * _LANE_PX + rows * (_ROW_PX + _GAP_PX) + 40
+
+
+def _domains(lanes: int, rows: int) -> tuple[list[float], list[float]]:
+    """Return the bottoms and tops of the lanes and of each row, as shares of the height."""
+    whole = lanes * _LANE_PX + rows * (_ROW_PX + _GAP_PX)
+    tops = [1.0] + [
+        1.0 - (lanes * _LANE_PX + row * (_ROW_PX + _GAP_PX) + _GAP_PX) / whole
+        for row in range(rows)
+    ]
+    heights = [lanes * _LANE_PX, *[_ROW_PX] * rows]
+    bottoms = [max(0.0, top - height / whole) for top, height in zip(tops, heights, strict=True)]
+    return bottoms, tops
+
+
+def _layout() -> Json:
+    return {
+        'margin': {'l': 56, 'r': 12, 't': _TOP_PX, 'b': 40}, 'autosize': True,
+        'paper_bgcolor': 'rgba(0,0,0,0)', 'plot_bgcolor': 'rgba(0,0,0,0)',
+        'font': {'color': INK, 'size': 12}, 'hovermode': 'x unified', 'hoversubplots': 'axis',
+        'hoverdistance': 20, 'hoverlabel': {'bgcolor': PAPER, 'font': {'size': 10}},
+        'legend': {'orientation': 'h', 'x': 0, 'y': 1, 'yanchor': 'bottom', 'tracegroupgap': 0},
+        'annotations': [], 'shapes': [], 'uirevision': 'zoom', 'dragmode': 'zoom',
+    }  # fmt: skip
+
+
+def _value_axis(row: _Row, bottom: float, top: float) -> Json:
+    axis = {**_GRID, 'domain': [bottom, top], 'nticks': 5}
+    if row.panel.bounds:
+        return {**axis, 'range': list(row.panel.bounds)}
+    low, high = _span(row)
+    if high - low < row.panel.min_span:
+        middle, half = (low + high) / 2.0, row.panel.min_span / 2.0
+        axis['range'] = [middle - half, middle + half]
+    return axis
+
+
+def _span(row: _Row) -> tuple[float, float]:
+    columns = [table[each.column] for each, table in zip(row.panel.curves, row.tables, strict=True)]
+    return float(min(map(np.nanmin, columns))), float(max(map(np.nanmax, columns)))
+
+
+def _heading(text: str, top: float) -> Json:
+    return {
+        'text': text, 'x': 0, 'xref': 'paper', 'xanchor': 'left', 'y': top, 'yref': 'paper',
+        'yanchor': 'bottom', 'showarrow': False, 'font': {'size': 12},
+    }  # fmt: skip
+
+
+def _limit(value: float, number: int) -> Json:
+    return {
+        'type': 'line', 'xref': 'paper', 'x0': 0, 'x1': 1, 'yref': f'y{number}', 'y0': value,
+        'y1': value, 'line': {'color': GRAY, 'width': 1, 'dash': 'dot'}, 'layer': 'below',
+    }  # fmt: skip
+
+
+def _shade(interval: Interval) -> Json:
+    color, alpha, edge = SHADES[interval.kind]
+    return {
+        'type': 'rect', 'xref': 'x', 'x0': interval.start, 'x1': interval.end, 'yref': 'paper',
+        'y0': 0, 'y1': 1, 'fillcolor': color, 'opacity': alpha, 'layer': 'below',
+        'line': {'color': color, 'width': edge},
+    }  # fmt: skip
+
+
+def _lane_trace(lanes: Mapping[str, Sequence[Interval]]) -> Json:
+    """Return the events, whose points the page makes: the hover finds points, not bars."""
+    return {
+        'intervals': [
+            [each.start, each.end, lane, _color(each), _words(each)]
+            for lane, intervals in enumerate(lanes.values())
+            for each in intervals
+        ]
+    }
+
+
+def _color(interval: Interval) -> str:
+    if interval.kind is IntervalKind.STATE:
+        return STATE_COLOURS.get(interval.name, GRAY)
+    return SHADES[interval.kind].color
+
+
+def _words(interval: Interval) -> str:
+    name = interval.name.replace('_', ' ')
+    return f'{name}: {interval.detail}' if interval.detail else name
+
+
+def _curve_trace(
+    panel: Panel, curve: Curve, table: Table, number: int, shown: set[str], numbers: PackedNumbers
+) -> Json:
+    line = curve.line_of_both
+    values = curve.role.select(table[curve.column])
+    few = _few_rows(table['time_s'], values, is_points=line.dash in POINTS)
+    name = line.label
+    words = f'{panel.quantity} {curve.plane} {"" if curve.role is TRUE else curve.role.name}'
+    trace = {
+        'type': 'scatter',
+        'packed': {'x': numbers.add(few['time_s']), 'y': numbers.add(few['y'])},
+        'yaxis': f'y{number}', 'name': name, 'legendgroup': name,
+        'legendrank': 1000 + ROLES.index(curve.role),
+        'showlegend': bool(curve.plane) and name not in shown,
+        'visible': 'legendonly' if curve.role in _HIDDEN_AT_FIRST else True,
+        'hovertemplate': f'{" ".join(words.split())}: %{{y:.2~f}} {panel.unit}<extra></extra>',
+        **_look(line.color, line.width, line.dash),
+    }  # fmt: skip
+    shown.add(name)
+    return trace
+
+
+def _few_rows(time: np.ndarray, values: np.ndarray, *, is_points: bool) -> Table:
+    if is_points:
+        return every_nth(time, {'y': values}, MAX_ROWS)
+    return envelope(time, {'y': values}, MAX_ROWS)
+
+
+def _look(color: str, width: float, dash: str) -> Json:
+    if dash in POINTS:
+        marker = {'color': color, 'size': 1.5 * width, 'symbol': _SYMBOLS[dash]}
+        return {'mode': 'markers', 'marker': marker}
+    return {'mode': 'lines', 'line': {'color': color, 'width': width, 'dash': _DASHES[dash]}}
+
+
+def track_figure(run: RunData, table: Table, numbers: PackedNumbers) -> Json:
+    """Return the track on the map from above, with its ends, pushes and wall hits."""
+    few = every_nth(table['time_s'], {k: v for k, v in table.items() if k != 'time_s'}, MAX_ROWS)
+    x, y, time = (few[name] for name in ('map_x_cm', 'map_y_cm', 'time_s'))
+    # Without walls, the plot may be as wide as the page.
+    constrained = 'range' if run.floor is None else 'domain'
+    layout = _layout()
+    layout |= {
+        'hovermode': 'closest', 'hoverdistance': 20, 'hoversubplots': 'single',
+        'xaxis': {**_GRID, 'title': {'text': X_LABEL}, 'constrain': constrained},
+        'yaxis': {
+            **_GRID, 'title': {'text': Y_LABEL}, 'scaleanchor': 'x', 'constrain': constrained,
+        },
+    }  # fmt: skip
+    where = '%{x:.1f} cm forward, %{y:.1f} cm left'
+    track = {
+        'type': 'scatter',
+        'packed': {'x': numbers.add(x), 'y': numbers.add(y), 'customdata': numbers.add(time)},
+        'name': 'track', 'hovertemplate': f'%{{customdata:.3f}} s: {where}<extra></extra>',
+        'mode': 'lines', 'line': {'color': BLUE, 'width': 1.8, 'simplify': False},
+    }  # fmt: skip
+    ends = [
+        _point('start', x[0], y[0], GRAY, 'circle', 11),
+        _point('end', x[-1], y[-1], ORANGE, 'square', 9),
+    ]
+    floor = [_floor_trace(floor_shades(run.floor))] if run.floor is not None else []
+    marks = _mark_traces(track_marks(run))
+    ball = {
+        **_point('ball', 0.0, 0.0, INK, 'circle-open', 14),
+        'x': [],
+        'y': [],
+        'showlegend': False,
+    }
+    return {'data': [*floor, track, *ends, *marks, ball], 'layout': layout}
+
+
+def _point(name: str, x: float, y: float, color: str, symbol: str, size: float) -> Json:
+    return {
+        'type': 'scatter', 'mode': 'markers', 'x': [float(x)], 'y': [float(y)], 'name': name,
+        'marker': {'color': color, 'symbol': symbol, 'size': size, 'line': {'width': 1}},
+        'hovertemplate': f'{name}<extra></extra>',
+    }  # fmt: skip
+
+
+def _mark_traces(marks: Sequence[TrackMark]) -> list[Json]:
+    traces = []
+    for kind, marker in TRACK_MARKERS.items():
+        some = [each for each in marks if each.interval.kind is kind]
+        if some:
+            color = SHADES[kind].color
+            traces.append({
+                'type': 'scatter', 'mode': 'markers', 'name': kind.value,
+                'x': [each.x for each in some], 'y': [each.y for each in some],
+                'text': [f'{each.interval.start:.3f} s: {_words(each.interval)}' for each in some],
+                'hovertemplate': '%{text}<extra></extra>',
+                'marker': {
+                    'color': color, 'symbol': _SYMBOLS[marker], 'size': 11,
+                    'line': {'color': color, 'width': 2},
+                },
+            })  # fmt: skip
+    return traces
+
+
+def _floor_trace(floor: FloorShades) -> Json:
+    """Return walls and lines as an image."""
+    rows, columns = floor.shades.shape
+    left, right, low, high = floor.extent
+    step_x, step_y = (right - left) / columns, (high - low) / rows
+    cells = [
+        [None if math.isnan(cell) else cell for cell in row] for row in floor.shades[::-1].tolist()
+    ]
+    return {
+        'type': 'heatmap', 'z': cells, 'zmin': WALL_SHADE, 'zmax': LINE_SHADE,
+        'x0': left + step_x / 2.0,
+        'dx': step_x, 'y0': low + step_y / 2.0, 'dy': step_y, 'showscale': False,
+        'colorscale': [[0, '#999999'], [1, '#CCCCCC']], 'hoverinfo': 'skip',
+    }  # fmt: skip
