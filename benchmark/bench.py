@@ -20,6 +20,7 @@ from ballbot_ros.cli.invoke import invoke
 from ballbot_ros.parameters import CONTROLLER, NODES
 from benchmark.figures import MILLISECONDS, RATIO, REAL_TIME, Figure, as_json, table_of
 from benchmark.film import measure_films
+from benchmark.long_page import measure_long_pages
 from benchmark.runs import SCENARIO, Run, RunError, run_ballbot, run_nodes, run_relay
 from benchmark.study import measure_studies
 
@@ -33,6 +34,7 @@ NONE_RECORDED = 'none_recorded'
 EVENTS = 'events_executor'
 STUDY = 'study'
 FILM = 'film'
+PAGE = 'page'
 CONTROLLER_SINGLE = 'controller_single_threaded'
 ALL_SINGLE = 'all_single_threaded'
 
@@ -83,6 +85,7 @@ PARTS = {
     'executors': (EVENTS, CONTROLLER_SINGLE, ALL_SINGLE),
     STUDY: (),
     FILM: (),
+    PAGE: (),
 }
 """The arrangements needed for each part of the benchmark, in order."""
 
@@ -126,6 +129,8 @@ def bench(print_json: bool, repeat: int, duration: float, only: tuple[str, ...])
         figures += measure_studies(repeat, progress)
     if FILM in (only or PARTS):
         figures += measure_films(repeat, progress)
+    if PAGE in (only or PARTS):
+        figures += measure_long_pages(repeat, progress)
 
     console = Console(stderr=print_json, highlight=False)
     if not console.is_terminal:

@@ -115,8 +115,8 @@ class Browser:
         self.page.mouse.up()
 
     def picture(self):
-        """Return the gray values of the uncovered part of the scene."""
-        data = self.page.screenshot(clip=self.scene)
+        """Return the gray values of a part of the scene, without the overlay."""
+        data = self.page.screenshot(clip=self.scene, style='#overlay { visibility: hidden }')
         return np.asarray(Image.open(io.BytesIO(data)).convert('L'), float)
 
     def canvas_size(self):

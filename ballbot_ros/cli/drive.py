@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from ballbot_ros.cli.next_steps import next_steps
 from ballbot_ros.cli.options import (
     controller_option,
     no_browser_option,
@@ -102,5 +103,5 @@ def command(
             starts_paused=page is not None and page.waits,
         )
     if result.recording:
-        click.echo(f'recording  {result.recording}')
+        click.echo('\n'.join([f'recording  {result.recording}', *next_steps(result.recording)]))
     return result.exit_status

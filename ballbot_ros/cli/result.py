@@ -11,6 +11,7 @@ from rich.text import Text
 
 from ballbot_ros.analysis.metrics import Judgement, number, with_judgements
 from ballbot_ros.analysis.recorded_controller import ControllerIdentity
+from ballbot_ros.cli.next_steps import next_steps
 from ballbot_ros.errors import short_text
 from ballbot_ros.former_names import FORMER_METRICS, FORMER_RESULT_KEYS, with_former_names
 from ballbot_ros.parameters import ControllerParameters, GyroParameters
@@ -105,6 +106,8 @@ def print_table(spec: RunSpec, result: RunResult) -> None:
     for label, path in (('recording', result.recording), ('picture', result.figure)):
         if path:
             console.print(f'{label}  {path}', soft_wrap=True)
+    for line in next_steps(result.recording) if result.recording else ():
+        console.print(line, soft_wrap=True)
 
 
 def _add_metric(

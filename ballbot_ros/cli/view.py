@@ -40,7 +40,9 @@ from ballbot_ros.viewer.address import (
 def command(recording: Path, other: Path | None, host: str, port: int, *, no_browser: bool) -> int:
     """Show the last run of RECORDING in a browser, and that of OTHER as its ghost.
 
-    Serves the page until Ctrl-C or SIGTERM.
+    Serves the page until Ctrl-C or SIGTERM. The page has the keys of `ballbot play`: space pauses,
+    → and ← skip 5 s, . goes one tick on, Home goes to the start, End pauses at the end, l restarts
+    at the end, + and - change the speed.
     """
     # Imported only here: it takes half a second.
     from ballbot_ros.cli.recordings import read_playback_run

@@ -90,7 +90,7 @@ class _Plot:
             legend=uplot.Legend(show=True),
             cursor=_CURSOR,
             height=_HEIGHT,
-            padding=(4, 12, 0, 0),
+            padding=(8, 12, 0, 0),
             order=order,
         )
         self.remove = self._handle.remove

@@ -19,6 +19,7 @@ from browsing import StubRobot, another, browsing, running, serving, wait_until 
 from graph import LAST_RESORT_S, wait_for  # noqa: E402
 from robot import DIMENSIONS  # noqa: E402
 from ros_client import Client  # noqa: E402
+from scipy import ndimage  # noqa: E402
 from std_srvs.srv import SetBool  # noqa: E402
 
 from ballbot_ros.messages.conversions import ball_position, body_pitch, stamp_ns  # noqa: E402
@@ -175,9 +176,9 @@ def shows_lines_robot_and_floor(browser, view):
     of its dark ones.
     """
     picture = browser.picture()
-    lines, floor, robot = (
-        picture[spots(points, view, browser)] for points in (LINES, FLOORS, ROBOT_PARTS)
-    )
+    floor, robot = (picture[spots(points, view, browser)] for points in (FLOORS, ROBOT_PARTS))
+    # A distant line is as thin as a pixel, next to which its points may be.
+    lines = ndimage.minimum_filter(picture, 3)[spots(LINES, view, browser)]
     return (
         (lines < 110.0).mean() > 0.6
         and (floor > 170.0).mean() > 0.3

@@ -24,7 +24,7 @@ from ballbot_ros.messages.topics import PLANT_IMU  # noqa: E402
 from ballbot_ros.nodes.viewer_requests import setting  # noqa: E402
 from ballbot_ros.timing import FIRST_TICK_NS, SECOND_NS  # noqa: E402
 
-DURATION_S = 5
+DURATION_S = 15
 OPTIONS = ('--set', f'plant_sim.duration={DURATION_S}')
 END_S = FIRST_TICK_NS / SECOND_NS + DURATION_S
 
@@ -80,6 +80,7 @@ def test_the_page_of_a_run_says_what_it_is_doing(start_run, client, tmp_path):
 
 def it_is_paused_from_anywhere(browser, client):
     """By the key, by the button, and by another program."""
+    wait_until(lambda: browser.pressed('Pause') is False, browser)
     for act, is_paused in (
         (lambda: browser.page.keyboard.press(' '), True),
         (lambda: browser.press('Pause'), False),
