@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -188,6 +190,16 @@ class RunData:
     def complete(self) -> bool:
         """Whether the run is complete from the first to the last tick."""
         return self.intact and self.reached_end and self.damage is None
+
+    @cached_property
+    def duty_sha256(self) -> str | None:
+        """SHA-256 of all int8 duty pairs, which identifies the run.
+
+        None if ticks are missing in the recording, or the run was not in lockstep.
+        """
+        if not self.intact or self.damage or not self.plant.lockstep:
+            return None
+        return hashlib.sha256(self.trajectory.duty.astype(np.int8).tobytes()).hexdigest()
 
     def balancing(self, time: Floats) -> NDArray[np.bool_]:
         """Return a mask of the times [s] at which the controller was calibrated and in control."""
