@@ -103,7 +103,7 @@ STAMPED_TOPICS: Mapping[Topic, tuple[str, int, Callable[[Any], Sequence[Any]]]] 
     JOINT_STATES: ('f', 2, lambda m: m.position.T[:2]),
     SONAR_RANGE: ('f', 2, lambda m: (m.range, m.field_of_view)),
     BATTERY_STATE: ('f', 1, lambda m: (m.voltage,)),
-    GAMEPAD_JOY: ('f', 2, lambda m: m.axes.T[:2]),
+    GAMEPAD_JOY: ('f', 2, lambda m: (-m.axes.T[0], m.axes.T[1])),
 }
 """The stamped topics, with the type code and number of their columns, and the function that reads
 them from a record array of messages.
@@ -111,8 +111,7 @@ them from a record array of messages.
 Pitch and pitch rate of planes x, y [rad, rad/s]; position x, y [m]; motor rate x, y [rad/s] and
 torque x, y [N·m]; duty x, y [%]; the estimates of ``controller/state`` [rad], its pitch rates x, y
 [rad/s], its references of the ball angle x, y [rad] and their rates [rad/s]; gyro x, y with offset
-[rad/s]; encoder x, y [rad]; distance [m]; voltage [V]; left stick vertical and right stick
-horizontal, −1 … 1, where −1 is up and left.
+[rad/s]; encoder x, y [rad]; distance [m]; voltage [V]; sticks forward, rightward, each -1 ... 1.
 """
 
 

@@ -133,7 +133,7 @@ def sonar_table(run: RunData) -> Table:
 def sticks_table(run: RunData) -> Table:
     """Return the sticks [%], forward and rightward positive; empty if they are never moved."""
     series = run.series[GAMEPAD_JOY]
-    sticks = np.rint(series.values * [-100.0, 100.0]) + 0.0
+    sticks = np.rint(series.values * 100.0) + 0.0
     if not sticks.any():
         return {'time_s': np.zeros(0)}
     return _table(series, 'stick', 'percent', sticks)

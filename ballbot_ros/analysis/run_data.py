@@ -160,6 +160,12 @@ class RunData:
         return float(self.trajectory.time[-1]) if len(self.trajectory.time) else 0.0
 
     @property
+    def start_ns(self) -> int:
+        """Sim time of the first tick [ns]."""
+        series = next(iter(self.series.values()))
+        return int(series.stamps[0]) - round(float(series.time[0]) * SECOND_NS)
+
+    @property
     def floor(self) -> FloorMap | OccupancyGrid | None:
         """The attached map, which includes lines, or else the recorded grid, or else None."""
         floor_map = self.attached.floor_map
@@ -279,7 +285,7 @@ def read_run(
         notices=tuple(notices),
         plant=plant,
         failure=_failure(outcome) if number == len(runs) else '',
-        pushes=_pushes(extraction, run, attached.scenario),
+        pushes=_pushes(extraction, run, last, attached.scenario),
         wall_hits=_wall_hits(extraction, run, last),
     )
 
@@ -363,11 +369,14 @@ def _states(extraction: Extraction, run: RecordedRun, last: float) -> tuple[Inte
 
 
 def _pushes(
-    extraction: Extraction, run: RecordedRun, scenario: Scenario | None
+    extraction: Extraction, run: RecordedRun, last: float, scenario: Scenario | None
 ) -> tuple[RecordedPush, ...]:
-    acted = (p for p in extraction.pushes[run.epoch].pushes if run.has(run.epoch, p.start_ns))
+    announced = extraction.pushes[run.epoch].pushes
+    pushes = [push for push in announced if run.has(run.epoch, push.start_ns)]
     scheduled = scenario.pushes_from(run.start_ns) if scenario else ()
-    return recorded_pushes(acted, scheduled, run.start_ns)
+    found = recorded_pushes(pushes, scheduled, run.start_ns)
+    # The pushes of a scenario are announced at its start, also those after an early end.
+    return tuple(push for push in found if push.start <= last)
 
 
 def _wall_hits(extraction: Extraction, run: RecordedRun, last: float) -> tuple[Interval, ...]:

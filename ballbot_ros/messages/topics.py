@@ -10,6 +10,7 @@ from ballbot_ros.parameters import (
     NODES,
     PLANT,
     RECORDER,
+    SUPERVISOR,
     VISUALIZER,
     DriverParameters,
     EncoderParameters,
@@ -131,6 +132,7 @@ RECORDER_ACK = Topic('recorder/ack', 'std_msgs/msg/Header', RECORDER)
 DIAGNOSTICS = Topic('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', None)
 ROBOT_DESCRIPTION = Topic('robot_description', 'std_msgs/msg/String', VISUALIZER, latched_depth=1)
 MARKERS = Topic('markers', 'visualization_msgs/msg/MarkerArray', VISUALIZER, latched_depth=1)
+SESSION = Topic('supervisor/session', 'std_msgs/msg/String', SUPERVISOR, latched_depth=1)
 TF = Topic('/tf', 'tf2_msgs/msg/TFMessage', None)
 TF_STATIC = Topic('/tf_static', 'tf2_msgs/msg/TFMessage', None, latched_depth=1)
 

@@ -16,6 +16,7 @@ from ballbot_ros.messages.topics import (
     MARKERS,
     PLANT_STEPS,
     ROBOT_DESCRIPTION,
+    SESSION,
     TOPICS,
     Topic,
     find_message_class,
@@ -94,8 +95,8 @@ class Channels:
         self._inbox = hidden_node('inbox', node)
         self._channels: dict[str, Channel] = {}
         self._sighted: set[str] = set()
-        # A replay moves the plant through the same steps.
-        self._ignored = {node.resolve_topic_name(PLANT_STEPS.name)}
+        # A replay moves the plant through the same steps; the session only concerns its page.
+        self._ignored = {node.resolve_topic_name(topic.name) for topic in (PLANT_STEPS, SESSION)}
         for topic in TOPICS:
             if topic is PLANT_STEPS:
                 continue
