@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+import numpy as np
+
 from ballbot_ros.analysis.assessment import Assessment
 from ballbot_ros.analysis.conditions import Condition
 from ballbot_ros.analysis.drawing import (
@@ -28,6 +30,13 @@ from ballbot_ros.analysis.page import number_text, render_template, write_folder
 from ballbot_ros.analysis.report import MEANINGS, MetricText, banner, metric_text
 from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.analysis.run_figures import RenderedFigure
+from ballbot_ros.analysis.run_setup import (
+    RunSetup,
+    SetupChange,
+    labels_of,
+    names_of,
+    setup_changes,
+)
 from ballbot_ros.analysis.style import (
     BLUE,
     GRAY,
@@ -52,6 +61,8 @@ if TYPE_CHECKING:
 
 _COLOURS = (BLUE, ORANGE, GREEN, PURPLE, SKY, GRAY)
 _DASHES = ('-', '--', '-.', ':')
+
+NOTHING_CHANGED = 'Nothing was changed: parameters, scenario, seed and versions are the same.'
 
 
 @dataclass(frozen=True)
@@ -97,6 +108,8 @@ class ComparedRun:
     tables: dict[str, Table]
     floor: FloorMap | OccupancyGrid | None
     notes: tuple[str, ...]
+    setup: RunSetup
+    duty_sha256: str | None
 
     @classmethod
     def from_assessment(cls, letter: str, assessment: Assessment) -> ComparedRun:
@@ -116,22 +129,55 @@ class ComparedRun:
             tables=tables,
             floor=run.floor,
             notes=tuple(banner(run)),
+            setup=RunSetup.of(run),
+            duty_sha256=run.duty_sha256,
         )
 
+
+@dataclass(frozen=True)
+class Comparison:
+    """Runs to compare; the first one is the reference.
+
+    Attributes
+    ----------
+    changes : list of SetupChange
+        What was changed between the runs.
+    labels : list of str
+        For each run: letter, name and what was changed.
+    """
+
+    runs: Sequence[ComparedRun]
+    changes: list[SetupChange]
+    labels: list[str]
+
+    @classmethod
+    def of(cls, runs: Sequence[ComparedRun]) -> Comparison:
+        """Return the comparison of runs."""
+        changes = setup_changes([each.setup for each in runs])
+        return cls(runs, changes, labels_of(names_of([each.path for each in runs]), changes))
+
     @property
-    def label(self) -> str:
-        """Letter and name."""
-        return f'{self.letter} {self.path.stem}'
+    def change_rows(self) -> list[tuple[str, str]]:
+        """Name and values of each change as text."""
+        letters = [each.letter for each in self.runs]
+        return [(each.name, each.text(letters)) for each in self.changes]
+
+    @property
+    def identical(self) -> str:
+        """Which runs have the duties of the first; '' if there is none."""
+        first = self.runs[0].duty_sha256
+        same = [each.letter for each in self.runs[1:] if first and each.duty_sha256 == first]
+        return f'identical duties: {self.runs[0].letter}, {", ".join(same)}' if same else ''
 
 
-def failures(runs: Sequence[ComparedRun], conditions: Iterable[Condition]) -> list[str]:
+def failures(comparison: Comparison, conditions: Iterable[Condition]) -> list[str]:
     """Return the runs that cannot be trusted and the conditions that hold, as text."""
-    conditions = list(conditions)
+    runs, conditions = comparison.runs, list(conditions)
     if not conditions:
         return []
     found = [
-        f'{each.label} is {each.outcome} ({each.reason}): its metrics prove nothing'
-        for each in runs
+        f'{label} is {each.outcome} ({each.reason}): its metrics prove nothing'
+        for label, each in zip(comparison.labels, runs, strict=True)
         if not each.trusted
     ]
     reference = runs[0]
@@ -155,8 +201,9 @@ def absolute_and_relative_change(reference: float, value: float) -> tuple[float,
     return change, change / abs(reference) * 100.0 if reference else math.nan
 
 
-def as_json(runs: Sequence[ComparedRun], failed: Sequence[str]) -> dict[str, object]:
+def as_json(comparison: Comparison, failed: Sequence[str]) -> dict[str, object]:
     """Return the comparison as one object; missing numbers are None."""
+    runs = comparison.runs
     reference = runs[0]
     metrics: dict[str, object] = {}
     for name in MEANINGS:
@@ -170,15 +217,18 @@ def as_json(runs: Sequence[ComparedRun], failed: Sequence[str]) -> dict[str, obj
             'changes_percent': [number(percent) for _, percent in differences],
         }
     return {
+        'changes': [{'name': each.name, 'values': each.values} for each in comparison.changes],
         'runs': [
             {
+                'label': label,
                 'recording': str(each.path),
+                'duty_sha256': each.duty_sha256,
                 'outcome': each.outcome,
                 'reason': each.reason,
                 'controller': each.controller or None,
                 'notes': list(each.notes),
             }
-            for each in runs
+            for label, each in zip(comparison.labels, runs, strict=True)
         ],
         'metrics': with_former_names(metrics, FORMER_METRICS),
         'failures': list(failed),
@@ -198,6 +248,7 @@ class MetricComparison(NamedTuple):
 
     text: MetricText
     changes: list[Change]
+    is_same: bool
 
 
 def metric_comparisons(runs: Sequence[ComparedRun]) -> list[MetricComparison]:
@@ -213,7 +264,8 @@ def metric_comparisons(runs: Sequence[ComparedRun]) -> list[MetricComparison]:
             change, percent = absolute_and_relative_change(values[0], value)
             share = f'{_signed(percent)} %' if not math.isnan(percent) else '–'
             later.append(Change(metric_text(name, value).value, _signed(change), share))
-        content.append(MetricComparison(metric_text(name, values[0]), later))
+        is_same = all(np.array_equal(v, values[0], equal_nan=True) for v in values)
+        content.append(MetricComparison(metric_text(name, values[0]), later, is_same))
     return content
 
 
@@ -221,14 +273,19 @@ def _signed(value: float) -> str:
     return f'+{number_text(value)}' if value > 0.0 else number_text(value)
 
 
-def write_comparison(runs: Sequence[ComparedRun], failed: Sequence[str], folder: Path) -> None:
+def write_comparison(comparison: Comparison, failed: Sequence[str], folder: Path) -> None:
     """Write page, figures and metrics of the comparison, as `page.write_folder` does."""
-    figures = list(_figures(runs))
+    runs = comparison.runs
+    figures = list(_figures(comparison))
+    rows = metric_comparisons(runs)
     page = render_template(
         'compare.html',
-        title='Comparison of ' + ', '.join(each.label for each in runs),
+        title='Comparison of ' + ', '.join(comparison.labels),
+        comparison=comparison,
+        nothing_changed=NOTHING_CHANGED,
         runs=runs,
-        rows=metric_comparisons(runs),
+        different=[row for row in rows if not row.is_same],
+        same=[row for row in rows if row.is_same],
         failed=failed,
         figures=figures,
     )
@@ -242,30 +299,30 @@ def write_comparison(runs: Sequence[ComparedRun], failed: Sequence[str], folder:
     write_folder(folder, page, figures, {'metrics.csv': metrics})
 
 
-def _figures(runs: Sequence[ComparedRun]) -> Iterable[RenderedFigure]:
+def _figures(comparison: Comparison) -> Iterable[RenderedFigure]:
     for source in _SOURCES:
         name, title = source.quantity.name, source.title
-        if any(name in each.tables for each in runs):
+        if any(name in each.tables for each in comparison.runs):
             yield RenderedFigure(
                 name,
                 title,
                 f'{title} of all runs against time, plane x above and plane y below.',
-                png_of(_draw_quantity(source.quantity, runs)),
+                png_of(_draw_quantity(source.quantity, comparison)),
                 {},
             )
-    if any('track' in each.tables for each in runs):
+    if any('track' in each.tables for each in comparison.runs):
         yield RenderedFigure(
             'track',
             'Track',
             'The tracks of the ball from above; a dot marks the start, a square the end.',
-            png_of(_draw_tracks(runs)),
+            png_of(_draw_tracks(comparison)),
             {},
         )
 
 
-def _lines(runs: Sequence[ComparedRun], name: str) -> Iterator[tuple[Table, Line]]:
+def _lines(comparison: Comparison, name: str) -> Iterator[tuple[Table, Line]]:
     """Iterate over the runs' tables of this name, with the line style of each."""
-    for index, each in enumerate(runs):
+    for index, each in enumerate(comparison.runs):
         if name in each.tables:
             # The first line is the widest, so that later ones do not hide it.
             yield (
@@ -274,28 +331,28 @@ def _lines(runs: Sequence[ComparedRun], name: str) -> Iterator[tuple[Table, Line
                     _COLOURS[index % len(_COLOURS)],
                     2.0 if index == 0 else 1.1,
                     _DASHES[index % len(_DASHES)],
-                    each.label,
+                    comparison.labels[index],
                 ),
             )
 
 
-def _draw_quantity(quantity: Quantity, runs: Sequence[ComparedRun]) -> Figure:
+def _draw_quantity(quantity: Quantity, comparison: Comparison) -> Figure:
     figure = new_figure(WIDTH, 5.0)
     both = figure.subplots(2, 1, sharex=True)
     for axes, plane in zip(both, 'xy', strict=True):
-        for table, line in _lines(runs, quantity.name):
+        for table, line in _lines(comparison, quantity.name):
             draw_line(axes, table['time_s'], table[quantity.column(plane)], line)
         frame_curves(axes, f'{quantity.label}, {plane}')
-    legend_above(both[0], 3)
+    legend_above(both[0], 2)
     label_time(both[1])
     return figure
 
 
-def _draw_tracks(runs: Sequence[ComparedRun]) -> Figure:
+def _draw_tracks(comparison: Comparison) -> Figure:
     figure = new_figure(WIDTH, 5.0)
     axes = figure.subplots()
-    draw_floor(axes, runs[0].floor)
-    for table, line in _lines(runs, 'track'):
+    draw_floor(axes, comparison.runs[0].floor)
+    for table, line in _lines(comparison, 'track'):
         draw_track(axes, table, line)
-    legend_above(axes, 3)
+    legend_above(axes, 2)
     return figure

@@ -29,10 +29,7 @@ from ballbot_ros.messages.conversions import (
     pitch_angles,
     tone_of,
 )
-from ballbot_ros.messages.message_types import (
-    DiagnosticStatus,
-    OccupancyGridMessage,
-)
+from ballbot_ros.messages.message_types import DiagnosticStatus, OccupancyGridMessage
 from ballbot_ros.messages.parameter_events import decode_parameter_event
 from ballbot_ros.messages.topics import (
     ACCEPTED_PUSH,

@@ -26,6 +26,7 @@ from ballbot_ros.analysis.recorded_pushes import outside_pushes
 from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.analysis.run_figures import RenderedFigure, draw_figures, figure_contents
 from ballbot_ros.analysis.run_metrics import RUN_METRICS
+from ballbot_ros.analysis.run_setup import value_text
 from ballbot_ros.analysis.spectrum import render_spectrum
 from ballbot_ros.analysis.table import csv_text
 from ballbot_ros.analysis.verdict import ExpectationVerdict
@@ -40,7 +41,6 @@ from ballbot_ros.parameters import (
     NODES,
     GyroParameters,
     PlantParameters,
-    Value,
     parameters_of,
 )
 from ballbot_ros.scenario.metric_registry import label
@@ -169,7 +169,7 @@ def report_page(
         problems=list(_problems(run)),
         parameters=sorted(_parameters(run), key=lambda row: not row['changed']),
         retunings=[
-            (time, printable(name), printable(_text(value)))
+            (time, printable(name), printable(value_text(value)))
             for time, values in run.retunings
             for name, value in values.items()
         ],
@@ -269,8 +269,8 @@ def _parameters(run: RunData) -> Iterator[dict[str, object]]:
             yield {
                 'node': node,
                 'name': name,
-                'value': _text(value),
-                'default': _text(row.default),
+                'value': value_text(value),
+                'default': value_text(row.default),
                 'unit': '' if row.unit == '1' else row.unit,
                 'meaning': row.description,
                 'changed': value != row.default,
@@ -285,11 +285,3 @@ def _parameters(run: RunData) -> Iterator[dict[str, object]]:
             'meaning': "of the controller's class",
             'changed': True,
         }
-
-
-def _text(value: Value) -> str:
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, tuple):
-        return ', '.join(map(_text, value))
-    return f'{value:.9g}' if isinstance(value, float) else str(value)

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 import os
 from collections.abc import Mapping
 from contextlib import suppress
-from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
-
-import numpy as np
 
 from ballbot_ros.analysis.assessment import ExpectationResult, assess
 from ballbot_ros.analysis.figures import draw_motion
@@ -100,16 +96,13 @@ class Run:
         """True position and body pitch, and duty, as arrays that can't be changed."""
         return self._data.trajectory
 
-    @cached_property
+    @property
     def duty_sha256(self) -> str | None:
         """SHA-256 of all int8 duty pairs, which identifies the run.
 
         None if ticks are missing in the recording, or the run was not in lockstep.
         """
-        data = self._data
-        if not data.intact or data.damage or not data.plant.lockstep:
-            return None
-        return hashlib.sha256(self.trajectory.duty.astype(np.int8).tobytes()).hexdigest()
+        return self._data.duty_sha256
 
     def frame(self) -> pandas.DataFrame:
         """Return all signals as a data frame, one row per tick of 4 ms.

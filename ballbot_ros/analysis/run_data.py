@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -103,10 +105,6 @@ class RunData:
         The display: time [s] and text.
     tones : tuple of tuple
         Time [s] and tone.
-    pushes : tuple of RecordedPush
-        The pushes that acted, from the scenario or from outside.
-    wall_hits : tuple of Interval
-        When the body touched a wall [s].
     retunings : tuple of tuple
         Changes of the controller's parameters during the run: time [s] and new values by name.
     topic_statistics : tuple of TopicStatistics
@@ -135,8 +133,6 @@ class RunData:
     statuses: tuple[tuple[float, Status], ...]
     pages: tuple[tuple[float, str], ...]
     tones: tuple[tuple[float, Tone], ...]
-    pushes: tuple[RecordedPush, ...]
-    wall_hits: tuple[Interval, ...]
     retunings: tuple[tuple[float, Mapping[str, Value]], ...]
     topic_statistics: tuple[TopicStatistics, ...]
     attached: RecordedAttachments
@@ -146,6 +142,8 @@ class RunData:
     notices: tuple[str, ...]
     plant: PlantParameters = field(default_factory=PlantParameters)
     failure: str = ''
+    pushes: tuple[RecordedPush, ...] = ()
+    wall_hits: tuple[Interval, ...] = ()
 
     @property
     def name(self) -> str:
@@ -194,6 +192,16 @@ class RunData:
     def complete(self) -> bool:
         """Whether the run is complete from the first to the last tick."""
         return self.intact and self.reached_end and self.damage is None
+
+    @cached_property
+    def duty_sha256(self) -> str | None:
+        """SHA-256 of all int8 duty pairs, which identifies the run.
+
+        None if ticks are missing in the recording, or the run was not in lockstep.
+        """
+        if not self.intact or self.damage or not self.plant.lockstep:
+            return None
+        return hashlib.sha256(self.trajectory.duty.astype(np.int8).tobytes()).hexdigest()
 
     def balancing(self, time: Floats) -> NDArray[np.bool_]:
         """Return a mask of the times [s] at which the controller was calibrated and in control."""
@@ -264,8 +272,6 @@ def read_run(
         statuses=_events(extraction.statuses, run),
         pages=_events(extraction.pages, run),
         tones=_events(extraction.tones, run),
-        pushes=_pushes(extraction, run, attached.scenario),
-        wall_hits=_wall_hits(extraction, run, last),
         retunings=_events(extraction.retunings, run),
         topic_statistics=tuple(extraction.topic_statistics.values()),
         attached=attached,
@@ -275,6 +281,8 @@ def read_run(
         notices=tuple(notices),
         plant=plant,
         failure=_failure(outcome) if number == len(runs) else '',
+        pushes=_pushes(extraction, run, last, attached.scenario),
+        wall_hits=_wall_hits(extraction, run, last),
     )
 
 
@@ -357,11 +365,14 @@ def _states(extraction: Extraction, run: RecordedRun, last: float) -> tuple[Inte
 
 
 def _pushes(
-    extraction: Extraction, run: RecordedRun, scenario: Scenario | None
+    extraction: Extraction, run: RecordedRun, last: float, scenario: Scenario | None
 ) -> tuple[RecordedPush, ...]:
-    acted = (p for p in extraction.pushes[run.epoch].pushes if run.has(run.epoch, p.start_ns))
+    announced = extraction.pushes[run.epoch].pushes
+    pushes = [push for push in announced if run.has(run.epoch, push.start_ns)]
     scheduled = scenario.pushes_from(run.start_ns) if scenario else ()
-    return recorded_pushes(acted, scheduled, run.start_ns)
+    found = recorded_pushes(pushes, scheduled, run.start_ns)
+    # The pushes of a scenario are announced at its start, also those after an early end.
+    return tuple(push for push in found if push.start <= last)
 
 
 def _wall_hits(extraction: Extraction, run: RecordedRun, last: float) -> tuple[Interval, ...]:

@@ -283,8 +283,9 @@ FIGURES = (
     RunFigure(
         'motion',
         'Position and body pitch',
-        'Position of the ball and body pitch against time, as in figures 8-2, 8-3, 9-2 and 9-3 of '
-        'the document; forward and rightward are positive. The gyro calibration is shaded.',
+        "Position of the ball, from the map's origin, and body pitch against time, as in figures "
+        '8-2, 8-3, 9-2 and 9-3 of the document; forward and rightward are positive. Calibration, '
+        'pushes and wall hits are shaded.',
         (PLANT_ODOM, PLANT_IMU),
         motion_table,
         partial(_draw_stacked, panels=_MOTION),
@@ -293,7 +294,8 @@ FIGURES = (
     RunFigure(
         'track',
         'Track',
-        'The track of the ball from above, over the walls of the recorded map, if any.',
+        'The track of the ball from above, over walls and lines of the recorded map, if any; y of '
+        'map is leftward.',
         (PLANT_ODOM,),
         track_table,
         _draw_track,

@@ -36,8 +36,8 @@ def envelope(
 ) -> Table:
     """Return a table of the columns; more than `max_rows` are reduced to extremes of intervals.
 
-    Each of the `max_rows` / 4 intervals then has two rows, with the minimum and the maximum of each
-    column. A line through them covers the same area as a line through all rows.
+    Each interval then has two rows, with the minimum and the maximum of each column. A line through
+    them covers the same area as a line through all rows.
     """
     if len(time) <= max_rows:
         return {'time_s': time, **columns}

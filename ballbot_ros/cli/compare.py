@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from itertools import chain
 from pathlib import Path
 from string import ascii_uppercase
@@ -16,7 +16,7 @@ from rich.table import Table
 from ballbot_ros.cli.path_types import PATH, RECORDING
 
 if TYPE_CHECKING:
-    from ballbot_ros.analysis.comparison import ComparedRun, MetricComparison
+    from ballbot_ros.analysis.comparison import ComparedRun, Comparison, MetricComparison
 
 MAX_TABLE_WIDTH = 2000
 
@@ -36,9 +36,16 @@ MAX_TABLE_WIDTH = 2000
     help='Exit with 1 if METRIC of any later run is larger than that of the first by more than X '
     'percent, or without % by more than X of its unit; < for smaller.  Can be repeated.',
 )
+@click.option(
+    '--all', 'with_same', is_flag=True, help='Show the metrics without a difference, too.'
+)
 @click.option('--json', 'as_json', is_flag=True, help='Print one JSON object.')
 def command(
-    recordings: tuple[Path, ...], output: Path | None, conditions: tuple[str, ...], as_json: bool
+    recordings: tuple[Path, ...],
+    output: Path | None,
+    conditions: tuple[str, ...],
+    with_same: bool,
+    as_json: bool,
 ) -> int:
     """Compare recorded runs with the first one, A.
 
@@ -62,14 +69,16 @@ def command(
     for letter, path in zip(ascii_uppercase, recordings, strict=False):
         runs.append(comparison.ComparedRun.from_assessment(letter, read_and_assess(path)))
         for line in runs[-1].notes:
-            click.echo(f'note: {runs[-1].label}: {line}', err=True)
-    failed = comparison.failures(runs, parsed)
+            click.echo(f'note: {letter} {path}: {line}', err=True)
+    compared = comparison.Comparison.of(runs)
+    failed = comparison.failures(compared, parsed)
     if output:
-        comparison.write_comparison(runs, failed, output)
+        comparison.write_comparison(compared, failed, output)
     if as_json:
-        click.echo(json.dumps(comparison.as_json(runs, failed), indent=2, allow_nan=False))
+        click.echo(json.dumps(comparison.as_json(compared, failed), indent=2, allow_nan=False))
     else:
-        _print_table(runs, comparison.metric_comparisons(runs))
+        _print_changes(compared, comparison.NOTHING_CHANGED)
+        _print_table(runs, comparison.metric_comparisons(runs), with_same=with_same)
         for line in failed:
             click.echo(f'failed  {line}')
         if output:
@@ -77,14 +86,26 @@ def command(
     return 1 if failed else 0
 
 
-def _print_table(runs: Sequence[ComparedRun], rows: Iterable[MetricComparison]) -> None:
-    console = Console(highlight=False, markup=False)
-    for each in runs:
+def _print_changes(comparison: Comparison, nothing: str) -> None:
+    console = Console(highlight=False, markup=False, soft_wrap=True)
+    rows = comparison.change_rows
+    width = max((len(name) for name, _ in rows), default=0)
+    console.print('changed' if rows else nothing)
+    for name, text in rows:
+        console.print(f'  {name:<{width}}  {text}')
+    for label, each in zip(comparison.labels, comparison.runs, strict=True):
         reason = f': {each.reason}' if each.reason else ''
         controller = f'  {each.controller}' if each.controller else ''
-        console.print(
-            f'{each.letter}  {each.path}{controller}  {each.outcome}{reason}', soft_wrap=True
-        )
+        console.print(f'{label}  {each.path}{controller}  {each.outcome}{reason}')
+    if comparison.identical:
+        console.print(comparison.identical)
+
+
+def _print_table(
+    runs: Sequence[ComparedRun], rows: Sequence[MetricComparison], *, with_same: bool
+) -> None:
+    shown = [row for row in rows if with_same or not row.is_same]
+    console = Console(highlight=False, markup=False)
     table = Table()
     table.add_column('metric')
     table.add_column('unit')
@@ -92,7 +113,7 @@ def _print_table(runs: Sequence[ComparedRun], rows: Iterable[MetricComparison]) 
     for each in runs[1:]:
         for heading in (each.letter, f'{each.letter} − {runs[0].letter}', 'change'):
             table.add_column(heading, justify='right')
-    for row in rows:
+    for row in shown:
         text = row.text
         table.add_row(text.label, text.unit, text.value, *chain.from_iterable(row.changes))
     # Let the terminal wrap lines rather than truncate numbers.
@@ -100,4 +121,7 @@ def _print_table(runs: Sequence[ComparedRun], rows: Iterable[MetricComparison]) 
         table, options=console.options.update(max_width=MAX_TABLE_WIDTH)
     ).maximum
     console.width = max(console.width, whole)
-    console.print(table)
+    if shown:
+        console.print(table)
+    if hidden := len(rows) - len(shown):
+        console.print(f'{hidden} metrics without a difference; --all shows them', soft_wrap=True)

@@ -62,9 +62,19 @@ UNITS: Mapping[str, str] = {
 """Units by the endings of metric names, longer endings first."""
 
 
+_FROM_THE_START: Mapping[str, str] = {
+    'position_rms': 'distance from start rms',
+    'peak_position': 'peak distance from start',
+    'final_position_x': 'final x from start',
+    'final_position_y': 'final y from start',
+}
+"""Labels of metrics that count from the start: a position counts from the origin of ``map``."""
+
+
 def label(name: str) -> tuple[str, str]:
     """Return a metric's name as text, and its unit; a pure number has no unit."""
     for ending, unit in UNITS.items():
         if name.endswith(f'_{ending}'):
-            return name.removesuffix(f'_{ending}').replace('_', ' '), unit
+            words = name.removesuffix(f'_{ending}')
+            return _FROM_THE_START.get(words, words.replace('_', ' ')), unit
     return name.replace('_', ' '), ''

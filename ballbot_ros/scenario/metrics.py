@@ -120,12 +120,12 @@ def station_radius_m(motion: Motion) -> float:
     return math.sqrt(np.max(squared_distances_from_mean(motion.position[middle(motion.time) :])))
 
 
-@METRICS.metric('position on plane x at the end, from the start')
+@METRICS.metric('how far forward of its start the ball is at the end (plane x)')
 def final_position_x_m(motion: Motion) -> float:
     return float(motion.position[-1, 0] - motion.start[0])
 
 
-@METRICS.metric('position on plane y at the end, from the start')
+@METRICS.metric('how far right of its start the ball is at the end (plane y)')
 def final_position_y_m(motion: Motion) -> float:
     return float(motion.position[-1, 1] - motion.start[1])
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left, bisect_right
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -61,7 +61,7 @@ class PlaybackRun:
         x, y = run.trajectory.position[0].tolist()
         self.start = (x, -y)
         self._ball = RolledBall(run.trajectory.position, self.dimensions.ball_radius)
-        self._forces = _force_events(run.pushes)
+        self._forces = list(_force_events(run.pushes))
         self.marks = run_marks(run)
         self._trail_ticks = _trail_ticks(run.trajectory.position)
         self._trail = [(x, -y) for x, y in run.trajectory.position[self._trail_ticks].tolist()]
@@ -144,6 +144,12 @@ class PlaybackRun:
         return self._trail[: bisect_right(self._trail_ticks, self._tick(time))]
 
 
+def _force_events(pushes: Iterable[RecordedPush]) -> Iterator[ForceEvent]:
+    for number, push in enumerate(pushes):
+        yield push.start, str(number), push.force
+        yield push.end, str(number), (0.0, 0.0)
+
+
 def _trail_ticks(position: Floats) -> list[int]:
     """Return the ticks at which the trail gets a point."""
     points = position.tolist()
@@ -161,13 +167,6 @@ def _held(series: Series | None, times: NDArray[np.float64]) -> NDArray[np.float
     places = np.searchsorted(series.time, times + 1e-6, 'right') - 1
     values = np.asarray(series.values[places.clip(min=0), 0], np.float64)
     return np.where(places < 0, np.nan, values)
-
-
-def _force_events(pushes: Iterable[RecordedPush]) -> list[ForceEvent]:
-    events: list[ForceEvent] = []
-    for number, push in enumerate(pushes):
-        events += [(push.start, str(number), push.force), (push.end, str(number), (0.0, 0.0))]
-    return events
 
 
 def _floor_map(run: RunData) -> FloorMap | None:

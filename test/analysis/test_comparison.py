@@ -54,7 +54,7 @@ def test_a_change_that_is_too_large_is_status_1(command, short, other, condition
 
 def test_no_number_is_truncated_on_a_narrow_terminal(command, short, other, monkeypatch):
     monkeypatch.setenv('COLUMNS', '60')
-    _, stdout, _ = command('compare', short[0], other, other)
+    _, stdout, _ = command('compare', short[0], other, other, '--all')
     assert 'time in calibration' in stdout
     assert '…' not in stdout
 
@@ -85,6 +85,31 @@ def test_the_page_shows_all_runs(command, short, other, tmp_path):
         rows = list(csv.DictReader(file))
     assert [row['metric'] for row in rows] == list(MEANINGS)
     assert all(row['A'] == row['C'] for row in rows)
+
+
+def test_it_begins_with_what_was_changed(command, short, other):
+    _, stdout, _ = command('compare', short[0], other)
+    first, second, *_ = stdout.splitlines()
+    assert first == 'changed'
+    assert second.split() == ['plant_sim.start_pitch_x', '0.0698131701', '→', '0.05']
+    assert '(start_pitch_x 0.05)' in stdout
+    assert 'identical duties' not in stdout
+    assert json.loads(command('compare', short[0], other, '--json')[1])['changes'] == [
+        {'name': 'plant_sim.start_pitch_x', 'values': ['0.0698131701', '0.05']}
+    ]
+
+
+def test_a_run_and_its_copy_have_identical_duties(command, short, copy, tmp_path):
+    folder = tmp_path / 'out'
+    _, stdout, _ = command('compare', short[0], copy(short[0]), '--output', folder)
+    assert stdout.startswith('Nothing was changed')
+    assert 'identical duties: A, B' in stdout
+    assert 'metrics without a difference; --all shows them' in stdout
+    assert 'peak pitch' not in stdout
+    page = (folder / 'index.html').read_text(encoding='utf-8')
+    for words in ('Nothing was changed', 'identical duties: A, B', '<details>', 'peak pitch'):
+        assert words in page
+    assert 'peak pitch' in command('compare', short[0], short[0], '--all')[1]
 
 
 def test_a_mistake_is_one_line_and_status_2(command, short, tmp_path):

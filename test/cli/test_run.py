@@ -42,8 +42,17 @@ def test_a_run_leaves_a_recording_a_picture_and_a_verdict(start_run, tmp_path):
 def test_the_table_names_metrics_verdict_and_files(start_run, tmp_path):
     run = start_run('stationary', '--processes=none', '--output', tmp_path)
     assert run.finish() == 0
-    for words in ('settling time', 'peak pitch', 'position rms', 'duty rms', 'real-time factor',
-                  'late ticks', 'passed', 'stationary.mcap', 'stationary.png'):  # fmt: skip
+    for words in (
+        'settling time',
+        'peak pitch',
+        'distance from start rms',
+        'duty rms',
+        'real-time factor',
+        'late ticks',
+        'passed',
+        'stationary.mcap',
+        'stationary.png',
+    ):
         assert words in run.stdout
     assert run.stderr == ''
 

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from ballbot_ros.analysis.interval import Interval
+from ballbot_ros.analysis.interval import Interval, IntervalKind
 from ballbot_ros.analysis.recorded_pushes import RecordedPush
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.brick.brick import Tone
@@ -17,18 +17,17 @@ def run(end=100.0, states=(), pushes=(), wall_hits=(), tones=()):
     return SimpleNamespace(end=end, states=states, pushes=pushes, wall_hits=wall_hits, tones=tones)
 
 
-def push(start, force=(0.0, 0.0), torque=(0.0, 0.0), *, is_external=False):
-    return RecordedPush(start, start + 0.1, force, torque, is_external)
-
-
-def hit(start):
-    return Interval(start, start + 0.1, 'wall hit')
+def hit(time):
+    return Interval(time, time + 0.02, 'wall hit', IntervalKind.WALL_HIT)
 
 
 def test_each_event_has_a_mark():
     events = run(
         states=(Interval(0.0, 1.0, 'calibration'), Interval(1.0, 9.0, 'out_of_control')),
-        pushes=(push(2.0, force=(1.5, -0.0)), push(4.0, torque=(0.0, -0.2), is_external=True)),
+        pushes=(
+            RecordedPush(2.0, 2.1, (1.5, -0.0), (0.0, 0.0), is_external=False),
+            RecordedPush(4.0, 4.1, (0.0, 0.0), (0.0, -0.2), is_external=True),
+        ),
         wall_hits=(hit(3.0),),
         tones=((1.0, Tone(440, 500, 70)),),
     )
@@ -62,7 +61,7 @@ def pushed(tmp_path_factory):
 
 def test_the_pushes_of_a_recorded_run_are_marked(pushed):
     marks = [mark for mark in run_marks(pushed) if mark.kind is MarkKind.PUSH]
-    assert [mark.time for mark in marks] == [each.start for each in pushed.pushes]
+    assert [mark.time for mark in marks] == [push.start for push in pushed.pushes]
     assert len(marks) >= 1
     assert all(mark.text.startswith('push of ') for mark in marks)
 

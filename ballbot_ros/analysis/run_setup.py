@@ -1,0 +1,194 @@
+"""What runs were made with, and what was changed from one to another."""
+
+from __future__ import annotations
+
+import hashlib
+import reprlib
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ballbot_ros.analysis.recorded_pushes import RecordedPush
+from ballbot_ros.analysis.run_data import RunData
+from ballbot_ros.errors import printable
+from ballbot_ros.parameters import CONTROLLER, NODES, ParameterSet, Value, parameters_of
+from ballbot_ros.recording.attachments import PARAMETERS, SCENARIO, VERSIONS
+
+ABSENT = '–'
+"""Stands for what a run does not have."""
+
+_HASH_DIGITS = 8
+_MAX_NAMED = 2
+"""Maximum number of changes that a label names."""
+
+
+@dataclass(frozen=True)
+class RunSetup:
+    """What a run was made with.
+
+    Attributes
+    ----------
+    parameters : mapping of str to str or None
+        The value of each parameter, as text by node and name; None if they are unknown.
+    others : mapping of str to str
+        Scenario, controller of another package, seed, versions and so on.
+    """
+
+    parameters: Mapping[str, str] | None
+    others: Mapping[str, str]
+
+    @classmethod
+    def of(cls, run: RunData) -> RunSetup:
+        """Return what a run was made with."""
+        attached = run.attached
+        parameters = dict(_parameters(attached.parameters)) if attached.has_parameters else None
+        return cls(parameters, dict(_others(run)))
+
+
+@dataclass(frozen=True)
+class SetupChange:
+    """Something that differs between runs: its name, and its value in each run as text."""
+
+    name: str
+    values: tuple[str, ...]
+
+    @property
+    def short_name(self) -> str:
+        """The name without the node."""
+        return self.name.rpartition('.')[2]
+
+    def text(self, letters: Sequence[str]) -> str:
+        """Return the values of the runs with these letters."""
+        if len(self.values) == 2:
+            return ' → '.join(self.values)
+        having: defaultdict[str, list[str]] = defaultdict(list)
+        for letter, value in zip(letters, self.values, strict=True):
+            having[value].append(letter)
+        return '; '.join(f'{", ".join(some)}: {value}' for value, some in having.items())
+
+
+def value_text(value: Value) -> str:
+    """Return the value of a parameter as text."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, tuple):
+        return ', '.join(map(value_text, value))
+    return f'{value:.9g}' if isinstance(value, float) else str(value)
+
+
+def _parameters(parameters: ParameterSet) -> Iterator[tuple[str, str]]:
+    for node in NODES:
+        values = parameters.of_node(node)
+        for name in parameters_of(node):
+            yield f'{node}.{name}', value_text(getattr(values, name))
+    for name, own in parameters.undeclared.items():
+        yield f'{CONTROLLER}.{name}', reprlib.repr(own)
+
+
+def _others(run: RunData) -> Iterator[tuple[str, str]]:
+    attached = run.attached
+    if attached.scenario:
+        name, text = attached.scenario.purpose, attached.scenario.text
+        yield 'scenario', f'{printable(name)} ({_hash(text.encode())})'
+    for role, program in attached.external.items():
+        yield f'external {role}', program
+    for name, file in sorted(attached.files.items()):
+        if name not in (PARAMETERS, SCENARIO, VERSIONS):
+            yield f'file {printable(name)}', _hash(file.data)
+    for name, version in attached.versions.items():
+        yield f'version of {name}', version
+    if external := [push for push in run.pushes if push.is_external]:
+        yield 'outside pushes', _pushes(external)
+    if run.retunings:
+        yield 'changes during the run', '; '.join(map(_retuning, run.retunings))
+
+
+def _hash(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()[:_HASH_DIGITS]
+
+
+def _pushes(pushes: Sequence[RecordedPush]) -> str:
+    return '; '.join(f'{push.strength} at {push.start:.3f} s' for push in pushes)
+
+
+def _retuning(change: tuple[float, Mapping[str, Value]]) -> str:
+    time, values = change
+    named = ', '.join(f'{printable(name)} {value_text(v)}' for name, v in values.items())
+    return f'{named} at {time:.3f} s'
+
+
+def setup_changes(setups: Sequence[RunSetup]) -> list[SetupChange]:
+    """Return what differs between runs, each once.
+
+    Parameters are compared if those of all runs are known.
+    """
+    known = [each.parameters for each in setups if each.parameters is not None]
+    changes = _differences([each.others for each in setups])
+    if len(known) == len(setups):
+        return _merged(_differences(known)) + changes
+    told = ['unknown' if each.parameters is None else 'known' for each in setups]
+    return changes if not known else [SetupChange('parameters', tuple(told)), *changes]
+
+
+def _merged(changes: Sequence[SetupChange]) -> list[SetupChange]:
+    """Return the changes, with one for a parameter that several nodes share and that changed alike.
+
+    It has the name of the controller's, or else the name without a node, such as ``seed``.
+    """
+    groups: dict[tuple[str, tuple[str, ...]], list[SetupChange]] = {}
+    for each in changes:
+        groups.setdefault((each.short_name, each.values), []).append(each)
+    return [_one_of(same) for same in groups.values()]
+
+
+def _one_of(same: Sequence[SetupChange]) -> SetupChange:
+    own = [each for each in same if each.name.startswith(f'{CONTROLLER}.')]
+    if own or len(same) == 1:
+        return (own or same)[0]
+    return SetupChange(same[0].short_name, same[0].values)
+
+
+def _differences(values: Sequence[Mapping[str, str]]) -> list[SetupChange]:
+    names = dict.fromkeys(name for each in values for name in each)
+    rows = (SetupChange(n, tuple(each.get(n, ABSENT) for each in values)) for n in names)
+    return [row for row in rows if len(set(row.values)) > 1]
+
+
+def names_of(paths: Sequence[Path]) -> list[str]:
+    """Return a name for each recording: its own, or its folders as far as they tell it apart.
+
+    A file that is given twice has one name.
+    """
+    parts = [path.absolute().with_suffix('').parts for path in paths]
+    different = len(set(parts))
+    deepest = max(map(len, parts))
+    depth = next(n for n in range(1, deepest + 1) if len({p[-n:] for p in parts}) == different)
+    names = ['/'.join(each[-depth:]) for each in parts]
+    # `ballbot run` names a file like the end of its folder.
+    short = [
+        '/'.join(each[-depth:-1]) if _repeats(each[-depth:]) else name
+        for each, name in zip(parts, names, strict=True)
+    ]
+    return short if len(set(short)) == different else names
+
+
+def _repeats(parts: Sequence[str]) -> bool:
+    return len(parts) > 1 and parts[-2].endswith(parts[-1])
+
+
+def labels_of(names: Sequence[str], changes: Sequence[SetupChange]) -> list[str]:
+    """Return a label for each run: its letter, its name and what differs from the first run."""
+    return [
+        f'{chr(ord("A") + index)} {name}{_change_text(index, changes)}'
+        for index, name in enumerate(names)
+    ]
+
+
+def _change_text(index: int, changes: Sequence[SetupChange]) -> str:
+    own = [each for each in changes if each.values[index] != each.values[0]]
+    if not own:
+        return ''
+    if len(own) > _MAX_NAMED or any(len(each.values[index]) > 20 for each in own):
+        return f' ({len(own)} change{"s"[: len(own) > 1]})'
+    return f' ({", ".join(f"{each.short_name} {each.values[index]}" for each in own)})'
