@@ -63,7 +63,7 @@ _COLUMN_HINTS = {
     multiple=True,
     callback=split_at_commas,
     metavar='TOPIC[,TOPIC…]',
-    help='The topics to export; can be repeated.  [default: all]',
+    help='The topics to export; can be repeated.  [default: all that are not derived from others]',
 )
 def command(
     file: Path, file_format: str, output: Path | None, joined: bool, topics: list[str]
@@ -108,4 +108,4 @@ def _chosen(reader: RecordingReader, topics: Sequence[str], console: Console) ->
             raise RecordingError(f'{reader.path}: {topic}: {unreadable[topic]}')
         if not topics:
             console.print(f'{reader.path}: {topic} skipped: {unreadable[topic]}')
-    return list(topics) or sorted(known.keys() - unreadable.keys())
+    return list(topics) or sorted(known.keys() - unreadable.keys() - reader.derived())

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from typing import Any
 
 from rclpy.node import Node
+from rclpy.subscription import Subscription
 
 from ballbot_ros.messages.conversions import ball_position, body_pitch, stamp_ns
-from ballbot_ros.messages.raw import decoder
+from ballbot_ros.messages.raw import decoder, stamp_of
 from ballbot_ros.messages.topics import (
     BATTERY_STATE,
+    HISTORY,
     LCD,
     MAP,
     MOTOR_DUTY,
@@ -33,16 +35,34 @@ class LatestMessages:
 
     The messages are read without the executor, as in the recorder: most of them are never shown,
     and a callback for each would cost many times as much.
+
+    Parameters
+    ----------
+    streams : collection of Topic
+        The topics whose messages all matter.
+    on_message : callable
+        Receives each message of these with its stamp [ns].
     """
 
-    def __init__(self, node: Node, topics: Collection[Topic]) -> None:
+    def __init__(
+        self,
+        node: Node,
+        topics: Collection[Topic],
+        streams: Collection[Topic] = (),
+        on_message: Callable[[Topic, int, bytes], None] = lambda topic, stamp_ns, data: None,
+    ) -> None:
         self._inbox = hidden_node('inbox', node)
         self._subscriptions = {
-            topic: raw_subscription(self._inbox, topic, requested_qos(topic, 1)) for topic in topics
+            topic: self._subscribe(topic, HISTORY if topic in streams else 1)
+            for topic in dict.fromkeys((*streams, *topics))
         }
+        self._streams, self._on_message = frozenset(streams), on_message
         self._decoders = {topic: decoder(topic.type_name) for topic in topics}
         self._messages: dict[Topic, Any] = {}
         self._changed: set[Topic] = set()
+
+    def _subscribe(self, topic: Topic, depth: int) -> Subscription:
+        return raw_subscription(self._inbox, topic, requested_qos(topic, depth))
 
     def take(self) -> tuple[Snapshot | None, set[Topic]]:
         """Read the messages that have arrived; return the robot's state, and the changed topics.
@@ -54,14 +74,17 @@ class LatestMessages:
         A new run discards the map of the run before. A map from before the first announcement is
         kept: a late subscriber may get the map of a run before its announcement.
         """
-        arrived = {
-            topic: received[-1]
-            for topic, subscription in self._subscriptions.items()
-            if (received := [data for data, _ in drain(subscription)])
-        }
+        arrived = {}
+        for topic, subscription in self._subscriptions.items():
+            if received := [data for data, _ in drain(subscription)]:
+                arrived[topic] = received[-1]
+                for data in received if topic in self._streams else ():
+                    self._on_message(topic, stamp_of(data), data)
         if RUN in arrived and RUN in self._messages:
             self._messages.pop(MAP, None)
         for topic, data in arrived.items():
+            if topic not in self._decoders:
+                continue
             self._messages[topic] = self._decoders[topic](data)
         self._changed.update(arrived)
         snapshot = snapshot_of(self)

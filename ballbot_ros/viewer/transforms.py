@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from ballbot_ros.messages.conversions import body_orientation
+from ballbot_ros.messages.transforms import Pose
 from ballbot_ros.parameters import Dimensions
 from ballbot_ros.plant.ground_truth import Pair
 from ballbot_ros.viewer.robot import (
@@ -15,9 +18,8 @@ from ballbot_ros.viewer.robot import (
     BODY,
     WHEEL_X,
     WHEEL_Y,
-    RollingOrientation,
-    body_rotation,
     sonar_position,
+    wheel_angles,
     wheel_centres,
     wxyz,
 )
@@ -40,6 +42,11 @@ class Transform(NamedTuple):
     position: NDArray[np.float64]
     rotation: Rotation
 
+    @classmethod
+    def of(cls, pose: Pose) -> Transform:
+        """Return a pose as a transform."""
+        return cls(np.array(pose.position), Rotation.from_quat(np.roll(pose.rotation, -1)))
+
     def compose(self, child: Transform) -> Transform:
         """Return the pose in the outer frame of an object at `child` in this frame."""
         return Transform(
@@ -60,14 +67,20 @@ class Frames:
     """
 
     def __init__(self, dimensions: Dimensions) -> None:
-        self._orientation = RollingOrientation(dimensions)
-        self._height = dimensions.ball_radius
-        centres = wheel_centres(dimensions)
-        self._origins = {
-            BALL: np.zeros(3),
-            WHEEL_X: np.array(centres[0]),
-            WHEEL_Y: np.array(centres[1]),
-            SONAR: np.array(sonar_position(dimensions)),
+        self._dimensions = dimensions
+        self._wheel_x, self._wheel_y = wheel_centres(dimensions)
+        self.fixed = {SONAR: Pose(sonar_position(dimensions), (1.0, 0.0, 0.0, 0.0))}
+
+    def moving(self, position: Pair, psi: Pair) -> dict[str, Pose]:
+        """Return the pose of each moving frame in its parent; arguments as in :meth:`at`."""
+        centre = position[0], -position[1], self._dimensions.ball_radius
+        w, x, y, z = body_orientation(psi)
+        half_x, half_y = (a / 2.0 for a in wheel_angles(self._dimensions, position, psi))
+        return {
+            BODY: Pose(centre, (w, x, y, z)),
+            BALL: Pose((0.0, 0.0, 0.0), (w, -x, -y, -z)),
+            WHEEL_X: Pose(self._wheel_x, (math.cos(half_x), 0.0, math.sin(half_x), 0.0)),
+            WHEEL_Y: Pose(self._wheel_y, (math.cos(half_y), math.sin(half_y), 0.0, 0.0)),
         }
 
     def at(self, position: Pair, psi: Pair) -> dict[str, Transform]:
@@ -75,19 +88,8 @@ class Frames:
 
         Both are in plane signs.
         """
-        body = body_rotation(psi)
-        wheel_x, wheel_y = self._orientation.wheels(position, psi)
-        rotations = {
-            BALL: body.inv(),
-            WHEEL_X: wheel_x,
-            WHEEL_Y: wheel_y,
-            SONAR: Rotation.identity(),
-        }
-        centre = np.array([position[0], -position[1], self._height])
-        return {BODY: Transform(centre, body)} | {
-            frame: Transform(self._origins[frame], rotation)
-            for frame, rotation in rotations.items()
-        }
+        poses = self.moving(position, psi) | self.fixed
+        return {frame: Transform.of(pose) for frame, pose in poses.items()}
 
 
 def poses_in_map(frames: dict[str, Transform]) -> dict[str, Transform]:

@@ -44,7 +44,7 @@ def test_info_shows_the_content_of_a_file(run):
     assert told['made_by']['seed'] == 1
     assert told['topics']['/clock'] == {
         'type': 'rosgraph_msgs/msg/Clock', 'count': 500, 'rate_hz': pytest.approx(250.0),
-        'largest_gap_s': 0.004, 'largest_gap_at_s': 1.0,
+        'largest_gap_s': 0.004, 'largest_gap_at_s': 1.0, 'derived': False,
     }  # fmt: skip
     assert set(told['attachments']) == {'scenario.yaml', 'parameters.yaml', 'versions.yaml'}
     text = ballbot('info', run).stdout
