@@ -131,6 +131,8 @@ RECORDER_ACK = Topic('recorder/ack', 'std_msgs/msg/Header', RECORDER)
 DIAGNOSTICS = Topic('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', None)
 ROBOT_DESCRIPTION = Topic('robot_description', 'std_msgs/msg/String', VISUALIZER, latched_depth=1)
 MARKERS = Topic('markers', 'visualization_msgs/msg/MarkerArray', VISUALIZER, latched_depth=1)
+ODOM = Topic('odom', 'nav_msgs/msg/Odometry', VISUALIZER)
+IMU_DATA = Topic('imu/data', 'sensor_msgs/msg/Imu', VISUALIZER)
 TF = Topic('/tf', 'tf2_msgs/msg/TFMessage', None)
 TF_STATIC = Topic('/tf_static', 'tf2_msgs/msg/TFMessage', None, latched_depth=1)
 

@@ -43,11 +43,11 @@ class DerivedChannels:
 
     def add(self, topic: Topic, stamp_ns: int, data: bytes) -> None:
         """Process a message that was recorded on one of `DerivedMessages.INPUTS`."""
-        self._messages.add(topic, stamp_ns, data)
-        newest_ns = self._messages.newest_ns
-        if newest_ns >= self._due_ns or newest_ns < self._due_ns - PERIOD_NS:
-            self._messages.send()
-            self._due_ns = newest_ns - newest_ns % PERIOD_NS + PERIOD_NS if newest_ns else 0
+        messages = self._messages
+        messages.add(topic, stamp_ns, data)
+        if stamp_ns >= self._due_ns or not messages.sent_ns:
+            messages.send(self._due_ns if messages.sent_ns else 0)
+            self._due_ns = messages.sent_ns - messages.sent_ns % PERIOD_NS + PERIOD_NS
 
     def _make_send(self, topic: Topic) -> Send:
         name = self._name_of(topic)

@@ -1,18 +1,30 @@
-"""Messages for other tools that follow from those of a run: the robot's shape, walls and frames."""
+"""Messages for other tools that follow from those of a run: shape, walls, frames and odometry."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import partial
 
-from ballbot_ros.messages.conversions import ball_position, body_pitch, encode_text, map_grid
+from ballbot_ros.brick.odometry import WINDOW_NS, Odometry, OdometryState
+from ballbot_ros.messages.conversions import (
+    decode_ball_position,
+    decode_body_pitch,
+    encode_text,
+    map_grid,
+)
+from ballbot_ros.messages.devices import decode_encoders, decode_gyro
+from ballbot_ros.messages.odometry import encode_imu_data, encode_odom
 from ballbot_ros.messages.outputs import MakeSend
 from ballbot_ros.messages.participation import decode_announcement
 from ballbot_ros.messages.raw import decoder, stamp_of
 from ballbot_ros.messages.topics import (
+    GYRO_IMU,
     HISTORY,
+    IMU_DATA,
+    JOINT_STATES,
     MAP,
     MARKERS,
+    ODOM,
     PARTICIPANTS,
     PLANT_IMU,
     PLANT_ODOM,
@@ -47,8 +59,8 @@ JUMP_NS = HISTORY * TICK_NS
 """A message that is older than the newest by more than this follows a jump in time [ns]."""
 
 _TRUTH = (PLANT_ODOM, PLANT_IMU)
+_SENSORS = (GYRO_IMU, JOINT_STATES)
 _decode_map = decoder(MAP.type_name)
-_decode_ball, _decode_body = (decoder(topic.type_name) for topic in _TRUTH)
 _new_marker = partial(new_message, 'visualization_msgs/msg/Marker')
 _encode_markers = encoder(MARKERS.type_name)
 
@@ -68,12 +80,12 @@ class DerivedMessages:
 
     Attributes
     ----------
-    newest_ns : int
-        Stamp of the newest complete tick [ns]; 0 before the first.
+    sent_ns : int
+        Stamp of the newest tick that was sent [ns]; 0 at the start of a run.
     """
 
-    INPUTS = (RUN, PARTICIPANTS, MAP, *_TRUTH)
-    OUTPUTS = (ROBOT_DESCRIPTION, MARKERS, TF_STATIC, TF)
+    INPUTS = (RUN, PARTICIPANTS, MAP, *_TRUTH, *_SENSORS)
+    OUTPUTS = (ROBOT_DESCRIPTION, MARKERS, TF_STATIC, TF, ODOM, IMU_DATA)
 
     def __init__(self, make: MakeSend, shape: Shape) -> None:
         self._send = {topic: make(topic) for topic in self.OUTPUTS}
@@ -82,7 +94,7 @@ class DerivedMessages:
             RUN: self._take_run,
             PARTICIPANTS: self._take_announcement,
             MAP: self._take_map,
-            **{topic: partial(self._take_sample, topic) for topic in _TRUTH},
+            **{topic: partial(self._take_sample, topic) for topic in (*_TRUTH, *_SENSORS)},
         }
         self._run = b''
         self._map_ns = 0
@@ -91,13 +103,16 @@ class DerivedMessages:
         self._begin()
 
     def _begin(self) -> None:
-        self.newest_ns = self._sent_ns = 0
-        self._is_new = True
-        self._waiting: dict[Topic, dict[int, bytes]] = {topic: {} for topic in _TRUTH}
-        self._tick: dict[Topic, bytes] = {}
+        self.sent_ns = 0
+        self._expect(*_TRUTH, *_SENSORS)
+        self._odometry = Odometry(self._shape.ball_radius, self._shape.wheel_radius)
+
+    def _expect(self, *topics: Topic) -> None:
+        """Wait for these topics at each tick."""
+        self._waiting: dict[Topic, dict[int, bytes]] = {topic: {} for topic in topics}
 
     def set_shape(self, shape: Shape) -> None:
-        """Take over the robot's shape for the next description."""
+        """Take over the robot's shape for the next run."""
         self._shape = shape
         self._frames = Frames(Dimensions.from_parameters(shape))
 
@@ -125,45 +140,68 @@ class DerivedMessages:
     def _take_map(self, stamp_ns: int, data: bytes) -> None:
         self._floor = floor_map_of(map_grid(_decode_map(data)))
         self._map_ns = stamp_of(data)
-        if not self._is_new:
+        if self.sent_ns:
             self._send_walls(stamp_ns)
 
     def _take_sample(self, topic: Topic, stamp_ns: int, data: bytes) -> None:
-        if stamp_ns <= self.newest_ns:
-            if stamp_ns > self.newest_ns - JUMP_NS:
-                return
+        if stamp_ns <= self.sent_ns - JUMP_NS:
             self._begin()
-        waiting = self._waiting[topic]
-        waiting[stamp_ns] = data
-        if len(waiting) > HISTORY:
-            del waiting[next(iter(waiting))]
-        if all(stamp_ns in each for each in self._waiting.values()):
-            self._tick = {name: each[stamp_ns] for name, each in self._waiting.items()}
-            self.newest_ns = stamp_ns
-            self._waiting = {
-                name: {stamp: data for stamp, data in each.items() if stamp > stamp_ns}
-                for name, each in self._waiting.items()
-            }
+        if topic in self._waiting and stamp_ns > self.sent_ns:
+            self._waiting[topic][stamp_ns] = data
 
-    def send(self) -> None:
-        """Send the messages of the newest complete tick; at the start of a run, those of the run.
+    def send(self, stamp_ns: int = 0) -> None:
+        """Send the messages of a tick: the first complete one from `stamp_ns` on, or the newest.
 
-        It sends nothing if there is no new tick.
+        At the start of a run, this includes the messages of the run. If no new tick is complete,
+        nothing is sent.
         """
-        stamp_ns = self.newest_ns
-        if stamp_ns == self._sent_ns:
-            return
+        first, *others = self._waiting.values()
+        complete = set(first).intersection(*others)
+        if stamp_ns:
+            complete = {min((each for each in complete if each >= stamp_ns), default=0)} - {0}
+        if complete:
+            self._send_tick(max(complete))
+        elif len(first) > HISTORY:
+            # There are no samples of the sensors, as in a graph of a player with few topics.
+            self._expect(*_TRUTH)
+
+    def _send_tick(self, stamp_ns: int) -> None:
+        is_new, self.sent_ns = not self.sent_ns, stamp_ns
         try:
-            ball, body = _decode_ball(self._tick[PLANT_ODOM]), _decode_body(self._tick[PLANT_IMU])
+            position = decode_ball_position(self._waiting[PLANT_ODOM][stamp_ns])
+            pitch = decode_body_pitch(self._waiting[PLANT_IMU][stamp_ns])
+            state = self._measure(stamp_ns) if GYRO_IMU in self._waiting else None
         except ValueError:
+            self.sent_ns = 0 if is_new else stamp_ns
             return
-        self._sent_ns = stamp_ns
-        if self._is_new:
-            self._is_new = False
+        finally:
+            self._forget(stamp_ns)
+        if is_new:
             self.describe(stamp_ns)
             self._send_walls(stamp_ns)
-        poses = self._frames.moving(ball_position(ball), body_pitch(body))
+        way = state.position.value if state else position
+        poses = self._frames.moving(position, pitch, way)
         self._send[TF](stamp_ns, self._moving.encode(stamp_ns, poses.values()))
+        if state and self._odometry.is_calibrated:
+            self._send[ODOM](stamp_ns, encode_odom(stamp_ns, state))
+            self._send[IMU_DATA](stamp_ns, encode_imu_data(stamp_ns, state))
+
+    def _measure(self, stamp_ns: int) -> OdometryState:
+        """Return what the robot measures of its motion, from all samples up to a stamp."""
+        gyro, encoders = (self._waiting[topic] for topic in _SENSORS)
+        for each_ns, data in gyro.items():
+            if self._odometry.now_ns < each_ns <= stamp_ns:
+                self._odometry.add(each_ns, decode_gyro(data))
+        now = decode_encoders(encoders[stamp_ns])
+        then = encoders.get(self._odometry.then_ns)
+        return self._odometry.state(decode_encoders(then) if then else now, now)
+
+    def _forget(self, stamp_ns: int) -> None:
+        """Forget the messages up to a stamp, except those that later velocities need."""
+        for topic, waiting in self._waiting.items():
+            last_ns = stamp_ns - WINDOW_NS if topic is JOINT_STATES else stamp_ns
+            for each_ns in [each for each in waiting if each <= last_ns]:
+                del waiting[each_ns]
 
     def describe(self, stamp_ns: int) -> None:
         """Send the robot's description and its fixed frames."""

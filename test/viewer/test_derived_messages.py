@@ -1,20 +1,39 @@
 """Messages derived from those of a run: complete ticks, runs and jumps, and their channels."""
 
+import math
 from collections import defaultdict
 from dataclasses import asdict, replace
 from itertools import permutations
 from xml.etree import ElementTree
 
+import numpy as np
 import pytest
+from hypothesis import strategies as st
+from laws import given
 from maps import with_walls
 
-from ballbot_ros.messages.conversions import encode_body, encode_header, encode_map, encode_odometry
+from ballbot_ros.brick.odometry import Estimate, OdometryState
+from ballbot_ros.messages.conversions import (
+    body_pitch,
+    body_rates,
+    encode_body,
+    encode_header,
+    encode_map,
+    encode_odometry,
+)
+from ballbot_ros.messages.devices import encode_encoders, encode_gyro
 from ballbot_ros.messages.markers import DELETE_ALL
+from ballbot_ros.messages.odometry import EXACT, encode_imu_data, encode_odom
 from ballbot_ros.messages.participation import encode_announcement
 from ballbot_ros.messages.raw import decoder
 from ballbot_ros.messages.topics import (
+    GYRO_IMU,
+    HISTORY,
+    IMU_DATA,
+    JOINT_STATES,
     MAP,
     MARKERS,
+    ODOM,
     PARTICIPANTS,
     PLANT_IMU,
     PLANT_ODOM,
@@ -61,13 +80,15 @@ def outputs():
     return Outputs()
 
 
-def samples(stamp_ns, position=(0.0, 0.0), psi=(0.0, 0.0)):
+def samples(stamp_ns, position=(0.0, 0.0), psi=(0.0, 0.0), motors=(0, 0)):
     """Return the messages of a tick, by topic."""
     pair = (0.0, 0.0)
     truth = GroundTruth(stamp_ns, pair, pair, pair, psi, pair, position, pair, 8.0)
     return {
         PLANT_ODOM: encode_odometry(truth, SHAPE.ball_radius),
         PLANT_IMU: encode_body(truth),
+        GYRO_IMU: encode_gyro(stamp_ns, (600, 600)),
+        JOINT_STATES: encode_encoders(stamp_ns, motors),
     }
 
 
@@ -92,9 +113,10 @@ def test_a_tick_is_complete_when_its_last_message_has_come():
     for order in permutations(samples(SECOND_NS)):
         outputs = Outputs()
         for number, topic in enumerate(order):
-            assert outputs.messages.newest_ns == 0, order[:number]
+            assert outputs.messages.sent_ns == 0, order[:number]
             outputs.messages.add(topic, SECOND_NS, samples(SECOND_NS)[topic])
-        assert outputs.messages.newest_ns == SECOND_NS, order
+            outputs.messages.send()
+        assert outputs.messages.sent_ns == SECOND_NS, order
 
 
 def test_topics_may_lag_behind_one_another(outputs):
@@ -105,7 +127,8 @@ def test_topics_may_lag_behind_one_another(outputs):
     for stamp_ns in stamps:
         for topic in others:
             outputs.messages.add(topic, stamp_ns, samples(stamp_ns)[topic])
-        assert outputs.messages.newest_ns == stamp_ns
+        outputs.messages.send()
+        assert outputs.messages.sent_ns == stamp_ns
 
 
 def test_each_tick_is_sent_once_and_the_description_once_in_a_run(outputs):
@@ -124,10 +147,49 @@ def test_the_body_is_where_the_truth_is(outputs):
     add_tick(outputs.messages, SECOND_NS, position=(0.3, 0.2), psi=(0.1, 0.0))
     outputs.messages.send()
     parent, transform = pose(outputs.newest(TF), 'base_link')
-    assert parent == 'map'
-    assert (transform.translation.x, transform.translation.y) == (0.3, -0.2)
-    assert transform.translation.z == SHAPE.ball_radius
+    assert (parent, transform.translation.z) == ('base_footprint', SHAPE.ball_radius)
     assert transform.rotation.y == pytest.approx(0.05, abs=1e-4)
+    parent, footprint = pose(outputs.newest(TF), 'base_footprint')
+    assert parent == 'odom'
+    parent, odom = pose(outputs.newest(TF), 'odom')
+    assert parent == 'map'
+    x, y = (getattr(odom.translation, axis) + getattr(footprint.translation, axis) for axis in 'xy')
+    assert (x, y) == pytest.approx((0.3, -0.2))
+
+
+def test_the_odometry_is_that_of_the_sensors(outputs):
+    """The robot stands, and both motors turn by 90 degrees after the calibration."""
+    stamps = range(SECOND_NS, 3 * SECOND_NS, TICK_NS)
+    for stamp_ns in stamps:
+        motors = (90, 90) if stamp_ns > 2 * SECOND_NS + SECOND_NS // 2 else (0, 0)
+        add_tick(outputs.messages, stamp_ns, position=(0.5, 0.5), motors=motors)
+        if stamp_ns % PERIOD_NS == 0:
+            outputs.messages.send()
+    way = SHAPE.wheel_radius * math.pi / 2
+    odometry = outputs.newest(ODOM)
+    assert (odometry.header.frame_id, odometry.child_frame_id) == ('odom', 'base_footprint')
+    position = odometry.pose.pose.position
+    assert (position.x, position.y, position.z) == pytest.approx((way, -way, 0.0))
+    _, transform = pose(outputs.newest(TF), 'odom')
+    assert (transform.translation.x, transform.translation.y) == pytest.approx(
+        (0.5 - way, way - 0.5)
+    )
+    assert min(outputs.stamps(ODOM)) == 2 * SECOND_NS, 'the gyros are calibrated before'
+    assert outputs.stamps(IMU_DATA) == outputs.stamps(ODOM)
+    rate = outputs.newest(IMU_DATA).angular_velocity
+    assert (rate.x, rate.y) == (0.0, 0.0)
+
+
+def test_without_sensors_there_are_transforms_but_no_odometry(outputs):
+    for number in range(2 * HISTORY):
+        stamp_ns = SECOND_NS + number * TICK_NS
+        for topic in (PLANT_ODOM, PLANT_IMU):
+            outputs.messages.add(topic, stamp_ns, samples(stamp_ns, (0.4, 0.0))[topic])
+        outputs.messages.send()
+    assert outputs.stamps(TF)[-1] == stamp_ns
+    assert not outputs.sent[ODOM]
+    _, footprint = pose(outputs.newest(TF), 'base_footprint')
+    assert footprint.translation.x == 0.4
 
 
 def test_every_run_begins_again_but_not_a_repeated_announcement(outputs):
@@ -217,7 +279,8 @@ def test_a_recording_has_derived_messages_at_a_rate_for_tools(tmp_path):
                 writer.write(own, SECOND_NS + number * TICK_NS, b'\0\1\0\0\0\0\0\0', 1)
             add_tick_to(channels, SECOND_NS + number * TICK_NS)
     with RecordingReader(path) as reader:
-        assert reader.derived() == {'/tf_static', '/robot/markers', '/robot/robot_description'}
+        drawn = {'/tf_static', '/robot/markers', '/robot/robot_description'}
+        assert reader.derived() == drawn
         stamps = [raw.stamp_ns for raw in reader.raw_messages(['/tf'])]
         assert reader.topics()['/tf'].message_count == len(stamps)
         qos = {
@@ -243,3 +306,25 @@ def test_a_recording_goes_on_after_time_has_gone_back(tmp_path):
     with RecordingReader(path) as reader:
         stamps = [raw.stamp_ns for raw in reader.raw_messages(['/tf'])]
     assert stamps == [9 * SECOND_NS, SECOND_NS, SECOND_NS + PERIOD_NS]
+
+
+numbers = st.tuples(st.floats(-9.0, 9.0), st.floats(-9.0, 9.0))
+pitches = st.tuples(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0))
+variances = st.tuples(st.floats(1e-6, 9.0), st.floats(1e-6, 9.0))
+
+
+@given(numbers, numbers, pitches, numbers, variances)
+def test_measured_motion_survives_its_messages(position, velocity, pitch, rate, variance):
+    state = OdometryState(*(Estimate(each, variance) for each in (position, velocity, pitch, rate)))
+    odometry = decoder(ODOM.type_name)(encode_odom(SECOND_NS, state))
+    point, speed = odometry.pose.pose.position, odometry.twist.twist.linear
+    assert (point.x, -point.y, speed.x, -speed.y) == (*position, *velocity)
+    for covariance in (odometry.pose.covariance, odometry.twist.covariance):
+        assert covariance.reshape(6, 6).diagonal().tolist() == [*variance, *[EXACT] * 4]
+        assert not (covariance.reshape(6, 6) - np.diag(covariance.reshape(6, 6).diagonal())).any()
+    imu = decoder(IMU_DATA.type_name)(encode_imu_data(SECOND_NS, state))
+    assert body_pitch(imu) == pytest.approx(pitch, abs=1e-9)
+    assert body_rates(imu) == rate
+    for covariance in (imu.orientation_covariance, imu.angular_velocity_covariance):
+        assert covariance.reshape(3, 3).diagonal().tolist() == [*reversed(variance), EXACT]
+    assert imu.linear_acceleration_covariance[0] == -1.0

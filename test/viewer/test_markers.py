@@ -116,10 +116,10 @@ def test_parts_are_at_the_same_places_as_in_the_scene(position, psi):
             assert marker.header.frame_id == 'map'
 
 
-@given(positions, pitches)
-def test_transforms_chain_to_the_same_places(position, psi):
+@given(positions, pitches, positions)
+def test_transforms_chain_to_the_same_places(position, psi, odometry):
     links = scene(position, psi)
-    frames = FRAMES.moving(position, psi) | FRAMES.fixed
+    frames = FRAMES.moving(position, psi, odometry) | FRAMES.fixed
     assert set(frames) == set(PARENTS) == {*MOVING, SONAR}
     assert set(FRAMES.at(position, psi)) == set(frames)
     poses = [frames[frame] for frame in PARENTS]
