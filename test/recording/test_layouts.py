@@ -1,6 +1,7 @@
 """The shipped layouts only refer to topics and fields of recordings, and to transforms in them."""
 
 import json
+import math
 import re
 from pathlib import Path
 from xml.etree import ElementTree
@@ -12,6 +13,7 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
 from ballbot_ros.messages.topics import MARKERS, ROBOT_DESCRIPTION, TF, TF_STATIC
+from ballbot_ros.parameters import GamepadParameters
 from ballbot_ros.viewer.robot import BALL, BODY
 from ballbot_ros.viewer.transforms import MAP
 
@@ -111,3 +113,31 @@ def test_rviz_config(recorded, frames):
     targets = {view['Target Frame'] for view in (views['Current'], *views['Saved'])}
     assert targets == {'<Fixed Frame>', BALL}
     assert BALL in frames
+
+
+def test_robot_localization_parameters(recorded, frames):
+    text = (CONFIG / 'robot_localization/ekf.yaml').read_text(encoding='utf-8')
+    parameters = yaml.safe_load(text)['ekf_filter_node']['ros__parameters']
+    expected = {'odom0': 'nav_msgs/Odometry', 'imu0': 'sensor_msgs/Imu'}
+    for name, kind in expected.items():
+        message = recorded[f'/{parameters[name]}']
+        assert type(message).__name__ == kind.rpartition('/')[2]
+        assert len(parameters[f'{name}_config']) == 15
+    odometry = recorded[f'/{parameters["odom0"]}']
+    assert odometry.header.frame_id == parameters['odom_frame'] == parameters['world_frame']
+    assert odometry.child_frame_id == parameters['base_link_frame']
+    assert frames[parameters['odom_frame']] == parameters['map_frame']
+    assert recorded[f'/{parameters["imu0"]}'].header.frame_id in frames
+    # The transforms have one publisher.
+    assert parameters['publish_tf'] is False
+    for covariance in (odometry.pose.covariance, odometry.twist.covariance):
+        assert min(covariance[::7]) > 0.0
+
+
+def test_teleop_twist_joy_parameters():
+    text = (CONFIG / 'teleop_twist_joy/ballbot.yaml').read_text(encoding='utf-8')
+    parameters = yaml.safe_load(text)['teleop_twist_joy_node']['ros__parameters']
+    assert parameters['axis_linear'].keys() == parameters['scale_linear'].keys() == {'x', 'y'}
+    stick = GamepadParameters()
+    full = math.radians(stick.k_thetadot) * stick.ball_radius
+    assert parameters['scale_linear']['x'] == pytest.approx(full, abs=0.005)
