@@ -138,7 +138,6 @@ setup(
             'viser>=1.1,<1.2',
             'websockets>=13.1',
             'trimesh>=4.0',
-            'imageio>=2.34',
             'imageio-ffmpeg>=0.5',
             'playwright>=1.50',
         ],

@@ -19,6 +19,8 @@ from rich.console import Console
 from ballbot_ros.cli.invoke import invoke
 from ballbot_ros.parameters import CONTROLLER, NODES
 from benchmark.figures import MILLISECONDS, RATIO, REAL_TIME, Figure, as_json, table_of
+from benchmark.film import measure_films
+from benchmark.long_page import measure_long_pages
 from benchmark.runs import SCENARIO, Run, RunError, run_ballbot, run_nodes, run_relay
 from benchmark.study import measure_studies
 
@@ -31,6 +33,8 @@ NONE = 'none'
 NONE_RECORDED = 'none_recorded'
 EVENTS = 'events_executor'
 STUDY = 'study'
+FILM = 'film'
+PAGE = 'page'
 CONTROLLER_SINGLE = 'controller_single_threaded'
 ALL_SINGLE = 'all_single_threaded'
 
@@ -80,6 +84,8 @@ PARTS = {
     'none': (NONE, NONE_RECORDED),
     'executors': (EVENTS, CONTROLLER_SINGLE, ALL_SINGLE),
     STUDY: (),
+    FILM: (),
+    PAGE: (),
 }
 """The arrangements needed for each part of the benchmark, in order."""
 
@@ -121,6 +127,10 @@ def bench(print_json: bool, repeat: int, duration: float, only: tuple[str, ...])
     figures = figures_of(measurements)
     if STUDY in (only or PARTS):
         figures += measure_studies(repeat, progress)
+    if FILM in (only or PARTS):
+        figures += measure_films(repeat, progress)
+    if PAGE in (only or PARTS):
+        figures += measure_long_pages(repeat, progress)
 
     console = Console(stderr=print_json, highlight=False)
     if not console.is_terminal:

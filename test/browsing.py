@@ -69,6 +69,24 @@ class Browser:
     def press(self, name):
         self.page.get_by_role('button', name=name, exact=True).click()
 
+    def pause(self, *, is_paused=True):
+        """Pause or resume by the button, which shows what is in effect."""
+        wait_until(lambda: self.pressed('Pause') is not None, self)
+        if self.pressed('Pause') != is_paused:
+            self.press('Pause')
+            wait_until(lambda: self.pressed('Pause') == is_paused, self)
+
+    def pressed(self, name):
+        """Return whether a button of the overlay is shown as pressed; None if there is none."""
+        buttons = self.page.locator('.transport').get_by_role('button', name=name, exact=True)
+        states = buttons.evaluate_all('all => all.map(each => each.ariaPressed)')
+        return states[0] == 'true' if states else None
+
+    def banner(self):
+        """Return the text of the banner, '' if there is none."""
+        banner = self.page.locator('.banner')
+        return banner.inner_text() if banner.is_visible() else ''
+
     def choose(self, view):
         """Choose a view by its key, repeatedly: the page ignores keys until it is ready."""
 
@@ -97,8 +115,8 @@ class Browser:
         self.page.mouse.up()
 
     def picture(self):
-        """Return the gray values of the uncovered part of the scene."""
-        data = self.page.screenshot(clip=self.scene)
+        """Return the gray values of a part of the scene, without the overlay."""
+        data = self.page.screenshot(clip=self.scene, style='#overlay { visibility: hidden }')
         return np.asarray(Image.open(io.BytesIO(data)).convert('L'), float)
 
     def canvas_size(self):

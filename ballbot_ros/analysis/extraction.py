@@ -25,14 +25,22 @@ from ballbot_ros.messages.conversions import (
     ball_position,
     body_rates,
     pitch_angles,
+    push_forces,
+    stamp_ns,
     tone_of,
 )
-from ballbot_ros.messages.message_types import DiagnosticStatus, OccupancyGridMessage
+from ballbot_ros.messages.message_types import (
+    DiagnosticStatus,
+    OccupancyGridMessage,
+    WrenchStamped,
+)
 from ballbot_ros.messages.parameter_events import decode_parameter_event
 from ballbot_ros.messages.topics import (
+    ACCEPTED_PUSH,
     BATTERY_STATE,
     CONTROLLER_STATE,
     DIAGNOSTICS,
+    GAMEPAD_JOY,
     GYRO_IMU,
     JOINT_STATES,
     LCD,
@@ -48,9 +56,11 @@ from ballbot_ros.messages.topics import (
     RUN_STATUS,
     SONAR_RANGE,
     SOUND,
+    WALL_HIT,
     Topic,
 )
 from ballbot_ros.parameters import Value
+from ballbot_ros.plant.ground_truth import Pair
 from ballbot_ros.progress import ProgressCallback
 from ballbot_ros.recording.batch import Batch, RawMessage, Rows
 from ballbot_ros.recording.errors import RecordingError
@@ -59,6 +69,7 @@ from ballbot_ros.timing import SECOND_NS
 
 _EVENTS = (
     OPERATING_STATE, RUN_STATUS, PARTICIPANTS, DIAGNOSTICS, LCD, SOUND, MAP, PARAMETER_EVENTS,
+    ACCEPTED_PUSH, WALL_HIT,
 )  # fmt: skip
 _OTHER_CLOCK_MS = 3.6e6
 
@@ -97,6 +108,7 @@ STAMPED_TOPICS: Mapping[Topic, tuple[str, int, Callable[[Any], Sequence[Any]]]] 
     JOINT_STATES: ('f', 2, lambda m: m.position.T[:2]),
     SONAR_RANGE: ('f', 2, lambda m: (m.range, m.field_of_view)),
     BATTERY_STATE: ('f', 1, lambda m: (m.voltage,)),
+    GAMEPAD_JOY: ('f', 2, lambda m: (-m.axes.T[0], m.axes.T[1])),
 }
 """The stamped topics, with the type code and number of their columns, and the function that reads
 them from a record array of messages.
@@ -104,7 +116,7 @@ them from a record array of messages.
 Pitch and pitch rate of planes x, y [rad, rad/s]; position x, y [m]; motor rate x, y [rad/s] and
 torque x, y [N·m]; duty x, y [%]; the estimates of ``controller/state`` [rad], its pitch rates x, y
 [rad/s], its references of the ball angle x, y [rad] and their rates [rad/s]; gyro x, y with offset
-[rad/s]; encoder x, y [rad]; distance [m]; voltage [V].
+[rad/s]; encoder x, y [rad]; distance [m]; voltage [V]; sticks forward, rightward, each -1 ... 1.
 """
 
 
@@ -220,6 +232,9 @@ class Extraction:
     statuses: list[tuple[int, int, Status]] = field(default_factory=list)
     pages: list[tuple[int, int, str]] = field(default_factory=list)
     tones: list[tuple[int, int, Tone]] = field(default_factory=list)
+    pushes: list[tuple[int, int, tuple[Pair, Pair]]] = field(default_factory=list)
+    forces: list[tuple[int, int, tuple[str, Pair]]] = field(default_factory=list)
+    wall_hits: list[tuple[int, int, None]] = field(default_factory=list)
     retunings: list[tuple[int, int, Mapping[str, Value]]] = field(default_factory=list)
     maps: list[tuple[int, int, OccupancyGridMessage]] = field(default_factory=list)
     topic_statistics: dict[str, TopicStatistics] = field(default_factory=dict)
@@ -325,8 +340,21 @@ def _take_event(
             extraction.tones.append((epoch, log_ns, tone_of(message)))
         except (ValueError, OverflowError) as error:
             raise _unlike(recording, raw, error) from None
+    elif topic is ACCEPTED_PUSH:
+        _take_push(extraction, message, epoch)
+    elif topic is WALL_HIT:
+        if message.data:
+            extraction.wall_hits.append((epoch, log_ns, None))
     else:
         extraction.maps.append((epoch, log_ns, message))
+
+
+def _take_push(extraction: Extraction, message: WrenchStamped, epoch: int) -> None:
+    """Take the start or the end of a push; its end is a message without a force."""
+    force, torque = push_forces(message)
+    extraction.forces.append((epoch, stamp_ns(message), (message.header.frame_id, force)))
+    if any(force) or any(torque):
+        extraction.pushes.append((epoch, stamp_ns(message), (force, torque)))
 
 
 def _status(message: DiagnosticStatus) -> Status:

@@ -53,15 +53,28 @@ _MARKS = {
 MEANINGS: Mapping[str, str] = {**METRICS.meanings, **RUN_METRICS.meanings}
 
 
-def write_report(assessment: Assessment, folder: Path) -> None:
-    """Write the report of a run into `folder`, as `page.write_folder` does."""
+@dataclass(frozen=True)
+class Report:
+    """The report of a run: its page, which includes the figures, and the figures."""
+
+    page: str
+    figures: list[RenderedFigure]
+
+
+def make_report(assessment: Assessment) -> Report:
+    """Return the report of a run."""
     run = assessment.run
     loop = loop_of(run)
     spectrum = render_spectrum(run, loop.predictions if loop else [])
     others = [spectrum, loop.figure if loop else None]
     figures = draw_figures(run) + [each for each in others if each]
     observed = observations(run, loop.predictions if loop else [])
-    page = report_page(assessment, figures, loop, observed)
+    return Report(report_page(assessment, figures, loop, observed), figures)
+
+
+def write_report(assessment: Assessment, folder: Path) -> None:
+    """Write the report of a run into `folder`, as `page.write_folder` does."""
+    report = make_report(assessment)
     metrics = csv_text(
         ('metric', 'value', 'meaning'),
         (
@@ -69,7 +82,7 @@ def write_report(assessment: Assessment, folder: Path) -> None:
             for name, value in assessment.metrics.items()
         ),
     )
-    write_folder(folder, page, figures, {'metrics.csv': metrics})
+    write_folder(folder, report.page, report.figures, {'metrics.csv': metrics})
 
 
 @dataclass(frozen=True)

@@ -31,6 +31,7 @@ from ballbot_ros.parameters import (
     PlantParameters,
     Value,
 )
+from ballbot_ros.plant.ground_truth import Pair
 from ballbot_ros.progress import ProgressCallback
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
@@ -101,6 +102,13 @@ class RunData:
         The display: time [s] and text.
     tones : tuple of tuple
         Time [s] and tone.
+    pushes : tuple of tuple
+        The starts of pushes: time [s], and force [N] and torque [N·m] in plane signs.
+    forces : tuple of tuple
+        The starts and ends of pushes: time [s], name of the push, and its force in plane signs from
+        then on [N].
+    wall_hits : tuple of float
+        The times at which the robot hit a wall [s].
     retunings : tuple of tuple
         Changes of the controller's parameters during the run: time [s] and new values by name.
     topic_statistics : tuple of TopicStatistics
@@ -129,6 +137,8 @@ class RunData:
     statuses: tuple[tuple[float, Status], ...]
     pages: tuple[tuple[float, str], ...]
     tones: tuple[tuple[float, Tone], ...]
+    pushes: tuple[tuple[float, tuple[Pair, Pair]], ...]
+    wall_hits: tuple[float, ...]
     retunings: tuple[tuple[float, Mapping[str, Value]], ...]
     topic_statistics: tuple[TopicStatistics, ...]
     attached: RecordedAttachments
@@ -138,6 +148,7 @@ class RunData:
     notices: tuple[str, ...]
     plant: PlantParameters = field(default_factory=PlantParameters)
     failure: str = ''
+    forces: tuple[tuple[float, tuple[str, Pair]], ...] = ()
 
     @property
     def name(self) -> str:
@@ -148,6 +159,12 @@ class RunData:
     def end(self) -> float:
         """Time of the last tick [s]; 0 if there is none."""
         return float(self.trajectory.time[-1]) if len(self.trajectory.time) else 0.0
+
+    @property
+    def start_ns(self) -> int:
+        """Sim time of the first tick [ns]."""
+        series = next(iter(self.series.values()))
+        return int(series.stamps[0]) - round(float(series.time[0]) * SECOND_NS)
 
     @property
     def floor(self) -> FloorMap | OccupancyGrid | None:
@@ -242,6 +259,8 @@ def read_run(
         statuses=_events(extraction.statuses, run),
         pages=_events(extraction.pages, run),
         tones=_events(extraction.tones, run),
+        pushes=_events(extraction.pushes, run),
+        wall_hits=tuple(time for time, _ in _events(extraction.wall_hits, run)),
         retunings=_events(extraction.retunings, run),
         topic_statistics=tuple(extraction.topic_statistics.values()),
         attached=attached,
@@ -251,6 +270,7 @@ def read_run(
         notices=tuple(notices),
         plant=plant,
         failure=_failure(outcome) if number == len(runs) else '',
+        forces=_events(extraction.forces, run),
     )
 
 

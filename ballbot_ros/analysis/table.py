@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 MAX_FIGURE_ROWS = 20_000
 """Maximum number of rows (80 s of ticks) that a figure shows one by one."""
 
-_INTERVALS = 5_000
+_ROWS_PER_INTERVAL = 4
+"""Minimum number of rows that become the two of an interval."""
 
 Table = Mapping[str, NDArray[Any]]
 """Columns of equal length by name; the first one is the time [s]."""
@@ -30,19 +31,22 @@ def track_columns(position: NDArray[Any]) -> dict[str, NDArray[Any]]:
     return {'map_x_cm': x, 'map_y_cm': -y}
 
 
-def envelope(time: NDArray[Any], columns: Mapping[str, NDArray[Any]]) -> Table:
-    """Return a table of the columns; many rows are reduced to the extremes of each interval.
+def envelope(
+    time: NDArray[Any], columns: Mapping[str, NDArray[Any]], max_rows: int = MAX_FIGURE_ROWS
+) -> Table:
+    """Return a table of the columns; more than `max_rows` are reduced to extremes of intervals.
 
     Each interval then has two rows, with the minimum and the maximum of each column. A line through
     them covers the same area as a line through all rows.
     """
-    if len(time) <= MAX_FIGURE_ROWS:
+    if len(time) <= max_rows:
         return {'time_s': time, **columns}
-    bounds = np.linspace(0, len(time), _INTERVALS + 1).astype(int)[:-1]
+    intervals = max_rows // _ROWS_PER_INTERVAL
+    bounds = np.linspace(0, len(time), intervals + 1).astype(int)[:-1]
     table = {'time_s': np.repeat(time[bounds], 2)}
     table['time_s'][1::2] += np.diff(time[bounds], append=time[-1]) / 2.0
     for name, values in columns.items():
-        table[name] = np.empty(2 * _INTERVALS)
+        table[name] = np.empty(2 * intervals)
         table[name][0::2] = np.fmin.reduceat(values, bounds)
         table[name][1::2] = np.fmax.reduceat(values, bounds)
     return table

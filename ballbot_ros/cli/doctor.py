@@ -2,34 +2,48 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import click
 from rich.console import Console
 from rich.text import Text
 
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.run.machine_checks import CHECKS, remove_leftovers
+from ballbot_ros.run.optional_checks import NEEDED_FOR, OPTIONAL_CHECKS
 
 
 def run_checks(*, fix: bool = False) -> int:
-    """Run every check; return 0 if all are OK, else 1.
+    """Run every check; return 0 if all are OK except for optional ones, else 1.
 
     With `fix`, remove what killed processes left in shared memory.
     """
     console = Console(highlight=False, markup=False)
-    failed = False
     checks = {**CHECKS, 'leftovers': remove_leftovers} if fix else CHECKS
-    for name, check in checks.items():
-        try:
-            line = Text.assemble(('OK  ', 'green'), f' {name:<10} {check()}')
-        except BallbotError as problem:
-            failed = True
-            line = Text.assemble(('FAIL', 'red'), f' {name:<10} {problem}')
-        console.print(line, soft_wrap=True)
-    return int(failed)
+    results = [_run(console, name, check) for name, check in checks.items()]
+    for name, check in OPTIONAL_CHECKS.items():
+        _run(console, name, check, needed_for=NEEDED_FOR[name])
+    return int(not all(results))
+
+
+def _run(console: Console, name: str, check: Callable[[], str], needed_for: str = '') -> bool:
+    """Run a check, and print what it finds; return whether it is OK."""
+    try:
+        line = Text.assemble(('OK  ', 'green'), f' {name:<10} {check()}')
+    except BallbotError as problem:
+        mark = ('NOTE', 'yellow') if needed_for else ('FAIL', 'red')
+        purpose = f' (for {needed_for})' if needed_for else ''
+        console.print(Text.assemble(mark, f' {name:<10} {problem}{purpose}'), soft_wrap=True)
+        return False
+    console.print(line, soft_wrap=True)
+    return True
 
 
 @click.command('doctor')
 @click.option('--fix', is_flag=True, help='Remove what killed processes left in shared memory.')
 def command(fix: bool) -> int:
-    """Check Python, rclpy, discovery, disk and ports; say what to do if a check fails."""
+    """Check this machine, and say what to do if a check fails.
+
+    Lines with NOTE are about what only some commands need. Exit status: 1 if a line has FAIL.
+    """
     return run_checks(fix=fix)

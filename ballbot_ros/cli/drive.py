@@ -6,10 +6,20 @@ from pathlib import Path
 
 import click
 
-from ballbot_ros.cli.options import controller_option, set_option
+from ballbot_ros.cli.next_steps import next_steps
+from ballbot_ros.cli.options import (
+    controller_option,
+    no_browser_option,
+    no_wait_option,
+    page_options,
+    set_option,
+)
+from ballbot_ros.cli.page_opening import PageObserver, PageOpening
 from ballbot_ros.cli.path_types import NEW_FILE, PATH
 from ballbot_ros.cli.progress import Progress
+from ballbot_ros.run.observer import RunObserver
 from ballbot_ros.run.requirements import require_rclpy
+from ballbot_ros.teleop.key_press import can_read_keys
 from ballbot_ros.teleop.terminal import keyboard_unavailable_reason
 
 
@@ -30,7 +40,13 @@ from ballbot_ros.teleop.terminal import keyboard_unavailable_reason
 @click.option('--log', type=NEW_FILE, help='File for the data log of the brick, as CSV.')
 @set_option
 @controller_option
-@click.option('--viewer', is_flag=True, help='Show the robot in a browser; prints the address.')
+@click.option(
+    '--viewer',
+    is_flag=True,
+    help='Show the robot in a browser; prints the address. The drive begins when the page is open.',
+)
+@no_browser_option
+@no_wait_option
 @click.option('--list-devices', is_flag=True, help='List the gamepads, show their input, and end.')
 def command(
     map_name: str | None,
@@ -44,6 +60,8 @@ def command(
     assignments: tuple[str, ...],
     controller: str | None,
     viewer: bool,
+    no_browser: bool,
+    no_wait: bool,
     list_devices: bool,
 ) -> int:
     """Drive the robot by hand: gamepad, keyboard, or the topics joy and cmd_vel.
@@ -55,6 +73,7 @@ def command(
 
         device_list.list_devices()
         return 0
+    page = page_options(viewer=viewer, no_browser=no_browser, no_wait=no_wait)
     require_rclpy()
     from ballbot_ros.run.drive import NAME, DriveOptions, drive, drive_spec
 
@@ -71,7 +90,18 @@ def command(
     spec = drive_spec(options)
     obstacle = '--no-keyboard' if no_keyboard else keyboard_unavailable_reason()
     with Progress(NAME, 0.0, bar=bool(obstacle)) as progress:
-        result = drive(spec, progress, no_keyboard=obstacle, log=log, viewer=viewer)
+        observer: RunObserver = progress
+        if page:
+            opening = PageOpening(page, progress.notice, can_press_key=can_read_keys())
+            observer = PageObserver(progress, opening)
+        result = drive(
+            spec,
+            observer,
+            no_keyboard=obstacle,
+            log=log,
+            viewer=viewer,
+            starts_paused=page is not None and page.waits,
+        )
     if result.recording:
-        click.echo(f'recording  {result.recording}')
+        click.echo('\n'.join([f'recording  {result.recording}', *next_steps(result.recording)]))
     return result.exit_status

@@ -13,8 +13,8 @@ from ballbot_ros.progress import PROGRESS_PERIOD_S, ProgressCallback
 
 
 @contextmanager
-def file_progress(name: str) -> Iterator[ProgressCallback]:
-    """Show the progress on a terminal, but not on a pipe or file.
+def file_progress(name: str, unit: str = '') -> Iterator[ProgressCallback]:
+    """Show the progress on a terminal, but not on a pipe or file; in words if there is a unit.
 
     Yields
     ------
@@ -25,7 +25,7 @@ def file_progress(name: str) -> Iterator[ProgressCallback]:
     with Progress(
         TextColumn('{task.description}', markup=False),
         BarColumn(bar_width=40),
-        TaskProgressColumn(),
+        TextColumn(f'{{task.completed}}/{{task.total}} {unit}') if unit else TaskProgressColumn(),
         TimeRemainingColumn(),
         console=console,
         transient=True,

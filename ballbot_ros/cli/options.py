@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import click
 
+from ballbot_ros.cli.page_opening import PageOptions
 from ballbot_ros.run.processes import Processes
 
 set_option = click.option(
@@ -33,6 +34,27 @@ processes_option = click.option(
     help='One process per node; all nodes in one process; or no nodes, the same loop without ROS.',
 )
 """Selects how a run is executed."""
+
+
+no_browser_option = click.option(
+    '--no-browser', is_flag=True, help='Open no browser; only print the address of the page.'
+)
+"""Leaves it to the user to open the page."""
+
+no_wait_option = click.option(
+    '--no-wait', is_flag=True, help='Begin at once, not when the page is open or a key is pressed.'
+)
+"""Begins a run with a page at once."""
+
+
+def page_options(*, viewer: bool, no_browser: bool, no_wait: bool) -> PageOptions | None:
+    """Return how the page of a run is opened; None if it has none."""
+    if viewer:
+        return PageOptions(opens_browser=not no_browser, waits=not no_wait)
+    for name, is_given in (('--no-browser', no_browser), ('--no-wait', no_wait)):
+        if is_given:
+            raise click.UsageError(f'{name}: requires --viewer')
+    return None
 
 
 def split_at_commas(

@@ -18,12 +18,12 @@ from ballbot_ros.cli.options import split_at_commas
 from ballbot_ros.cli.path_types import RECORDING
 from ballbot_ros.nodes.middleware import stay_local
 from ballbot_ros.parameters import PLAYER, ParameterSet, PlayerParameters
+from ballbot_ros.recording.playback_keys import terminal_action
 from ballbot_ros.run.requirements import require_rclpy
 
 KEYS_S = 0.05
-SKIP_S = 5.0
-FASTER = 1.25
-_KEY = re.compile('\x1b\\[.|.', re.DOTALL)
+QUIT = 'q'
+_KEY = re.compile('\x1b\\[[0-9]+~|\x1b[\\[O].|.', re.DOTALL)
 
 
 def play_file(parameters: PlayerParameters) -> int:
@@ -44,18 +44,12 @@ def play_file(parameters: PlayerParameters) -> int:
             return player
 
         def press(key: str, now: float) -> None:
-            playback = player.playback
-            match key:
-                case ' ':
-                    playback.pause(not playback.paused, now)
-                case '+' | '-':
-                    rate = player.parameters.rate * (FASTER if key == '+' else 1.0 / FASTER)
-                    player.set_parameters([Parameter('rate', value=rate)])
-                case '\x1b[C' | '\x1b[D':  # right and left arrow
-                    step = SKIP_S if key.endswith('C') else -SKIP_S
-                    playback.seek(playback.position(now) + step, now)
-                case 'q':
-                    player.finish()
+            if key == QUIT:
+                player.finish()
+            elif action := terminal_action(key):
+                player.playback.apply(action, now)
+                if player.playback.rate != player.parameters.rate:
+                    player.set_parameters([Parameter('rate', value=player.playback.rate)])
 
         def attend() -> None:
             now = time.monotonic()
@@ -65,7 +59,7 @@ def play_file(parameters: PlayerParameters) -> int:
             position = playback.position(now)
             terminal.show(
                 f'{position:8.2f} / {playback.duration:.2f} s   {playback.rate:.2f} ×'
-                f'{"   paused" if playback.paused else ""}'
+                f'{"   loop" if playback.loop else ""}{"   paused" if playback.paused else ""}'
             )
 
         player.create_wall_timer(KEYS_S, attend)
@@ -76,7 +70,7 @@ def play_file(parameters: PlayerParameters) -> int:
 
 
 def parse_keys(text: str) -> list[str]:
-    """Split the keys that a terminal sends together; an arrow has three characters."""
+    """Split the keys that a terminal sends together; some have several characters."""
     return _KEY.findall(text)
 
 
@@ -127,8 +121,9 @@ class _Terminal:
 def command(file: Path, rate: float, start: float, loop: bool, topics: list[str]) -> int:
     """Publish the recording FILE with its /clock, on the recorded topics.
 
-    Keys: space pauses, → and ← skip 5 s, + and - change the speed, q ends. The player does not
-    publish /clock and plant topics in a domain with a running plant.
+    Keys: space pauses, → and ← skip 5 s, . goes one tick on, Home goes to the start, End pauses at
+    the end, l restarts at the end, + and - change the speed, q ends. The player does not publish
+    /clock and plant topics in a domain with a running plant.
     """
     parameters = ParameterSet()
     parameters.set(PLAYER, 'file', str(file))

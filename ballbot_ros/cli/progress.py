@@ -11,14 +11,26 @@ from rich.progress import Progress as Bar
 from ballbot_ros.progress import PROGRESS_PERIOD_S
 
 
+def stderr_console() -> Console:
+    """Return a console that prints plain lines."""
+    return Console(stderr=True, highlight=False, markup=False)
+
+
 class Progress:
     """A bar on a terminal; on a pipe or file, or without `bar`, only the notices.
 
-    The duration is in sim time [s]; 0 for an endless run.
+    Parameters
+    ----------
+    duration : float
+        In sim time [s]; 0 for an endless run.
+    console : Console or None
+        Shared with others that print while the bar is shown; their lines appear above it.
     """
 
-    def __init__(self, name: str, duration: float, *, bar: bool = True) -> None:
-        self._console = Console(stderr=True, highlight=False, markup=False)
+    def __init__(
+        self, name: str, duration: float, *, bar: bool = True, console: Console | None = None
+    ) -> None:
+        self._console = console or stderr_console()
         self._bar = Bar(
             TextColumn('{task.description}', markup=False),
             BarColumn(bar_width=40),
@@ -41,6 +53,9 @@ class Progress:
     def update(self, elapsed_s: float) -> None:
         """Show the sim time since the start [s]; cheap enough to be called at every tick."""
         now = time.monotonic()
+        if not elapsed_s:
+            self._last = (now, 0.0)  # a run that waits for its start has no factor
+            return
         then, before = self._last
         if now - then < PROGRESS_PERIOD_S:
             return

@@ -1,58 +1,142 @@
-"""`ballbot render`: pictures and films of a recorded run."""
+"""`ballbot render`: pictures and films of recorded runs."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from ballbot_ros.cli.file_progress import file_progress
 from ballbot_ros.cli.path_types import NEW_FILE, RECORDING
+from ballbot_ros.cli.picture_options import size_option, view_option
 from ballbot_ros.stop_request import defer_sigint
+from ballbot_ros.timing import TICK_S
 from ballbot_ros.viewer.address import require_viser
 from ballbot_ros.viewer.browser import browser_program
 from ballbot_ros.viewer.errors import ViewerError, importing
-from ballbot_ros.viewer.views import VIEWS
+from ballbot_ros.viewer.views import View
 
-OUTPUT_SUFFIXES = ('.png', '.gif', '.mp4')
+if TYPE_CHECKING:
+    from ballbot_ros.viewer.render import Excerpt
+
+PICTURE = '.png'
+FILM_FPS = {'.mp4': 20, '.webp': 20, '.gif': 10}
+"""Default frames per second of each format."""
 
 
 @click.command('render')
 @click.argument('recording', type=RECORDING)
-@click.option(
-    '--view', type=click.Choice(VIEWS), default='chaser1', show_default=True, help='The view.'
-)
+@click.argument('other', required=False, type=RECORDING)
 @click.option(
     '--output',
     required=True,
     type=NEW_FILE,
-    help='File to write: a picture (.png) or a film (.mp4, .gif).',
+    help='File to write: a picture (.png) or a film (.mp4, .webp, .gif).',
 )
+@view_option
 @click.option(
     '--time',
     'moment',
     type=click.FloatRange(0.0),
     help='Time of a picture from the start of the run [s].  [default: the end]',
 )
-def command(recording: Path, view: str, output: Path, moment: float | None) -> None:
-    """Render a picture or a film of the last run of RECORDING."""
-    if output.suffix not in OUTPUT_SUFFIXES:
-        raise ViewerError(f'--output {output}: must end in one of {", ".join(OUTPUT_SUFFIXES)}')
-    if output.is_dir():
-        raise ViewerError(f'--output {output}: is a folder; name a file')
-    if moment is not None and output.suffix != '.png':
-        raise ViewerError(f'--time requires a .png; {output.name} shows the whole run')
+@click.option(
+    '--start', type=click.FloatRange(0.0), help='Start of a film [s].  [default: the start]'
+)
+@click.option('--end', type=click.FloatRange(0.0), help='End of a film [s].  [default: the end]')
+@click.option(
+    '--rate',
+    type=click.FloatRange(0.01, 100.0),
+    help='Seconds of the run per second of the film; 0.25 is slow motion.  [default: 1]',
+)
+@click.option(
+    '--fps',
+    type=click.IntRange(1, 60),
+    help='Frames per second of a film.  [default: 20, .gif: 10]',
+)
+@size_option
+@click.option('--time-stamp', is_flag=True, help='Write the time into the picture.')
+def command(
+    recording: Path,
+    other: Path | None,
+    output: Path,
+    view: View,
+    moment: float | None,
+    start: float | None,
+    end: float | None,
+    rate: float | None,
+    fps: int | None,
+    size: tuple[int, int],
+    time_stamp: bool,
+) -> None:
+    """Render a picture or a film of the last run of RECORDING, with that of OTHER as its ghost."""
+    film_options = {'--start': start, '--end': end, '--rate': rate, '--fps': fps}
+    _check_output(output, moment, [name for name, each in film_options.items() if each is not None])
     require_viser()
     browser_program()
-    # Imported only here: it takes half a second.
-    from ballbot_ros.cli.recordings import read_playback_run
-
-    run = read_playback_run(recording)
-    if moment is not None and not moment <= run.end:  # also refuses NaN
-        raise ViewerError(f'--time {moment:g}: the run ends at {run.end:g} s')
     # Imported only here: viser takes a second.
     with importing(), defer_sigint():
-        from ballbot_ros.viewer.render import render_to_file
-    with file_progress(output.name) as progress:
-        render_to_file(run, view, output, run.end if moment is None else moment, progress)
-    click.echo(f'picture  {output}')
+        from ballbot_ros.cli.recordings import read_playback_run
+        from ballbot_ros.viewer.render import Rendering
+
+    _check_format(output, fps, size)
+    run = read_playback_run(recording)
+    ghost = read_playback_run(other) if other else None
+    run_end = max(run.end, ghost.end if ghost else 0.0)
+    rendering = Rendering(run, view, ghost, size, time_stamp)
+    if output.suffix == PICTURE:
+        rendering.write_picture(output, _time_within('--time', moment, run_end, run_end))
+        click.echo(f'picture  {output}')
+        return
+    excerpt = _excerpt(start, end, run_end, fps or FILM_FPS[output.suffix], rate or 1.0)
+    with file_progress(output.name, 'frames') as progress:
+        rendering.write_film(output, excerpt, progress)
+    click.echo(f'film  {output}')
+
+
+def _check_output(output: Path, moment: float | None, film_options: list[str]) -> None:
+    suffixes = (PICTURE, *FILM_FPS)
+    if output.suffix not in suffixes:
+        raise ViewerError(f'--output {output}: must end in one of {", ".join(suffixes)}')
+    if output.is_dir():
+        raise ViewerError(f'--output {output}: is a folder; name a file')
+    if output.suffix == PICTURE and film_options:
+        raise ViewerError(f'{film_options[0]} requires a film; {output.name} is a picture')
+    if output.suffix != PICTURE and moment is not None:
+        raise ViewerError(f'--time requires a .png; for {output.name} use --start and --end')
+
+
+def _check_format(output: Path, fps: int | None, size: tuple[int, int]) -> None:
+    from ballbot_ros.viewer.film_files import FORMATS
+
+    film_format = FORMATS.get(output.suffix)
+    if film_format is None:
+        return
+    if fps is not None and fps > film_format.max_fps:
+        raise ViewerError(f'--fps {fps}: a {output.suffix} has at most {film_format.max_fps}')
+    if film_format.needs_even_size and any(side % 2 for side in size):
+        width, height = size
+        raise ViewerError(
+            f'--size {width}x{height}: width and height of a {output.suffix} must be even'
+        )
+
+
+def _excerpt(
+    start: float | None, end: float | None, run_end: float, fps: int, rate: float
+) -> Excerpt:
+    from ballbot_ros.viewer.render import Excerpt
+
+    first = _time_within('--start', start, run_end, 0.0)
+    last = _time_within('--end', end, run_end, run_end)
+    if not first < last:
+        raise ViewerError(f'--start {first:g}: must be before the end of the film at {last:g} s')
+    return Excerpt(first, last, fps, rate)
+
+
+def _time_within(option: str, time: float | None, run_end: float, default: float) -> float:
+    if time is None:
+        return default
+    if not time <= run_end + TICK_S:  # also refuses NaN
+        raise ViewerError(f'{option} {time:g}: the run ends at {run_end:g} s')
+    return time

@@ -11,6 +11,7 @@ from rich.text import Text
 
 from ballbot_ros.analysis.metrics import Judgement, number, with_judgements
 from ballbot_ros.analysis.recorded_controller import ControllerIdentity
+from ballbot_ros.cli.next_steps import next_steps
 from ballbot_ros.errors import short_text
 from ballbot_ros.former_names import FORMER_METRICS, FORMER_RESULT_KEYS, with_former_names
 from ballbot_ros.parameters import ControllerParameters, GyroParameters
@@ -20,7 +21,12 @@ from ballbot_ros.scenario.metric_registry import label as metric_label
 
 
 def print_json(spec: RunSpec, result: RunResult) -> None:
-    """Print the result as one JSON object; a missing number is null."""
+    """Print the result as one JSON object."""
+    print(json.dumps(result_json(spec, result), indent=2, allow_nan=False))
+
+
+def result_json(spec: RunSpec, result: RunResult) -> dict[str, object]:
+    """Return the result as a JSON object; a missing number is None."""
     content: dict[str, object] = {
         'scenario': spec.name,
         'processes': spec.processes.value,
@@ -46,7 +52,7 @@ def print_json(spec: RunSpec, result: RunResult) -> None:
             for each in result.judgements
         ],
     }
-    print(json.dumps(with_former_names(content, FORMER_RESULT_KEYS), indent=2, allow_nan=False))
+    return with_former_names(content, FORMER_RESULT_KEYS)
 
 
 def _controller(spec: RunSpec) -> dict[str, object]:
@@ -100,6 +106,8 @@ def print_table(spec: RunSpec, result: RunResult) -> None:
     for label, path in (('recording', result.recording), ('picture', result.figure)):
         if path:
             console.print(f'{label}  {path}', soft_wrap=True)
+    for line in next_steps(result.recording) if result.recording else ():
+        console.print(line, soft_wrap=True)
 
 
 def _add_metric(

@@ -7,7 +7,14 @@ from pathlib import Path
 
 import click
 
-from ballbot_ros.cli.options import controller_option, processes_option, set_option
+from ballbot_ros.cli.options import (
+    controller_option,
+    no_browser_option,
+    no_wait_option,
+    page_options,
+    processes_option,
+    set_option,
+)
 from ballbot_ros.cli.path_types import PATH
 from ballbot_ros.parameters import ROLES
 from ballbot_ros.run.fork_client import ForkClient
@@ -49,8 +56,10 @@ from ballbot_ros.run.processes import Processes
     '--viewer',
     is_flag=True,
     help='Show the run in a browser, at factor 1 unless another is given; prints the address. The '
-    'page stays after the run and can start others.',
+    'run begins when the page is open. The page stays after the run and can start others.',
 )
+@no_browser_option
+@no_wait_option
 @click.option('--json', 'as_json', is_flag=True, help='Print one JSON object.')
 def command(
     scenario: str,
@@ -65,6 +74,8 @@ def command(
     controller: str | None,
     external: tuple[str, ...],
     viewer: bool,
+    no_browser: bool,
+    no_wait: bool,
     as_json: bool,
 ) -> int:
     """Run SCENARIO, a name or a YAML file, and judge it by its expectations.
@@ -73,6 +84,7 @@ def command(
     in the arguments. With --viewer it is that of the last run.
     """
     arrangement = Processes(processes)
+    page = page_options(viewer=viewer, no_browser=no_browser, no_wait=no_wait)
     # Start the fork server first: it imports the nodes while this process imports what it needs.
     with ForkClient() if arrangement is Processes.SEPARATE else nullcontext() as client:
         from ballbot_ros.cli.scenario_run import run_and_print
@@ -93,9 +105,9 @@ def command(
             output=output,
             record=not no_record,
         )
-        if not viewer:
+        if page is None:
             return run_and_print(scenario, options, client, as_json=as_json)
         require_rclpy(', or omit --viewer')
         from ballbot_ros.cli.viewer_session import run_with_viewer
 
-        return run_with_viewer(scenario, options, client, as_json=as_json)
+        return run_with_viewer(scenario, options, page, client, as_json=as_json)

@@ -7,9 +7,16 @@ from pathlib import Path
 
 import click
 
+from ballbot_ros.cli.options import no_browser_option
 from ballbot_ros.cli.path_types import RECORDING
+from ballbot_ros.cli.web_browser import open_browser
 from ballbot_ros.stop_request import StopRequest, defer_sigint
-from ballbot_ros.viewer.address import check_address, network_warning, require_viser
+from ballbot_ros.viewer.address import (
+    address_line,
+    check_address,
+    network_warning,
+    require_viser,
+)
 
 
 @click.command('view')
@@ -29,10 +36,13 @@ from ballbot_ros.viewer.address import check_address, network_warning, require_v
     show_default=True,
     help='Its port; 0: a free one.',
 )
-def command(recording: Path, other: Path | None, host: str, port: int) -> int:
+@no_browser_option
+def command(recording: Path, other: Path | None, host: str, port: int, *, no_browser: bool) -> int:
     """Show the last run of RECORDING in a browser, and that of OTHER as its ghost.
 
-    Serves the page until Ctrl-C or SIGTERM.
+    Serves the page until Ctrl-C or SIGTERM. The page has the keys of `ballbot play`: space pauses,
+    → and ← skip 5 s, . goes one tick on, Home goes to the start, End pauses at the end, l restarts
+    at the end, + and - change the speed.
     """
     # Imported only here: it takes half a second.
     from ballbot_ros.cli.recordings import read_playback_run
@@ -49,7 +59,9 @@ def command(recording: Path, other: Path | None, host: str, port: int) -> int:
     recording_page = RecordingPage(page, runs)
     if warning := network_warning(host):
         click.echo(f'warning: {warning}', err=True)
-    click.echo(f'viewer  {page.address}')
+    click.echo(address_line(page.address))
+    if not no_browser:
+        open_browser(page.address)
     with StopRequest() as stop:
         last = time.monotonic()
         while not stop.signal:

@@ -5,29 +5,43 @@ from __future__ import annotations
 import time
 from contextlib import ExitStack, closing
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
-from rich.console import Console
-
-from ballbot_ros.cli.scenario_run import run_and_print
+from ballbot_ros.analysis.verdict import Verdict
+from ballbot_ros.cli.page_opening import PageOpening, PageOptions
+from ballbot_ros.cli.progress import Progress, stderr_console
+from ballbot_ros.cli.result import result_json
+from ballbot_ros.cli.scenario_run import load_run, print_result
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.files import temporary_folder
 from ballbot_ros.nodes.supervisor import Supervisor
 from ballbot_ros.parameters import VIEWER, ParameterSet, ViewerParameters
 from ballbot_ros.parameters.files import write_parameter_file
+from ballbot_ros.run.execution import execute
 from ballbot_ros.run.fork_client import ForkClient
 from ballbot_ros.run.graph import ros
 from ballbot_ros.run.node_process import NodeProcess, stop_all
 from ballbot_ros.run.node_thread import NodeThread
+from ballbot_ros.run.observer import RunObserver
 from ballbot_ros.run.requirements import require_viewer
+from ballbot_ros.run.result import RunResult
 from ballbot_ros.run.spec import RunOptions, RunSpec
+from ballbot_ros.run.start_observer import StartObserver
+from ballbot_ros.standard_streams import stdout_to_stderr
 from ballbot_ros.stop_request import StopRequest
+from ballbot_ros.teleop.key_press import KeyPress, can_read_keys
 
 POLL_S = 0.05
 
 
 def run_with_viewer(
-    reference: str, options: RunOptions, client: ForkClient | None, *, as_json: bool
+    reference: str,
+    options: RunOptions,
+    page: PageOptions,
+    client: ForkClient | None,
+    *,
+    as_json: bool,
 ) -> int:
     """Run a scenario, then those that the page requests; return the exit status of the last run.
 
@@ -39,68 +53,117 @@ def run_with_viewer(
     BallbotError
         If the first run can't start. Errors of later runs are printed, and the page stays.
     """
-    parameters = RunSpec.of_scenario(reference, options).parameters
-    require_viewer(parameters, options.processes)
+    spec = load_run(reference, options)
+    require_viewer(spec.parameters, options.processes)
     assert client is not None  # the nodes are separate processes
-    console = Console(stderr=True, highlight=False, markup=False, soft_wrap=True)
     with (
         StopRequest() as stop,
-        closing(ViewerSession(parameters, reference, client, console)) as session,
+        closing(ViewerSession(spec, reference, page, client, stop, as_json=as_json)) as session,
     ):
-
-        def run(reference: str, options: RunOptions) -> int:
-            return run_and_print(
-                reference, options, client, as_json=as_json, is_replaced=session.is_run_requested
-            )
-
-        status = run(reference, options)
+        status = session.run(spec, starts_paused=page.waits)
         number = 1
         # End after a status above 128 as well: it means a signal, which is meant to end everything.
-        while status < 128 and not stop.signal and (chosen := session.wait_for_scenario(stop)):
+        while status < 128 and not stop.signal and (chosen := session.wait_for_scenario()):
             number += 1
             folder = options.output and options.output / str(number)
-            try:
-                status = run(chosen, replace(options, output=folder))
-            except BallbotError as error:
-                console.print(f'error: {error}')
-                status = 2
+            status = session.run_other(chosen, replace(options, output=folder))
     return status
 
 
 class ViewerSession:
     """The viewer's process, and the node that receives the page's requests.
 
-    The parameters are those of the first run, with the address of the page. The console prints the
-    viewer's lines.
+    Only the address of the page is taken from the first run's parameters.
+
+    Raises
+    ------
+    BallbotError
+        If the viewer ends before it serves the page.
     """
 
     def __init__(
-        self, parameters: ParameterSet, reference: str, client: ForkClient, console: Console
+        self,
+        spec: RunSpec,
+        reference: str,
+        page: PageOptions,
+        client: ForkClient,
+        stop: StopRequest,
+        *,
+        as_json: bool,
     ) -> None:
-        self._console = console
+        self._client, self._stop, self._as_json = client, stop, as_json
+        self._console = stderr_console()
+        opening = PageOpening(page, self._print, can_press_key=can_read_keys())
         with ExitStack() as stack:
             stack.enter_context(ros())
             folder = stack.enter_context(temporary_folder())
             parameter_file = Path(folder) / 'parameters.yaml'
-            write_parameter_file(parameter_file, _address(parameters), [VIEWER])
-            self._viewer = NodeProcess(client, VIEWER, parameter_file, self._print)
+            write_parameter_file(parameter_file, _address(spec.parameters), [VIEWER])
+            self._viewer = NodeProcess(client, VIEWER, parameter_file, opening.on_line)
             stack.callback(stop_all, [self._viewer], last='')
             self._supervisor = Supervisor(reference)
             stack.callback(NodeThread(self._supervisor).close)
+            self._wait_for_page(opening)
             self.close = stack.pop_all().close
 
-    def _print(self, line: str) -> None:
-        self._console.print(line)
+    def _wait_for_page(self, opening: PageOpening) -> None:
+        """Wait until the page can be opened, so that its address comes before everything else."""
+        while not (opening.address or self._stop.signal):
+            if not self._viewer.running:
+                self._viewer.forward_remaining_output()
+                raise BallbotError(f'{VIEWER} {self._viewer.exit_description}')
+            time.sleep(POLL_S)
 
-    def is_run_requested(self) -> bool:
-        """Return whether the page requests another run."""
+    def _print(self, line: str) -> None:
+        self._console.print(line, soft_wrap=True)
+
+    def run(self, spec: RunSpec, *, starts_paused: bool = False) -> int:
+        """Run a scenario, print its result and show it on the page; return the exit status."""
+        self._supervisor.announce(spec.name)
+        with ExitStack() as stack:
+            progress: RunObserver = stack.enter_context(
+                Progress(spec.name, spec.plant.duration, console=self._console)
+            )
+            if starts_paused:
+                key_press = KeyPress(self._supervisor.start_request.request)
+                stack.callback(key_press.close)
+                progress = _StartObserver(progress, key_press, self._viewer, self._supervisor)
+            stack.enter_context(stdout_to_stderr())
+            result = execute(
+                spec,
+                progress,
+                self._is_run_requested,
+                self._client,
+                starts_paused=starts_paused,
+                on_judged=partial(self._show_result, spec),
+            )
+        self._show_result(spec, result)
+        print_result(spec, result, as_json=self._as_json)
+        return result.exit_status
+
+    def run_other(self, reference: str, options: RunOptions) -> int:
+        """Run another scenario; an error is printed and shown on the page."""
+        try:
+            return self.run(load_run(reference, options))
+        except BallbotError as error:
+            self._print(f'error: {error}')
+            failure = {'outcome': Verdict.FAILED, 'reason': str(error)}
+            self._supervisor.announce(reference, failure)
+            return 2
+
+    def _show_result(self, spec: RunSpec, result: RunResult) -> None:
+        """Show the result on the page, unless another run already replaces this one."""
+        if not self._is_run_requested():
+            self._supervisor.announce(spec.name, result_json(spec, result))
+
+    def _is_run_requested(self) -> bool:
         return bool(self._supervisor.requested_scenario)
 
-    def wait_for_scenario(self, stop: StopRequest) -> str:
+    def wait_for_scenario(self) -> str:
         """Return the next scenario that the page requests; '' if page or command ends first."""
         if not self._supervisor.requested_scenario and self._viewer.running:
             self._print('the page stays open: choose a scenario there, or end with Ctrl-C')
-        while self._viewer.running and not stop.signal:
+        while self._viewer.running and not self._stop.signal:
             if requested := self._supervisor.requested_scenario:
                 self._supervisor.requested_scenario = ''
                 return requested
@@ -108,6 +171,26 @@ class ViewerSession:
         if not self._viewer.running:
             self._print(f'{VIEWER} {self._viewer.exit_description}')
         return ''
+
+
+class _StartObserver(StartObserver):
+    """Starts the run, too, if the viewer has ended, whose page cannot be opened any more."""
+
+    def __init__(
+        self,
+        observer: RunObserver,
+        key_press: KeyPress,
+        viewer: NodeProcess,
+        supervisor: Supervisor,
+    ) -> None:
+        super().__init__(observer, key_press)
+        self._viewer, self._start_request = viewer, supervisor.start_request
+
+    def update(self, elapsed_s: float) -> None:
+        """Show the sim time since the start [s]."""
+        super().update(elapsed_s)
+        if not elapsed_s and not self._viewer.running:
+            self._start_request.request()
 
 
 def _address(parameters: ParameterSet) -> ParameterSet:

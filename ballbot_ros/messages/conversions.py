@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from functools import cache, lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -24,6 +24,8 @@ from ballbot_ros.messages.message_types import (
     Bytes,
     Header,
     Imu,
+    JointState,
+    Joy,
     OccupancyGridMessage,
     Odometry,
     Stamped,
@@ -228,6 +230,12 @@ def ball_position(message: Odometry) -> Pair:
     return message.pose.pose.position.x, -message.pose.pose.position.y
 
 
+def ball_velocity(message: Odometry) -> Pair:
+    """Return the ball's velocity [m/s] on planes x and y from ``plant/odom``."""
+    velocity = message.twist.twist.linear
+    return velocity.x, -velocity.y
+
+
 def encode_battery(truth: GroundTruth) -> bytes:
     """Return ``battery_state``."""
     return _BATTERY.encode(truth.stamp_ns, truth.battery_voltage)
@@ -282,6 +290,11 @@ def decode_sticks(data: bytes) -> tuple[int, int]:
     return quantise(vertical * 100.0), quantise(horizontal * 100.0)
 
 
+def stick_deflection(message: Joy) -> Pair:
+    """Return the sticks of ``gamepad`` forward and rightward, each -1 ... 1."""
+    return -message.axes[0], message.axes[1]
+
+
 def planar_velocity(twist: Twist) -> Pair:
     """Return the velocity [m/s] forward and to the left from a ``geometry_msgs/Twist``."""
     return twist.linear.x, twist.linear.y
@@ -305,6 +318,38 @@ def encode_controller_state(stamp_ns: int, x: PlaneEstimates, y: PlaneEstimates)
         x.theta_dot, x.psi_dot, y.theta_dot, y.psi_dot, x.theta_ref_dot, y.theta_ref_dot,
     )  # fmt: skip
     return _STATE.encode(stamp_ns, *[float(angle) * RADIANS_PER_DEGREE for angle in degrees])
+
+
+class ControllerState(NamedTuple):
+    """What ``controller/state`` says of planes x and y; NaN where the controller does not say it.
+
+    Attributes
+    ----------
+    theta, psi : tuple of float
+        Estimated angles of ball and body [rad].
+    theta_ref, theta_ref_dot : tuple of float
+        Reference of the ball angle [rad], and its rate [rad/s].
+    """
+
+    theta: Pair
+    psi: Pair
+    theta_ref: Pair
+    theta_ref_dot: Pair
+
+
+_NO_PAIR = math.nan, math.nan
+NO_CONTROLLER_STATE = ControllerState(_NO_PAIR, _NO_PAIR, _NO_PAIR, _NO_PAIR)
+
+
+def controller_state(message: JointState) -> ControllerState:
+    """Return the angles in ``controller/state``, whose references may be missing."""
+    position, rate = message.position, message.velocity
+    return ControllerState(
+        theta=(position[0], position[2]),
+        psi=(position[1], position[3]),
+        theta_ref=(position[4], position[5]) if len(position) >= len(STATE_NAMES) else _NO_PAIR,
+        theta_ref_dot=(rate[4], rate[5]) if len(rate) >= len(STATE_NAMES) else _NO_PAIR,
+    )
 
 
 def encode_text(text: str) -> bytes:

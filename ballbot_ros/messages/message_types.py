@@ -77,6 +77,12 @@ class WrenchStamped(Stamped, Protocol):
     wrench: Wrench
 
 
+class Joy(Stamped, Protocol):
+    """``sensor_msgs/Joy``."""
+
+    axes: Sequence[float]
+
+
 class Vector3Stamped(Stamped, Protocol):
     """``geometry_msgs/Vector3Stamped``."""
 
@@ -90,10 +96,24 @@ class Imu(Stamped, Protocol):
     angular_velocity: Vector3
 
 
+class TwistWithCovariance(Protocol):
+    """``geometry_msgs/TwistWithCovariance``."""
+
+    twist: Twist
+
+
 class Odometry(Stamped, Protocol):
     """``nav_msgs/Odometry``."""
 
     pose: PoseWithCovariance
+    twist: TwistWithCovariance
+
+
+class JointState(Stamped, Protocol):
+    """``sensor_msgs/JointState``."""
+
+    position: Sequence[float]
+    velocity: Sequence[float]
 
 
 class MapMetaData(Protocol):

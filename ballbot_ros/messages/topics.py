@@ -10,6 +10,7 @@ from ballbot_ros.parameters import (
     NODES,
     PLANT,
     RECORDER,
+    SUPERVISOR,
     VISUALIZER,
     DriverParameters,
     EncoderParameters,
@@ -133,6 +134,7 @@ ROBOT_DESCRIPTION = Topic('robot_description', 'std_msgs/msg/String', VISUALIZER
 MARKERS = Topic('markers', 'visualization_msgs/msg/MarkerArray', VISUALIZER, latched_depth=1)
 ODOM = Topic('odom', 'nav_msgs/msg/Odometry', VISUALIZER)
 IMU_DATA = Topic('imu/data', 'sensor_msgs/msg/Imu', VISUALIZER)
+SESSION = Topic('supervisor/session', 'std_msgs/msg/String', SUPERVISOR, latched_depth=1)
 TF = Topic('/tf', 'tf2_msgs/msg/TFMessage', None)
 TF_STATIC = Topic('/tf_static', 'tf2_msgs/msg/TFMessage', None, latched_depth=1)
 

@@ -98,7 +98,12 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
             self.terminal.close()
             self.terminal = None
         if self.parameters.keyboard:
-            self.terminal = TeleopTerminal(self, self._sources, lambda: self._command)
+            # Imported only here: it takes a while, and only a terminal needs it.
+            from ballbot_ros.nodes.robot_status import RobotStatus
+
+            self.terminal = TeleopTerminal(
+                self, self._sources, lambda: self._command, RobotStatus(self)
+            )
 
     def _set_log(self) -> None:
         if self.parameters.log_csv:

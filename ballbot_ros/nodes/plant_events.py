@@ -32,8 +32,9 @@ if TYPE_CHECKING:
 class PlantEvents:
     """Subscriptions and services of the plant's node.
 
-    The services are ``plant_sim/reset``, ``plant_sim/pause`` and ``plant_sim/step``. They are named
-    after the role, so they keep their names if the node is renamed.
+    The services are ``plant_sim/reset``, ``plant_sim/start``, ``plant_sim/pause`` and
+    ``plant_sim/step``. They are named after the role, so they keep their names if the node is
+    renamed.
     """
 
     def __init__(self, node: PlantSim) -> None:
@@ -48,6 +49,7 @@ class PlantEvents:
             node.subscribe(topic, self._run_callback(topic), depth=HISTORY)
         for name, kind, callback in (
             ('reset', Trigger, self._reset),
+            ('start', Trigger, self._start),
             ('pause', SetBool, self._pause),
             ('step', Trigger, self._step),
         ):
@@ -87,6 +89,12 @@ class PlantEvents:
         self._node.dispatch(self._master.reset)
         response.success = True
         response.message = 'a new run begins'
+        return response
+
+    def _start(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success = self._master.pause.awaits_start
+        response.message = 'started' if response.success else 'the run is not paused at its start'
+        self._node.dispatch(self._master.start)
         return response
 
     def _pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:

@@ -129,12 +129,16 @@ class PlantSim(BallbotNode[PlantParameters]):
         master = self.master
         content = {
             'run': master.number,
+            'run name': master.run_name,
             'sim time [s]': f'{master.time_ns / SECOND_NS:.3f}',
             'ticks': master.log.ticks,
             'late ticks': master.late_ticks,
             'resends': master.resends,
             'fallen': master.is_fallen,
             'paused': master.pause.is_paused,
+            'awaits start': master.pause.awaits_start,
+            'pace': master.pace,
+            'missing': ' '.join(master.missing),
             **(summary_words(master.summary) if master.summary else {}),
         }
         return with_former_names(content, FORMER_PLANT_KEYS)

@@ -24,7 +24,7 @@ from ballbot_ros.messages.conversions import encode_clock
 from ballbot_ros.messages.topics import CLOCK, HISTORY, TOPICS, find_message_class
 from ballbot_ros.nodes.base import BallbotNode, run_node
 from ballbot_ros.nodes.domain_lock import DomainLock
-from ballbot_ros.nodes.topic_publisher import flush, reliable_qos
+from ballbot_ros.nodes.topic_publisher import TopicPublisher, flush, reliable_qos
 from ballbot_ros.parameters import PLANT, PlayerParameters
 from ballbot_ros.recording.playback import Playback
 from ballbot_ros.recording.qos import QosProfile
@@ -68,6 +68,7 @@ class Player(BallbotNode[PlayerParameters]):
             self.warn(f'{self._recording.path}: {self._recording.damage}: played up to there')
         self._begins_at = time.monotonic() + SETTLE_S
         self.playback.begin(self.parameters.start, self._begins_at)
+        self._clock_ns = self._position_ns(self._begins_at)
         name = self.get_name()
         self.create_service(SetBool, f'{name}/pause', self._pause)
         self.create_subscription(Float64, f'{name}/seek', self._seek, 10)
@@ -96,15 +97,25 @@ class Player(BallbotNode[PlayerParameters]):
             if topic in self._outputs and not self._is_derived_elsewhere(topic):
                 self._outputs[topic].publish(data)
             self.count_sample(stamp_ns)
-        if self._made_clock and not self.playback.paused:
-            position_ns = round(self.playback.position(now) * 1e9)
-            self._made_clock.publish(encode_clock(self.playback.first_ns + position_ns))
+        if self._made_clock:
+            self._make_clock(self._made_clock, now)
         if self.playback.finished:
             self.finish()
 
     def _is_derived_elsewhere(self, topic: str) -> bool:
         """Return whether another node publishes a topic that is derived in the recording."""
         return topic in self._derived and self.count_publishers(topic) > 1
+
+    def _position_ns(self, now: float) -> int:
+        """Return the sim time of the playback [ns]."""
+        return self.playback.first_ns + round(self.playback.position(now) * 1e9)
+
+    def _make_clock(self, output: TopicPublisher, now: float) -> None:
+        """Publish ``/clock`` if the position has changed."""
+        position_ns = self._position_ns(now)
+        if position_ns != self._clock_ns:
+            self._clock_ns = position_ns
+            output.publish(encode_clock(position_ns))
 
     def _watch(self) -> None:
         """End if a plant or another player appears in the domain."""

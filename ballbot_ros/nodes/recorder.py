@@ -61,7 +61,7 @@ class Recorder(BallbotNode[RecorderParameters]):
             self._writer,
             PlantParameters(),
             name_of=lambda topic: self.resolve_topic_name(topic.name),
-            is_published=lambda name: self.count_publishers(name) > 0,
+            is_published=self._channels.is_published,
         )
         self._gate = RecordingGate(self)
         self._run: str | None = None

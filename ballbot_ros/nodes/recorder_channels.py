@@ -14,6 +14,7 @@ from ballbot_ros.messages.topics import (
     CLOCK,
     HISTORY,
     PLANT_STEPS,
+    SESSION,
     TOPICS,
     Topic,
     find_message_class,
@@ -96,8 +97,8 @@ class Channels:
         self._inbox = hidden_node('inbox', node)
         self._channels: dict[str, Channel] = {}
         self._sighted: set[str] = set()
-        # A replay moves the plant through the same steps.
-        self._ignored = {node.resolve_topic_name(PLANT_STEPS.name)}
+        # A replay moves the plant through the same steps; the session only concerns its page.
+        self._ignored = {node.resolve_topic_name(topic.name) for topic in (PLANT_STEPS, SESSION)}
         for topic in TOPICS:
             if topic is PLANT_STEPS:
                 continue
@@ -124,6 +125,10 @@ class Channels:
     def take(self) -> dict[str, Iterator[Arrival[Item]]]:
         """Return the iterators that read the waiting messages of each topic."""
         return {name: channel.take() for name, channel in self._channels.items()}
+
+    def is_published(self, name: str) -> bool:
+        """Return whether a topic has a publisher, and its type is installed."""
+        return name not in self._ignored and self._node.count_publishers(name) > 0
 
     def offered_qos(self, name: str) -> list[QosProfile]:
         """Return the QoS of a topic's publishers."""

@@ -5,10 +5,13 @@ from __future__ import annotations
 import math
 import sys
 import time
+from contextlib import suppress
 
 from ballbot_ros.messages.conversions import map_grid, stamp_ns
 from ballbot_ros.messages.outputs import Send
+from ballbot_ros.messages.raw import stamp_of
 from ballbot_ros.messages.topics import (
+    HISTORY,
     LCD,
     MAP,
     MARKERS,
@@ -24,7 +27,9 @@ from ballbot_ros.messages.topics import (
     message_class,
 )
 from ballbot_ros.nodes.base import BallbotNode, run_node
+from ballbot_ros.nodes.inbox import drain, raw_subscription
 from ballbot_ros.nodes.latest_messages import LatestMessages
+from ballbot_ros.nodes.topic_publisher import requested_qos
 from ballbot_ros.parameters import Dimensions, VisualizerParameters
 from ballbot_ros.viewer.derived_messages import DerivedMessages
 from ballbot_ros.viewer.markers import RobotMarkers
@@ -50,7 +55,12 @@ class RobotVisualizer(BallbotNode[VisualizerParameters]):
         self._derived = DerivedMessages(self._make_send, self.parameters)
         self._describe()
         self._time = self._whole_at = -math.inf
-        self._newest = LatestMessages(self, _DRAWN, _SOURCES, self._derived.add)
+        self._newest = LatestMessages(self, _DRAWN)
+        inbox = self._newest.inbox
+        self._sources = {
+            topic: raw_subscription(inbox, topic, requested_qos(topic, HISTORY))
+            for topic in _SOURCES
+        }
         self.create_wall_timer(1.0 / self.parameters.rate, self._update)
 
     def _describe(self) -> None:
@@ -76,14 +86,14 @@ class RobotVisualizer(BallbotNode[VisualizerParameters]):
 
     def _update(self) -> None:
         snapshot, changed = self._newest.take()
-        if snapshot is None:
-            return
         if RUN in changed:
             self.apply_parameters()
+        self._derive()
+        if snapshot is None:
+            return
         if RUN in changed or MAP in changed or snapshot.time < self._time:
             published = self._newest[MAP]
             self._markers.begin(floor_map_of(map_grid(published)) if published else None)
-        self._derived.send()
         frames = self._frames.at(snapshot.position, snapshot.psi)
         if snapshot.time != self._time:
             self._time = snapshot.time
@@ -95,6 +105,14 @@ class RobotVisualizer(BallbotNode[VisualizerParameters]):
                 self._whole_at = time.monotonic()
             markers = self._markers.at(snapshot, poses_in_map(frames), whole=is_whole)
             self._markers_output.publish(MARKERS.message_class(markers=markers))
+
+    def _derive(self) -> None:
+        """Publish what follows from all messages since the last update."""
+        for topic, subscription in self._sources.items():
+            for data, _ in drain(subscription):
+                with suppress(ValueError):  # too short for a stamp
+                    self._derived.add(topic, stamp_of(data), data)
+        self._derived.send()
 
     def close(self) -> None:
         """Remove the subscriptions."""

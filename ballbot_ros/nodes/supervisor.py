@@ -1,30 +1,49 @@
-"""Lets the page of a run choose the scenario of the next one."""
+"""Lets the page of a run choose the scenario of the next one, and tells it the result."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
+from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from ballbot_ros.errors import BallbotError
+from ballbot_ros.messages.topics import SESSION
 from ballbot_ros.nodes.base import BallbotNode
+from ballbot_ros.nodes.start_request import StartRequest
 from ballbot_ros.parameters import SUPERVISOR, SupervisorParameters
 from ballbot_ros.scenario.library import load_scenario
+from ballbot_ros.viewer.session import encode_session
 
 
 class Supervisor(BallbotNode[SupervisorParameters]):
-    """Requests a scenario, by its name or file; the command that runs the graph starts it."""
+    """Requests a scenario, by its name or file; the command that runs the graph starts it.
+
+    Attributes
+    ----------
+    start_request : StartRequest
+        Starts a run that is paused at its start.
+    """
 
     def __init__(self, scenario: str) -> None:
         super().__init__(SupervisorParameters, SupervisorParameters(scenario=scenario))
         self.requested_scenario = ''
+        self._session = self.output(SESSION)
+        self.start_request = StartRequest(self)
         self.create_service(Trigger, f'{SUPERVISOR}/start', self._start)
 
     def _start(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         name = self.parameters.scenario
         try:
-            load_scenario(name)
+            scenario = load_scenario(name)
         except BallbotError as error:
             response.message = str(error)
             return response
         self.requested_scenario = name
+        self.announce(scenario.name)  # at once, while the run before is still ending
         response.success = True
         return response
+
+    def announce(self, scenario: str, result: Mapping[str, object] | None = None) -> None:
+        """Publish which scenario is run, and at its end the result as JSON."""
+        self._session.publish(String(data=encode_session(scenario, result)))

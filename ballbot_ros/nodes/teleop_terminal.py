@@ -5,29 +5,39 @@ from __future__ import annotations
 import signal
 import time
 from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
 
 from std_srvs.srv import Trigger
 
-from ballbot_ros.controllers.interface import OperatingState
-from ballbot_ros.messages.message_types import Text
-from ballbot_ros.messages.topics import OPERATING_STATE
 from ballbot_ros.nodes.base import BallbotNode
 from ballbot_ros.parameters import PLANT, GamepadParameters
 from ballbot_ros.teleop.arbiter import KEYBOARD, Arbiter, Command
 from ballbot_ros.teleop.keyboard import KeyboardSticks
 from ballbot_ros.teleop.terminal import Terminal
 
+if TYPE_CHECKING:  # importing it takes a while, and only a terminal needs it
+    from ballbot_ros.nodes.robot_status import RobotStatus
+
 
 class TeleopTerminal:
-    """Drives from the keyboard, until the terminal disappears (`is_closed`)."""
+    """Drives from the keyboard, until the terminal disappears (`is_closed`).
+
+    Attributes
+    ----------
+    on_key : callable
+        Called for every key, on the keyboard's thread.
+    """
 
     def __init__(
-        self, node: BallbotNode[GamepadParameters], sources: Arbiter, command: Callable[[], Command]
+        self,
+        node: BallbotNode[GamepadParameters],
+        sources: Arbiter,
+        command: Callable[[], Command],
+        robot: RobotStatus,
     ) -> None:
-        self._node, self._sources, self._command = node, sources, command
-        self._state = ''
+        self._node, self._sources, self._command, self._robot = node, sources, command, robot
         self.is_closed = False
-        self._subscription = node.subscribe(OPERATING_STATE, self._on_state)
+        self.on_key: Callable[[], None] = lambda: None
         self._reset = node.create_client(Trigger, f'{PLANT}/reset')
         # Ignore SIGHUP: a node that loses its terminal loses an input, but must not end.
         signal.signal(signal.SIGHUP, signal.SIG_IGN)
@@ -38,6 +48,7 @@ class TeleopTerminal:
             on_sticks=lambda sticks: sources.report(KEYBOARD, sticks, time.monotonic()),
             on_reset=lambda: self._reset.call_async(Trigger.Request()),
             on_quit=node.finish,
+            on_key=self._on_key,
             on_closed=self._on_closed,
         )
 
@@ -48,23 +59,23 @@ class TeleopTerminal:
     def close(self) -> None:
         """Restore the terminal."""
         self._terminal.close()
-        self._node.destroy_subscription(self._subscription)
+        self._robot.close()
         self._node.destroy_client(self._reset)
 
-    def _on_state(self, message: Text) -> None:
-        self._state = message.data
+    def _on_key(self) -> None:
+        self.on_key()
 
     def _on_closed(self) -> None:
         self._sources.release(KEYBOARD)
         self.is_closed = True
 
     def _status(self) -> Mapping[str, str]:
+        """Return the content of the panel; called on the keyboard's thread."""
         command = self._command()
         vertical, horizontal = command.sticks
-        fallen = '   press r to restart' if self._state == OperatingState.OUT_OF_CONTROL else ''
         return {
-            'sim time': f'{self._node.now_ns * 1e-9:.1f} s',
-            'state': self._state + fallen,
+            **self._robot.lines(),
             'in command': command.source_name(self._node.parameters.scenario),
-            'sticks': f'vertical {vertical:+d}   horizontal {horizontal:+d}',
+            # The document's vertical stick is negative forward.
+            'sticks': f'forward {-vertical:+d}   rightward {horizontal:+d}',
         }

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Collection
 from dataclasses import fields
 
 from ballbot_ros.messages.conversions import encode_joy, map_grid, stamp_ns, tone_of
 from ballbot_ros.messages.message_types import OccupancyGridMessage
+from ballbot_ros.messages.plant_report import PlantReport
 from ballbot_ros.messages.topics import (
+    ACCEPTED_PUSH,
     BATTERY_STATE,
+    CONTROLLER_STATE,
+    GAMEPAD_JOY,
     LCD,
     MAP,
     MOTOR_DUTY,
@@ -17,32 +22,47 @@ from ballbot_ros.messages.topics import (
     PLANT_IMU,
     PLANT_ODOM,
     RUN,
+    SESSION,
     SONAR_RANGE,
     SOUND,
     VIEWER_JOY,
+    Topic,
 )
 from ballbot_ros.nodes.base import BallbotNode, run_node
 from ballbot_ros.nodes.latest_messages import LatestMessages, snapshot_of
+from ballbot_ros.nodes.plant_reports import PlantReports
+from ballbot_ros.nodes.start_request import StartRequest
 from ballbot_ros.nodes.tuning_requests import TuningRequests
 from ballbot_ros.nodes.viewer_requests import ViewerRequests
 from ballbot_ros.parameters import Dimensions, PlantParameters, ViewerParameters
+from ballbot_ros.plant.ground_truth import Pair
 from ballbot_ros.scenario.library import scenario_names
 from ballbot_ros.timing import SECOND_NS
-from ballbot_ros.viewer.address import network_warning, require_viser
-from ballbot_ros.viewer.overlay import Hold, OverlayState
+from ballbot_ros.viewer.address import address_line, network_warning, require_viser
+from ballbot_ros.viewer.overlay import Hold
 from ballbot_ros.viewer.page_sticks import PageSticks
+from ballbot_ros.viewer.plot_kinds import offered_kinds, plot_data
 from ballbot_ros.viewer.real_time_factor import RealTimeFactor
-from ballbot_ros.viewer.snapshot import History, Snapshot
+from ballbot_ros.viewer.run_activity import REPORT, RunActivity
+from ballbot_ros.viewer.run_report import RunReport
+from ballbot_ros.viewer.snapshot import LIVE_SIGNALS, History, Snapshot
+from ballbot_ros.viewer.transport import carry_out
 from ballbot_ros.world.errors import WorldError
 from ballbot_ros.world.exports import floor_map_of
 from ballbot_ros.world.floor_map import FloorMap
 from ballbot_ros.world.library import load_map
 
 _SHOWN = (
-    PLANT_IMU, PLANT_ODOM, MOTOR_DUTY, SONAR_RANGE, BATTERY_STATE, OPERATING_STATE, LCD, SOUND,
-    MAP, RUN,
+    PLANT_IMU, PLANT_ODOM, MOTOR_DUTY, CONTROLLER_STATE, GAMEPAD_JOY, SONAR_RANGE,
+    BATTERY_STATE, OPERATING_STATE, LCD, SOUND, MAP, ACCEPTED_PUSH, RUN, SESSION,
 )  # fmt: skip
-_ASKED = ('scenario', 'map', *(field.name for field in fields(Dimensions)))
+_ASKED = (
+    'scenario',
+    'map',
+    'start_position_x',
+    'start_position_y',
+    *(field.name for field in fields(Dimensions)),
+)
 """Parameters of the plant that determine what to show."""
 
 _STICK_PERIOD_S = 0.05
@@ -56,10 +76,12 @@ class Viewer(BallbotNode[ViewerParameters]):
         super().__init__(ViewerParameters, parameters)
         require_viser()
         # Imported only here: viser takes a second.
-        from ballbot_ros.viewer.drag import DragPush, ForceArrow
+        from ballbot_ros.viewer.arrows import ForceArrow
+        from ballbot_ros.viewer.drag import DragPush
         from ballbot_ros.viewer.live_controls import LiveControls
         from ballbot_ros.viewer.page import UPDATE_S, Page
         from ballbot_ros.viewer.panel import PERIOD, Panel
+        from ballbot_ros.viewer.plots import Plots
         from ballbot_ros.viewer.tuning_sliders import TuningSliders
 
         host, port = self.parameters.host, self.parameters.port
@@ -67,35 +89,93 @@ class Viewer(BallbotNode[ViewerParameters]):
         self._page = Page(Dimensions.from_parameters(self.parameters), 'NXT Ballbot', host, port)
         self._panel = Panel(self._page.server.gui)
         self._panel_period = PERIOD
+        self._plots = Plots(self._page.server.gui, offered_kinds(LIVE_SIGNALS))
+        self._start_position: Pair | None = None  # of the run; None if unknown
         self._requests = ViewerRequests(self, self._page.notify)
-        self._drag = DragPush(ForceArrow(self._page.server.scene), self._requests.push)
+        self._start = StartRequest(self)
+        self._report = RunReport()
+        self._page.serve(REPORT, self._report_page)
+        self._drag = DragPush(ForceArrow(self._page.server.scene, 'drag'), self._requests.push)
         self._show_robot(self._page.dimensions)
-        self._page.overlay.show(OverlayState(can_drive=True))
         self._sticks = PageSticks()
         self._controls = LiveControls(self._page.server.gui, self._requests, scenario_names())
         sliders = TuningSliders(self._page.server.gui)
         self._tuning = TuningRequests(self, self._page.notify, sliders)
         self._newest = LatestMessages(self, _SHOWN)
+        self._plant_reports = PlantReports(self._newest.inbox)
+        self._plant_report = PlantReport()
+        self._run = ''
         self._history = History()
         self._real_time_factor = RealTimeFactor()
         self._updates = 0
+        self._is_empty = True
         self._is_driving = False
         self._joy = self.output(VIEWER_JOY)
         self.create_wall_timer(UPDATE_S, self._update)
         self.create_wall_timer(_STICK_PERIOD_S, self._drive)
         if warning := network_warning(host):
             self.get_logger().warning(warning)
-        print(f'viewer  {self._page.address}', flush=True)
+        print(address_line(self._page.address), flush=True)
 
     def _update(self) -> None:
-        self._take_requests()
         self._requests.send_queued()
         self._tuning.send_queued()
         snapshot, changed = self._newest.take()
+        activity = self._activity(has_pose=snapshot is not None)
+        self._page.overlay.show(activity.overlay)
+        self._take_requests(activity)
+        if activity.awaits_start and self._page.has_clients:
+            self._start.request()
         if snapshot is None:
+            self._clear()
             return
-        if self._requests.lost_plant:
+        self._is_empty = False
+        if activity.has_lost_plant:
             snapshot = snapshot._replace(state='run ended')
+        self._show(snapshot, changed)
+
+    def _activity(self, *, has_pose: bool) -> RunActivity:
+        """Return what is known about the run that is shown."""
+        for report in self._plant_reports.take():
+            self._plant_report = report
+        run = self._newest.run.name
+        if run != self._run:
+            self._run = run
+            self._requests.forget_plant()
+        return RunActivity(
+            session=self._newest.session,
+            has_pose=has_pose,
+            report=self._plant_report if self._plant_report.run == run else None,
+            has_lost_plant=self._requests.lost_plant,
+        )
+
+    def _take_requests(self, activity: RunActivity) -> None:
+        """Carry out the requests of the pages."""
+        for request in self._page.overlay.take():
+            if isinstance(request, Hold):
+                self._sticks.hold(request)
+            else:
+                carry_out(request, activity, self._requests)
+
+    def _clear(self) -> None:
+        """Show nothing of the run before."""
+        if self._is_empty:
+            return
+        self._is_empty = True
+        self._history.clear()
+        self._real_time_factor = RealTimeFactor()
+        self._robot.hide()
+        self._panel.clear()
+        self._start_position = None
+        self._show_plots()
+
+    def _report_page(self) -> bytes:
+        """Return the report of the run that has ended; runs in a thread of the page."""
+        session = self._newest.session
+        result = session.result if session else None
+        return self._report.page(result.recording if result else '')
+
+    def _show(self, snapshot: Snapshot, changed: Collection[Topic]) -> None:
         if RUN in changed or MAP in changed:
             self._begin(snapshot, self._newest[MAP])
         if PLANT_ODOM in changed:
@@ -111,14 +191,17 @@ class Viewer(BallbotNode[ViewerParameters]):
         if self._updates % self._panel_period == 0:
             self._robot.show_trail(self._history.trail())
             factor = self._real_time_factor.update(time.monotonic(), snapshot.time)
-            self._panel.show(snapshot, self._history.trace(), factor)
+            self._panel.show(snapshot, factor)
+            self._show_plots()
             self._controls.offer_scenarios(offer=self._requests.can_start)
 
-    def _take_requests(self) -> None:
-        """Carry out the requests of the pages."""
-        for request in self._page.overlay.take():
-            if isinstance(request, Hold):
-                self._sticks.hold(request)
+    def _show_plots(self) -> None:
+        time, columns = self._history.columns(
+            self._page.dimensions.ball_radius, self._start_position
+        )
+        # The curves of a plot stay the same: viser's page reports an error if a plot is replaced
+        # while it is updated.
+        self._plots.refresh(lambda kind: plot_data(kind, time, columns, keeps_unknown=True))
 
     def _begin(self, snapshot: Snapshot, published: OccupancyGridMessage | None) -> None:
         """Show the floor of a new run, and discard the previous run.
@@ -127,6 +210,7 @@ class Viewer(BallbotNode[ViewerParameters]):
         plant's parameters name the map that has them.
         """
         self._history.clear()
+        self._start_position = None
         before = Dimensions.from_parameters(self.parameters)
         self.apply_parameters()
         dimensions = Dimensions.from_parameters(self.parameters)
@@ -154,6 +238,7 @@ class Viewer(BallbotNode[ViewerParameters]):
     def _take_parameters(self, parameters: PlantParameters) -> None:
         """Show the robot and the map that the plant simulates."""
         self._controls.show_scenario(parameters.scenario)
+        self._start_position = parameters.start_position_x, parameters.start_position_y
         dimensions = Dimensions.from_parameters(parameters)
         if dimensions != self._page.dimensions:
             self._show_robot(dimensions)

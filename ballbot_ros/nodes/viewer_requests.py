@@ -65,6 +65,10 @@ class ViewerRequests:
         self._had_plant |= has_plant
         return self._had_plant and not has_plant
 
+    def forget_plant(self) -> None:
+        """Wait for the plant of another run, which may not have been discovered yet."""
+        self._had_plant = False
+
     @property
     def can_start(self) -> bool:
         """Whether the graph can start another scenario."""
@@ -129,7 +133,8 @@ class ViewerRequests:
             self._call(f'{SUPERVISOR}/start', Trigger.Request(), report)
 
         def report(answer: Trigger.Response) -> None:
-            self._notify(f'{scenario} begins' if answer.success else answer.message)
+            if not answer.success:
+                self._notify(answer.message)
 
         request = setting('scenario', scenario)
         self._waiting.put(lambda: self._call(f'{SUPERVISOR}/set_parameters', request, begin))

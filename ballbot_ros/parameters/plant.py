@@ -127,6 +127,11 @@ class PlantParameters(
         or_zero=True,
         takes_effect=TakesEffect.IMMEDIATELY,
     )
+    start_paused: bool = setting(
+        False,
+        'true: the first run is paused at its first tick, until plant_sim/start or pause',
+        'project',
+    )
     duration: float = quantity(
         0.0, 's', (0.0, 1e6), 'length of the run; 0: until stopped', 'project'
     )

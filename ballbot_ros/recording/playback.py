@@ -6,7 +6,9 @@ from collections.abc import Collection, Iterator
 
 from ballbot_ros.recording.batch import RawMessage
 from ballbot_ros.recording.errors import RecordingError
+from ballbot_ros.recording.playback_keys import SKIP_S, PlaybackAction, faster, slower
 from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.timing import TICK_S
 
 
 class Playback:
@@ -32,6 +34,8 @@ class Playback:
         Time from there to the newest stamp [s].
     rate : float
         Speed in multiples of real time.
+    loop : bool
+        Whether to restart from the oldest message at the end.
     paused, finished : bool
         Whether the playback is paused, and whether everything has been played.
 
@@ -55,7 +59,7 @@ class Playback:
         self.duration = (last_ns - self.first_ns) / 1e9
         self._reader = reader
         self._topics = topics
-        self._loop = loop
+        self.loop = loop
         self.rate = rate
         self.paused = False
         self.seek(0.0, 0.0)
@@ -97,6 +101,37 @@ class Playback:
         self._next = next(self._messages, None)
         self.finished = False
 
+    def step(self, seconds: float, now: float) -> None:
+        """Pause, and play the next `seconds` of the recording at once."""
+        self.pause(True, now)
+        self._position = min(self._position + seconds, self.duration)
+
+    def apply(self, action: PlaybackAction, now: float) -> None:
+        """Do what a key asks for."""
+        position = self.position(now)
+        match action:
+            case PlaybackAction.PAUSE:
+                if self.paused and position >= self.duration:
+                    self.seek(0.0, now)
+                self.pause(not self.paused, now)
+            case PlaybackAction.STEP:
+                self.step(TICK_S, now)
+            case PlaybackAction.BACK:
+                self.seek(position - SKIP_S, now)
+            case PlaybackAction.FORWARD:
+                self.seek(position + SKIP_S, now)
+            case PlaybackAction.START:
+                self.seek(0.0, now)
+            case PlaybackAction.END:
+                self.pause(True, now)
+                self.seek(self.duration, now)
+            case PlaybackAction.LOOP:
+                self.loop = not self.loop
+            case PlaybackAction.SLOWER:
+                self.set_rate(slower(self.rate), now)
+            case PlaybackAction.FASTER:
+                self.set_rate(faster(self.rate), now)
+
     def due(self, now: float) -> Iterator[RawMessage]:
         """Iterate over the messages that have become due since the last call, in file order."""
         if now < self._anchor:
@@ -106,7 +141,7 @@ class Playback:
             message, self._next = self._next, next(self._messages, None)
             yield message
         if self._next is None and not self.paused and self.position(now) >= self.duration:
-            if self._loop and self.duration > 0.0:
+            if self.loop and self.duration > 0.0:
                 self.seek(0.0, now)
             else:
                 self.finished = True

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
-from contextlib import ExitStack
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -11,6 +11,7 @@ from typing import NamedTuple
 from ballbot_ros.codegen.implementation import compose_controller
 from ballbot_ros.files import temporary_folder
 from ballbot_ros.nodes.gamepad_teleop import GamepadTeleop
+from ballbot_ros.nodes.start_request import StartRequest
 from ballbot_ros.parameters import (
     CONTROLLER,
     GAMEPAD,
@@ -20,6 +21,7 @@ from ballbot_ros.parameters import (
     VIEWER,
     GamepadParameters,
     ParameterSet,
+    PlantParameters,
 )
 from ballbot_ros.parameters.assignment import assign
 from ballbot_ros.run.fork_client import ForkClient
@@ -30,9 +32,11 @@ from ballbot_ros.run.output_folder import output_files
 from ballbot_ros.run.requirements import require_viewer
 from ballbot_ros.run.separate_processes import run_nodes
 from ballbot_ros.run.spec import RunSpec, check_reserved_parameters, resolve_map
+from ballbot_ros.run.start_observer import StartObserver
 from ballbot_ros.scenario.library import load_profile
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.stop_request import StopRequest
+from ballbot_ros.teleop.key_press import KeyPress
 
 NAME = 'drive'
 """Name of the recording."""
@@ -108,6 +112,7 @@ def drive(
     no_keyboard: str = '',
     log: Path | None = None,
     viewer: bool = False,
+    starts_paused: bool = False,
 ) -> DriveResult:
     """Run the graph; the gamepad node runs in this process, so that it can use the terminal.
 
@@ -117,6 +122,8 @@ def drive(
         Why the keyboard is not used for driving; '' if it is.
     log : Path or None
         File for the data log of the brick.
+    starts_paused : bool
+        Whether the drive waits for the page to be opened, or for a key.
 
     Raises
     ------
@@ -129,8 +136,11 @@ def drive(
         recording = stack.enter_context(output_files(spec)).recording
         scratch = Path(stack.enter_context(temporary_folder()))
         parameters = graph_parameters(spec, recording, scratch)
-        # Set these after the attachments are written: a replay needs neither terminal nor log.
+        # Set these after the attachments are written: a replay needs neither terminal nor log, and
+        # waits for nobody.
         parameters.set(GAMEPAD, 'keyboard', not no_keyboard)
+        if starts_paused:
+            parameters.set(PLANT, 'start_paused', True)
         if log is not None:
             parameters.set(GAMEPAD, 'log_csv', str(log.resolve()), '--log')
         names = [n for n in NODES if n != GAMEPAD and (n != RECORDER or recording)]
@@ -148,8 +158,13 @@ def _run_graph(
     observer: RunObserver,
     no_keyboard: str,
 ) -> int:
-    with StopRequest() as stop, ForkClient() as client, ros('INFO'):
+    with ExitStack() as stack:
+        stop = stack.enter_context(StopRequest())
+        client = stack.enter_context(ForkClient())
+        stack.enter_context(ros('INFO'))
         gamepad = GamepadTeleop(parameters.of(GamepadParameters))
+        if parameters.of(PlantParameters).start_paused:
+            observer = stack.enter_context(_starting_at_key_press(gamepad, observer))
         thread = NodeThread(gamepad)
         if no_keyboard:
             observer.notice(f'no keyboard ({no_keyboard}): drive with a gamepad, joy or cmd_vel')
@@ -170,6 +185,18 @@ def _run_graph(
         raise thread.error
     ends = [process.exit_status for process in processes.values()]
     return _exit_status(failure, ends, gamepad.exit_status)
+
+
+@contextmanager
+def _starting_at_key_press(gamepad: GamepadTeleop, observer: RunObserver) -> Iterator[RunObserver]:
+    """Start the drive when a key is pressed; yield the observer that it needs."""
+    start = StartRequest(gamepad)
+    if gamepad.terminal:
+        gamepad.terminal.on_key = start.request
+        yield observer
+    else:
+        with closing(KeyPress(start.request)) as key_press:
+            yield StartObserver(observer, key_press)
 
 
 def _exit_status(failure: str, ends: Collection[int | None], gamepad: int) -> int:

@@ -30,6 +30,9 @@ def execute(
     observer: RunObserver | None = None,
     is_replaced: Callable[[], bool] | None = None,
     client: ForkClient | None = None,
+    *,
+    starts_paused: bool = False,
+    on_judged: Callable[[RunResult], None] = lambda result: None,
 ) -> RunResult:
     """Run a scenario, measure and judge it, and draw its figure.
 
@@ -43,6 +46,11 @@ def execute(
     client : ForkClient or None
         Forks the nodes that are separate processes. One that was started early has already imported
         them; None to start one for this run.
+    starts_paused : bool
+        Whether the run waits at its first tick for ``plant_sim/start``; only for nodes in separate
+        processes.
+    on_judged : callable
+        Receives the result before its figure is drawn, which takes a second.
 
     Returns
     -------
@@ -58,10 +66,18 @@ def execute(
     # Read the map before the run: its file may change in the meantime.
     world = World.of(spec.plant)
     with output_files(spec) as files:
-        result = _carry_out(spec, files.recording, observer or LogObserver(), is_replaced, client)
+        result = _carry_out(
+            spec,
+            files.recording,
+            observer or LogObserver(),
+            is_replaced,
+            client,
+            starts_paused=starts_paused,
+        )
         result = _with_metrics(spec, world, result)
         if files.recording and files.recording.exists():
             result = replace(result, recording=files.recording)
+        on_judged(result)
         # An interrupted run needs no figure; the recording has everything.
         if files.figure and result.outcome is not Outcome.STOPPED:
             result = _with_figure(spec, world, result, files.figure)
@@ -74,6 +90,8 @@ def _carry_out(
     observer: RunObserver,
     is_replaced: Callable[[], bool] | None,
     client: ForkClient | None,
+    *,
+    starts_paused: bool,
 ) -> RunResult:
     # Import only what these processes need: without ROS there is no rclpy.
     if spec.processes is Processes.NONE:
@@ -91,7 +109,9 @@ def _carry_out(
         require_rclpy(_OR_NONE)
         from ballbot_ros.run.separate_processes import run_in_separate_processes
 
-        return run_in_separate_processes(client, spec, recording, scratch, observer, is_replaced)
+        return run_in_separate_processes(
+            client, spec, recording, scratch, observer, is_replaced, starts_paused=starts_paused
+        )
 
 
 def _with_metrics(spec: RunSpec, world: World | None, result: RunResult) -> RunResult:

@@ -9,15 +9,11 @@ from itertools import islice
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from ballbot_ros.messages.conversions import time_ns
-from ballbot_ros.messages.raw import decoder
-from ballbot_ros.messages.topics import CLOCK, DIAGNOSTICS
-from ballbot_ros.nodes.inbox import drain, hidden_node, raw_subscription
+from ballbot_ros.messages.topics import CLOCK
+from ballbot_ros.nodes.inbox import drain, hidden_node
+from ballbot_ros.nodes.plant_reports import PlantReports
 from ballbot_ros.nodes.processes import is_waiting, threads_by_process
-from ballbot_ros.parameters import PLANT
 from ballbot_ros.simulation.silence_timer import SilenceTimer, Threads
-
-_REPORTS = 50
-_decode = decoder(DIAGNOSTICS.type_name)
 
 PLANT_SILENCE_S = 2.3
 """Silence after which the plant, which reports at 1 Hz, counts as hung [s]. Time in which the
@@ -72,7 +68,7 @@ class PlantMonitor:
         self._clock = self._node.create_subscription(
             CLOCK.message_class, CLOCK.name, lambda message: None, newest
         )
-        self._diagnostics = raw_subscription(self._node, DIAGNOSTICS, QoSProfile(depth=_REPORTS))
+        self._reports = PlantReports(self._node)
         self.now_ns = 0
         self._watchdog = PlantWatchdog(time.monotonic())
         return self
@@ -85,19 +81,8 @@ class PlantMonitor:
         for clock, _ in islice(drain(self._clock), 1):
             self.now_ns = time_ns(clock.clock)
             self._watchdog.feed(time.monotonic())
-        # Read no more messages than can be waiting, and decode only those that can be the plant's:
-        # other nodes may publish on this topic faster than it can be read.
-        for data, _ in islice(drain(self._diagnostics), _REPORTS):
-            if PLANT.encode() not in data:
-                continue
-            try:
-                report = _decode(data)
-            except ValueError:
-                continue
-            for status in report.status:
-                keys = {value.key: value.value for value in status.values}
-                if keys.get('role') == PLANT:
-                    self._watchdog.feed(time.monotonic(), has_ended='outcome' in keys)
+        for report in self._reports.take():
+            self._watchdog.feed(time.monotonic(), has_ended=bool(report.outcome))
 
     def plant_hangs(self, process: int) -> bool:
         """Return whether the plant, which runs as `process`, hangs."""

@@ -34,6 +34,8 @@ def run_in_separate_processes(
     scratch: Path,
     observer: RunObserver,
     is_replaced: Callable[[], bool] | None,
+    *,
+    starts_paused: bool = False,
 ) -> RunResult:
     """Run the graph as processes, all of which have ended on return.
 
@@ -45,11 +47,16 @@ def run_in_separate_processes(
         Folder for files that only the nodes read.
     is_replaced : callable or None
         Returns whether another run replaces this one; None if no run will.
+    starts_paused : bool
+        Whether the run waits at its first tick for ``plant_sim/start``.
     """
     is_replaced = is_replaced or (lambda: False)
     parameters = graph_parameters(spec, recording, scratch)
     trajectory_file = scratch / 'trajectory.npz'
     parameters.set(PLANT, 'trajectory_file', str(trajectory_file))
+    if starts_paused:
+        # Not in the recording's parameters: a replay waits for nobody.
+        parameters.set(PLANT, 'start_paused', True)
     with StopRequest() as stop, ros():
 
         def should_stop() -> bool:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from array import array
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from enum import Enum, auto
 from functools import wraps
 from typing import Concatenate, ParamSpec, TypeVar
@@ -108,7 +108,6 @@ class RunMaster(ABC):
     ) -> None:
         self._graph, self._topics, self._set_up, self._token = graph, topics, set_up, token
         self._actions: Actions = []
-        self.pause = PauseControl()
         self.resends = 0
         self.summary: RunSummary | None = None
         self._pacer = Pacer()
@@ -116,6 +115,7 @@ class RunMaster(ABC):
         self._number = 0
         self._is_warned = self._is_wake_pending = False
         self._prepare(FIRST_TICK_NS)
+        self.pause = PauseControl(starts_paused=self._parameters.start_paused)
         self._participants = RunParticipants(
             graph,
             process_observer,
@@ -220,6 +220,7 @@ class RunMaster(ABC):
     def on_parameters(self, parameters: PlantParameters) -> None:
         """Apply new parameters, such as another pace."""
         self._parameters = parameters
+        self._act(do.Report())
         self._pacer.restart()
         if self._is_wake_pending:
             self._cancel_wake()
@@ -242,13 +243,23 @@ class RunMaster(ABC):
         if is_paused != self.pause.is_paused:
             self._act(do.Log('paused' if is_paused else 'resumed'))
         self.pause.set(is_paused=is_paused)
+        self._act(do.Report())
         if not is_paused:
+            self._continue()
+
+    @event
+    def start(self) -> None:
+        """End the pause at the start, if there is one; a later pause stays."""
+        if not self._is_ended and self.pause.start():
+            self._act(do.Log('started'))
+            self._act(do.Report())
             self._continue()
 
     @event
     def step(self) -> None:
         """Run one tick of a paused plant."""
-        if self.pause.step():
+        if not self._is_ended and self.pause.step():
+            self._act(do.Report())
             self._advance()
 
     @event
@@ -306,6 +317,7 @@ class RunMaster(ABC):
             self._act(do.ClearMap())
         self._act(do.AnnounceRun(self._run))
         self._act(do.ClearError())
+        self._act(do.Report())
 
     def _open(self) -> None:
         """Begin the run with its participants: publish the first truth."""
@@ -317,6 +329,7 @@ class RunMaster(ABC):
         for push in self._setup.scenario.pushes_from(self._run.start_ns):
             self._push(push)
         self._publish_truth()
+        self._act(do.Report())
 
     def _push(self, push: Push) -> None:
         """Apply a push, and publish its start and end, so that the run can be replayed."""
@@ -508,6 +521,21 @@ class RunMaster(ABC):
     def number(self) -> int:
         """Number of the current run, 0 before the first."""
         return self._number
+
+    @property
+    def run_name(self) -> str:
+        """Name of the current run in its announcement, '' before the first."""
+        return self._run.name
+
+    @property
+    def missing(self) -> Sequence[str]:
+        """The roles that the current run waits for before its first tick."""
+        return self._missing if self._phase is Phase.GATHERING else ()
+
+    @property
+    def pace(self) -> float:
+        """Required sim time per wall time; 0: as fast as possible."""
+        return self._parameters.real_time_factor
 
     @property
     def time_ns(self) -> int:

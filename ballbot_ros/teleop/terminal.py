@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from ballbot_ros.teleop.errors import TeleopError
 from ballbot_ros.teleop.keyboard import KeyboardSticks
+from ballbot_ros.teleop.passing_messages import PassingMessages
 from ballbot_ros.teleop.sticks import Sticks
 
 if TYPE_CHECKING:
@@ -21,7 +22,11 @@ if TYPE_CHECKING:
 
 INSTALL_HINT = 'prompt_toolkit not found: install it with `pip install "ballbot_ros[drive]"`'
 
-HELP = 'arrows drive   space stop   h hold   + - key speed   r reset   q quit'
+HELP = 'arrows or w a s d drive   space stop   h hold   + - key speed   r reset   q quit'
+_ARROWS = {'up': 'up w W', 'left': 'left a A', 'down': 'down s S', 'right': 'right d D'}
+"""The keys of each direction."""
+
+_MESSAGES = 2
 
 REPORT_S = 0.02
 REDRAW_S = 0.1
@@ -41,8 +46,9 @@ def keyboard_unavailable_reason() -> str:
 class Terminal:
     """Reads the keys on its own thread.
 
-    While it runs, other output of the process to the terminal appears above the panel. At the end
-    the terminal is restored.
+    While it runs, other output of the process to the terminal appears above the panel; only the
+    newest lines of level INFO are shown, in the panel, so that they do not pile up. At the end the
+    terminal is restored.
 
     Parameters
     ----------
@@ -52,6 +58,8 @@ class Terminal:
         Receives the sticks, 50 times a second.
     on_reset, on_quit : callable
         Called for the reset key and the quit key.
+    on_key : callable
+        Called for every key.
     on_closed : callable
         Called when the keyboard is gone: after quitting, or because the terminal has disappeared.
 
@@ -69,14 +77,16 @@ class Terminal:
         on_sticks: Callable[[Sticks], None],
         on_reset: Callable[[], None],
         on_quit: Callable[[], None],
+        on_key: Callable[[], None],
         on_closed: Callable[[], None],
     ) -> None:
         if obstacle := keyboard_unavailable_reason():
             raise TeleopError(f'keyboard: {obstacle}')
         self._keys, self._status = keys, status
         self._on_sticks, self._on_reset = on_sticks, on_reset
-        self._on_quit, self._on_closed = on_quit, on_closed
+        self._on_quit, self._on_key, self._on_closed = on_quit, on_key, on_closed
         self._app: Application[None] | None = None
+        self._messages = PassingMessages(_MESSAGES)
         self._thread = Thread(target=self._run, name='keyboard', daemon=True)
         self._thread.start()
 
@@ -95,7 +105,7 @@ class Terminal:
                 def begin() -> None:
                     assert self._app is not None
                     self._app.create_background_task(self._report())
-                    self._app.create_background_task(_show_above(others))
+                    self._app.create_background_task(self._show_output(others))
 
                 self._app.run(pre_run=begin, handle_sigint=False, set_exception_handler=False)
         except (EOFError, OSError, termios.error):
@@ -136,17 +146,27 @@ class Terminal:
         keys, bindings = self._keys, KeyBindings()
 
         def bind(names: str, act: Callable[[], None]) -> None:
-            for name in names.split():
-                bindings.add(name)(lambda event: act())
+            def handle(_: object) -> None:
+                self._on_key()
+                act()
 
-        for name in ('up', 'down', 'left', 'right'):
-            bind(name, lambda name=name: keys.arrow(name, time.monotonic()))  # type: ignore[misc]
+            for name in names.split():
+                bindings.add(name)(handle)
+
+        for name, names in _ARROWS.items():
+            bind(names, lambda name=name: keys.arrow(name, time.monotonic()))  # type: ignore[misc]
         bind('space', keys.stop)
         bind('h H', lambda: keys.hold(time.monotonic()))
         bind('+ =', lambda: keys.change_speed(1))
         bind('-', lambda: keys.change_speed(-1))
         bind('r R', self._reset)
         bind('q Q c-c', self._quit)
+
+        @bindings.add('<any>')
+        def _(event: Any) -> None:
+            self._on_key()
+            self._messages.add(f'key {_key_name(event)} does nothing')
+
         return bindings
 
     def _reset(self) -> None:
@@ -167,7 +187,18 @@ class Terminal:
     def _panel(self) -> str:
         keys = {'key speed': f'{self._keys.speed_percent} %{"  held" * self._keys.holds}'}
         lines = [f'{name:<11} {text}' for name, text in {**self._status(), **keys}.items()]
-        return '\n'.join([*lines, HELP])
+        return '\n'.join([*lines, HELP, *self._messages.lines])
+
+    async def _show_output(self, others: _Redirected) -> None:
+        """Show other output to the terminal above the panel, or briefly in it."""
+        from prompt_toolkit.application import run_in_terminal
+
+        reader = asyncio.StreamReader()
+        loop = asyncio.get_running_loop()
+        await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), others.pipe)
+        while text := await reader.readline():
+            if not self._messages.take(text.decode(errors='replace')):
+                await run_in_terminal(lambda: others.show(text))
 
 
 def _exit(app: Application[None]) -> None:
@@ -175,15 +206,10 @@ def _exit(app: Application[None]) -> None:
         app.exit()
 
 
-async def _show_above(others: _Redirected) -> None:
-    """Show other output to the terminal above the panel."""
-    from prompt_toolkit.application import run_in_terminal
-
-    reader = asyncio.StreamReader()
-    loop = asyncio.get_running_loop()
-    await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), others.pipe)
-    while text := await reader.readline():
-        await run_in_terminal(lambda: others.show(text))
+def _key_name(event: Any) -> str:
+    """Return a key as the user knows it."""
+    key = event.key_sequence[0].key
+    return repr(key) if len(key) == 1 else str(getattr(key, 'value', key))
 
 
 class _Redirected:

@@ -7,6 +7,7 @@ import socket
 
 from ballbot_ros.viewer.errors import ViewerError, importing
 
+_PREFIX = 'viewer  '
 LOOPBACK = ('127.0.0.1', 'localhost', '::1')
 
 
@@ -29,6 +30,16 @@ def check_address(host: str, port: int) -> None:
             f'the viewer cannot be served on {url_authority(host, port)}: {error.strerror}; '
             'choose another host or port (port 0: a free one)'
         ) from None
+
+
+def address_line(address: str) -> str:
+    """Return the line with which a viewer prints its address."""
+    return f'{_PREFIX}{address}'
+
+
+def address_in(line: str) -> str:
+    """Return the address in a viewer's line; '' if it has none."""
+    return line.removeprefix(_PREFIX) if line.startswith(f'{_PREFIX}http://') else ''
 
 
 def url_authority(host: str, port: int) -> str:

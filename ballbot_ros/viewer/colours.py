@@ -19,7 +19,10 @@ NAMES: dict[Colour, str] = {
 """The colours of the robot's parts by name."""
 
 FLOOR, WALL, LINE = (236, 233, 226), (148, 158, 170), (40, 42, 46)
-SKY = (214, 227, 240)
+ZENITH, HORIZON = (188, 204, 222), (242, 245, 248)
 TRAIL, GHOST_TRAIL, GHOST = (238, 122, 40), (110, 120, 200), (120, 135, 220)
+GHOST_LIGHT = (176, 186, 238)
+"""The curve of plane y of the ghost; that of plane x has the colour of the ghost."""
 FORCE = (44, 116, 190)
 BEAM, BEAM_OPACITY = (255, 160, 60), 0.22
+HEADING, HEADING_OPACITY = DARK, 0.45

@@ -8,15 +8,14 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from viser import SceneApi, SceneNodeDragEvent
+from viser import SceneNodeDragEvent
 
 from ballbot_ros.plant.ground_truth import Pair
-from ballbot_ros.viewer import colours
+from ballbot_ros.viewer.arrows import NEWTONS_PER_METRE, ForceArrow
 
 MIN_FORCE, MAX_FORCE = 0.1, 3.0
 """Smallest and largest force that a page can apply [N]."""
 
-NEWTONS_PER_METRE = 10.0
 _STEEP = math.sin(math.radians(12.0))
 """Slope from which a line of sight meets the horizontal plane near enough."""
 
@@ -82,26 +81,3 @@ class DragPush:
         self._arrow.hide()
         if math.hypot(*force) >= MIN_FORCE:
             self._push(force)
-
-
-class ForceArrow:
-    """An arrow of a force with its size in newtons."""
-
-    def __init__(self, api: SceneApi) -> None:
-        self._arrow = api.add_arrows(
-            '/drag', np.zeros((1, 2, 3)), colours.FORCE, shaft_radius=0.006, head_radius=0.016,
-            head_length=0.04, visible=False,
-        )  # fmt: skip
-        self._label = api.add_label('/drag/label', '', anchor='bottom-center')
-
-    def show(self, origin: Point, force: Pair) -> None:
-        """Show a force in plane signs [N] at a point in ``map`` [m]."""
-        tip = np.add(origin, (force[0] / NEWTONS_PER_METRE, -force[1] / NEWTONS_PER_METRE, 0.0))
-        self._arrow.points = np.array([[origin, tip]], np.float32)
-        self._label.position = tip
-        self._label.text = f'{math.hypot(*force):.1f} N'
-        self._arrow.visible = True
-
-    def hide(self) -> None:
-        """Hide it."""
-        self._arrow.visible = False

@@ -1,4 +1,4 @@
-"""The floor as rectangles: walls, black lines and extent."""
+"""The walls as rectangles, and the extent of the floor."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.world.floor_map import CELL_M, LINE, FloorMap
+from ballbot_ros.world.floor_map import CELL_M, FloorMap
 
 FREE_HALF_SIDE = 1.0
 """Half the side of the square shown of an unlimited floor [m]."""
@@ -36,11 +36,6 @@ class Area:
 def walls(floor_map: FloorMap) -> list[Rectangle]:
     """Return the walls as rectangles that do not overlap."""
     return list(_rectangles(floor_map, floor_map.walls))
-
-
-def lines(floor_map: FloorMap) -> list[Rectangle]:
-    """Return the black lines as rectangles that do not overlap."""
-    return list(_rectangles(floor_map, np.equal(floor_map.cells, LINE)))
 
 
 def _rectangles(floor_map: FloorMap, mask: NDArray[np.bool_]) -> Iterator[Rectangle]:

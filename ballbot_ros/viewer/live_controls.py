@@ -1,4 +1,4 @@
-"""The controls of a live page: time, speed and pushes."""
+"""The controls of a live page: scenario and pushes."""
 
 from __future__ import annotations
 
@@ -10,8 +10,6 @@ import viser
 from ballbot_ros.plant.ground_truth import Pair
 from ballbot_ros.viewer.drag import MAX_FORCE, MIN_FORCE
 
-PAUSE, STEP, RUN, RESET = TIME_BUTTONS = ('Pause', 'Step', 'Run', 'Reset')
-SPEEDS = {'0.1×': 0.1, '0.5×': 0.5, '1×': 1.0, 'max': 0.0}
 DIRECTIONS: dict[str, Pair] = {
     'forward': (1.0, 0.0),
     'back': (-1.0, 0.0),
@@ -47,16 +45,6 @@ class LiveControls:
     """The controls of a live page; `scenarios` are the choices for the next run."""
 
     def __init__(self, gui: viser.GuiApi, plant: PlantControls, scenarios: Sequence[str]) -> None:
-        acts: dict[str, Callable[[], None]] = {
-            PAUSE: lambda: plant.pause(True),
-            STEP: plant.step,
-            RUN: lambda: plant.pause(False),
-            RESET: plant.reset,
-        }
-        with gui.add_folder('Time', order=1.0):
-            self._on_press(gui.add_button_group('Run', TIME_BUTTONS), lambda name: acts[name]())
-            speed = gui.add_button_group('Speed', tuple(SPEEDS))
-            self._on_press(speed, lambda name: plant.set_real_time_factor(SPEEDS[name]))
         self._chooser = gui.add_folder('Scenario', order=1.5, visible=False)
         with self._chooser:
             self._next: Any = gui.add_dropdown('Next', tuple(scenarios))

@@ -53,6 +53,8 @@ class Button:
     ----------
     name : str
         What :class:`Press` reports.
+    label : str
+        Text on the button; '' for a key without a button.
     key : str
         ``KeyboardEvent.key`` that presses it too, such as ``' '``; '' for none.
     tip : str

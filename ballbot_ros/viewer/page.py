@@ -43,7 +43,9 @@ div:has(> {_SHEET}) {{ flex-direction: column !important }}
 
 # The server ignores the controls of a page without the token; this style only hides them.
 _ONLY_SHOWS = """<style>
-.mantine-Paper-root[data-with-border]:has(.mantine-Button-root, .mantine-Slider-root) {
+.mantine-Paper-root[data-with-border]:has(
+  .mantine-Button-root, .mantine-Slider-root, .mantine-Checkbox-root
+) {
   display: none
 }
 </style>

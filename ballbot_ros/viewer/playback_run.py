@@ -4,23 +4,26 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left, bisect_right
+from collections.abc import Collection
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.analysis.run_data import RunData, Series, read_run
+from ballbot_ros.analysis.signals import signals_of
 from ballbot_ros.brick.brick import Tone
 from ballbot_ros.messages.topics import BATTERY_STATE, PLANT_IMU, PLANT_ODOM, SONAR_RANGE
 from ballbot_ros.parameters import Dimensions
 from ballbot_ros.progress import ProgressCallback
+from ballbot_ros.timing import TICK_NS, TICK_S
+from ballbot_ros.viewer.acting_force import acting_force
 from ballbot_ros.viewer.errors import ViewerError
-from ballbot_ros.viewer.snapshot import TRACE_COLUMNS, WINDOW_S, Snapshot
+from ballbot_ros.viewer.robot import TRAIL_STEP, RolledBall, wxyz
+from ballbot_ros.viewer.run_marks import run_marks
+from ballbot_ros.viewer.snapshot import Floats, Snapshot
 from ballbot_ros.world.exports import OccupancyGrid, floor_map_of
 from ballbot_ros.world.floor_map import FloorMap
-
-_SAMPLES = 600
-"""Maximum number of points of a curve or of the trail."""
 
 
 class PlaybackRun:
@@ -34,6 +37,8 @@ class PlaybackRun:
         What is missing in the file, according to the reader; None if nothing is.
     start : tuple of float
         x and y of the first tick in ``map`` [m].
+    marks : tuple of Mark
+        Its events.
 
     Raises
     ------
@@ -54,6 +59,11 @@ class PlaybackRun:
         self.floor_map = _floor_map(run)
         x, y = run.trajectory.position[0].tolist()
         self.start = (x, -y)
+        self._ball = RolledBall(run.trajectory.position, self.dimensions.ball_radius)
+        self._forces = [(start, *push) for start, push in run.forces]
+        self.marks = run_marks(run)
+        self._trail_ticks = _trail_ticks(run.trajectory.position)
+        self._trail = [(x, -y) for x, y in run.trajectory.position[self._trail_ticks].tolist()]
         self._state_times = [interval.start for interval in run.states]
         self._page_times = [time for time, _ in run.pages]
         self._tone_times = [time for time, _ in run.tones]
@@ -68,6 +78,7 @@ class PlaybackRun:
         psi_x, psi_y = motion.psi[tick].tolist()
         duty_x, duty_y = motion.duty[tick].tolist()
         sonar, cone_angle = self._newest_sonar(time)
+        w, i, j, k = wxyz(self._ball.at(tick)).tolist()
         return Snapshot(
             time=float(motion.time[tick]),
             position=(x, y),
@@ -78,6 +89,8 @@ class PlaybackRun:
             battery=float(_held(self._run.series.get(BATTERY_STATE), np.array([time]))[0]),
             state=self._run.states[state].name if state >= 0 else '',
             lcd=self._run.pages[page][1] if page >= 0 else '',
+            ball=(w, i, j, k),
+            force=acting_force(self._forces, time),
         )
 
     def _newest_sonar(self, time: float) -> tuple[float, float]:
@@ -99,27 +112,45 @@ class PlaybackRun:
             return None
         return self._run.tones[number][1]
 
-    def trace(self, time: float) -> NDArray[np.float64]:
-        """Return the columns of the plots up to `time`, as History.trace does."""
-        motion = self._run.trajectory
-        ticks = self._ticks(self._tick(time - WINDOW_S), self._tick(time))
-        table = np.empty((len(ticks), TRACE_COLUMNS))
-        table[:, 0] = motion.time[ticks]
-        table[:, 1:3] = motion.psi[ticks]
-        table[:, 3:5] = motion.position[ticks]
-        table[:, 5:7] = motion.duty[ticks]
-        table[:, 7] = _held(self._run.series.get(SONAR_RANGE), motion.time[ticks])
-        return table
+    @property
+    def ticks(self) -> int:
+        """Number of ticks from the start to the end."""
+        return round(self.end / TICK_S) + 1
 
-    @staticmethod
-    def _ticks(first: int, last: int) -> NDArray[np.int64]:
-        step = max(1, math.ceil((last - first) / _SAMPLES))
-        return np.arange(first, last + 1, step)
+    @property
+    def columns(self) -> frozenset[str]:
+        """The names of its signals' columns, as in ``Run.frame``."""
+        return frozenset(name for signal in signals_of(self._run) for name in signal.columns)
+
+    def table(self, names: Collection[str], ticks: int) -> dict[str, Floats]:
+        """Return those of the columns `names` that it has, at its first `ticks` ticks.
+
+        After the end of the run they are NaN.
+        """
+        own = min(ticks, self.ticks)
+        stamps = self._run.start_ns + TICK_NS * np.arange(own)
+        table: dict[str, Floats] = {}
+        for signal in signals_of(self._run):
+            if not set(signal.columns).isdisjoint(names):
+                table |= signal.table(self._run, stamps)
+        return {
+            name: np.pad(values.astype(np.float64), (0, ticks - own), constant_values=np.nan)
+            for name, values in table.items()
+        }
 
     def trail(self, time: float) -> list[tuple[float, float]]:
         """Return the trail from the start to `time`, x and y in ``map`` [m]."""
-        points = self._run.trajectory.position[self._ticks(0, self._tick(time))].tolist()
-        return [(x, -y) for x, y in points]
+        return self._trail[: bisect_right(self._trail_ticks, self._tick(time))]
+
+
+def _trail_ticks(position: Floats) -> list[int]:
+    """Return the ticks at which the trail gets a point."""
+    points = position.tolist()
+    ticks = [0]
+    for tick, point in enumerate(points):
+        if math.dist(point, points[ticks[-1]]) > TRAIL_STEP:
+            ticks.append(tick)
+    return ticks
 
 
 def _held(series: Series | None, times: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,109 +1,122 @@
-"""Pictures and films of a recorded run, rendered in a headless browser."""
+"""Pictures and films of recorded runs, rendered in a headless browser."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Iterator, Sequence
+import contextlib
+import math
+from collections.abc import Generator, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import Any
-
-import imageio
-import numpy as np
-import viser
-from numpy.typing import NDArray
 
 from ballbot_ros.progress import ProgressCallback
-from ballbot_ros.viewer.browser import browser_page
-from ballbot_ros.viewer.errors import ViewerError
-from ballbot_ros.viewer.page import Page
+from ballbot_ros.viewer.film_files import replacing, write_film, write_picture
+from ballbot_ros.viewer.floor import Area
+from ballbot_ros.viewer.offscreen import Image, offscreen_scene
 from ballbot_ros.viewer.playback_run import PlaybackRun
-from ballbot_ros.viewer.recording_page import RecordingPage
+from ballbot_ros.viewer.recorded_robots import RecordedRobots
+from ballbot_ros.viewer.time_stamp import with_time_stamp
+from ballbot_ros.viewer.views import CHASER_1, View, camera
 
-WIDTH, HEIGHT = 960, 528
-"""Size of a picture [px]; film codecs need multiples of 16."""
-
-FRAMES_PER_SECOND = {'.mp4': 20, '.gif': 10}
-
-_CONNECT_S = 60.0
-_FRAME_S = 60.0
-_SETTLE_S = 1.0
-
-Image = NDArray[np.uint8]
-"""Shape (:data:`HEIGHT`, :data:`WIDTH`, 3)."""
+SIZE = (960, 528)
+"""Default width and height of a picture [px]."""
 
 
-def frames(run: PlaybackRun, shots: Sequence[tuple[str, float]]) -> Iterator[Image]:
-    """Yield a picture of the run for each view and time [s]; raise ViewerError if that fails."""
-    with browser_page(WIDTH, HEIGHT) as browser:
-        page = Page(run.dimensions, run.name, '127.0.0.1', 0)
-        try:
-            recording_page = RecordingPage(page, [run])
-            browser.goto(page.address)
-            client = _client(page)
-            recording_page.show(shots[0][1], panel=True)
-            _render_image(client)  # makes the browser load the meshes first
-            time.sleep(_SETTLE_S)
-            for view, moment in shots:
-                page.set_view(client.client_id, view)
-                recording_page.show(moment, panel=True)
-                yield _render_image(client)
-        finally:
-            page.stop()
-
-
-def _client(page: Page) -> viser.ClientHandle:
-    deadline = time.monotonic() + _CONNECT_S
-    while time.monotonic() < deadline:
-        for client in page.server.get_clients().values():
-            return client
-        time.sleep(0.05)
-    raise ViewerError(f'the browser did not show the page within {_CONNECT_S:g} s')
-
-
-def _render_image(client: viser.ClientHandle) -> Image:
-    try:
-        image = client.get_render(HEIGHT, WIDTH, timeout=_FRAME_S)
-    except (RuntimeError, TimeoutError) as error:
-        raise ViewerError(f'the browser failed to render: {error}') from None
-    return np.asarray(image[..., :3], np.uint8)
-
-
-def render_to_file(
+def frames(
     run: PlaybackRun,
-    view: str,
-    output: Path,
-    moment: float,
-    progress: ProgressCallback = lambda done, total: None,
-) -> None:
-    """Render a picture (.png) of the run at `moment` [s], or a film (.mp4, .gif) of the whole run.
+    shots: Sequence[tuple[View, float]],
+    *,
+    ghost: PlaybackRun | None = None,
+    size: tuple[int, int] = SIZE,
+) -> Generator[Image]:
+    """Yield a picture of the run for each view and time [s]; raise ViewerError if that fails."""
+    width, height = size
+    area = Area.of(run.floor_map, run.start)
+    with offscreen_scene(width, height) as offscreen:
+        offscreen.scene.show_floor(run.floor_map)
+        robots = RecordedRobots(offscreen.scene, [run] if ghost is None else [run, ghost])
+        for view, time in shots:
+            robots.show(time)
+            robots.show_trails(time)
+            seen = camera(view, run.snapshot(time), run.dimensions, area, width / height)
+            yield offscreen.picture(seen)
 
-    The file appears only when it is complete; an existing one stays unchanged until then.
 
-    Raises
-    ------
-    ViewerError
-        If rendering fails, or the file can't be written.
+@dataclass(frozen=True)
+class Excerpt:
+    """The part of a run that a film shows.
+
+    Attributes
+    ----------
+    start, end : float
+        First and last time [s].
+    fps : int
+        Frames per second of the film.
+    rate : float
+        Seconds of the run per second of the film.
     """
-    rate = FRAMES_PER_SECOND.get(output.suffix)
-    times = [moment] if rate is None else np.arange(0.0, run.end, 1.0 / rate).tolist()
-    shots = [(view, time) for time in times]
-    try:
-        with TemporaryDirectory(prefix='.ballbot_', dir=output.parent) as folder:
-            unfinished = Path(folder) / output.name
-            with _writer(unfinished, rate) as writer:
-                for number, frame in enumerate(frames(run, shots), 1):
-                    writer.append_data(frame)
-                    progress(number, len(shots))
-            unfinished.replace(output)
-    except (OSError, ImportError, ValueError) as error:
-        reason = getattr(error, 'strerror', None) or ' '.join(str(error).split())
-        raise ViewerError(f'{output}: {reason}') from None
+
+    start: float
+    end: float
+    fps: int
+    rate: float = 1.0
+
+    def times(self) -> list[float]:
+        """Return the time of each frame [s]; there is at least one."""
+        step = self.rate / self.fps
+        number = math.floor((self.end - self.start) / step + 1e-6)
+        return [self.start + step * frame for frame in range(max(1, number))]
 
 
-def _writer(output: Path, rate: int | None) -> Any:
-    if rate is None:
-        return imageio.get_writer(output)
-    if output.suffix == '.gif':
-        return imageio.get_writer(output, duration=1000.0 / rate, loop=0)
-    return imageio.get_writer(output, fps=rate)
+@dataclass(frozen=True)
+class Rendering:
+    """What a picture or a film shows.
+
+    Attributes
+    ----------
+    run, ghost : PlaybackRun
+        The run, and one to compare it with.
+    view : View
+        The camera.
+    size : tuple of int
+        Width and height [px].
+    time_stamp : bool
+        Whether the time is written into the picture.
+    """
+
+    run: PlaybackRun
+    view: View = CHASER_1
+    ghost: PlaybackRun | None = None
+    size: tuple[int, int] = SIZE
+    time_stamp: bool = False
+
+    def write_picture(self, output: Path, time: float) -> None:
+        """Write a picture at `time` [s]; errors as in :meth:`write_film`."""
+        with replacing(output) as unfinished:
+            write_picture(unfinished, next(self._images([time], lambda done, total: None)))
+
+    def write_film(
+        self,
+        output: Path,
+        excerpt: Excerpt,
+        progress: ProgressCallback = lambda done, total: None,
+    ) -> None:
+        """Write a film; report its progress in frames.
+
+        The file appears only when it is complete; an existing one stays unchanged until then.
+
+        Raises
+        ------
+        ViewerError
+            If rendering fails, or the file can't be written.
+        """
+        with replacing(output) as unfinished:
+            write_film(unfinished, self._images(excerpt.times(), progress), excerpt.fps)
+
+    def _images(self, times: Sequence[float], progress: ProgressCallback) -> Iterator[Image]:
+        shots = [(self.view, time) for time in times]
+        images = frames(self.run, shots, ghost=self.ghost, size=self.size)
+        progress(0, len(times))
+        with contextlib.closing(images):
+            for number, (time, image) in enumerate(zip(times, images, strict=True), 1):
+                yield with_time_stamp(image, time) if self.time_stamp else image
+                progress(number, len(times))

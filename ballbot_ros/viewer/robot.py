@@ -45,6 +45,10 @@ CONE_ANGLES = (math.radians(1.0), 3.0)
 """Smallest opening of the sonar's cone as drawn, also for a single ray, and largest one [rad]."""
 
 
+_MARK_POINTS = 2500
+"""Interval at which the orientation of the ball along a recorded path is stored: 10 s."""
+
+
 class Part(NamedTuple):
     """A primitive of a link.
 
@@ -84,6 +88,14 @@ def sonar_position(dimensions: Dimensions) -> Vector:
 def lcd_position(dimensions: Dimensions) -> Vector:
     """Return the centre of the display in ``base_link``; it faces forward."""
     return _brick_centre(dimensions)[0] + 0.0252, 0.0, _brick_centre(dimensions)[2] + 0.022
+
+
+def grip(dimensions: Dimensions, direction: tuple[float, float]) -> Vector:
+    """Return where a horizontal line from the body's centre leaves the body, in ``base_link``."""
+    sides = dimensions.body_depth / 2.0, dimensions.body_width / 2.0
+    reach = min(side / abs(part) for side, part in zip(sides, direction, strict=True) if part)
+    x, y = direction
+    return reach * x, reach * y, dimensions.body_height
 
 
 def _brick_centre(dimensions: Dimensions) -> Vector:
@@ -216,6 +228,43 @@ def body_rotation(psi: Pair) -> Rotation:
     return Rotation.from_quat((x, y, z, w))
 
 
+def rolled(path: NDArray[np.float64], radius: float) -> Rotation:
+    """Return the rotation of a ball that rolls along `path` without slip.
+
+    The path has the position of the ball in both planes [m], shape (n, 2), and is straight between
+    its points. Steps to and from a point that is not finite do not count.
+    """
+    steps = np.diff(path, axis=0)
+    steps = steps[np.isfinite(steps).all(axis=1)]  # a foreign plant may publish any value
+    # About +y along x; about +x along plane y, which is -y in ``map``.
+    axes = np.column_stack([steps[:, 1], steps[:, 0], np.zeros(len(steps))])
+    turns = Rotation.concatenate([Rotation.identity(1), Rotation.from_rotvec(axes / radius)])
+    while len(turns) > 1:  # combine neighbours: the later one times the earlier one
+        pairs = turns[1::2] * turns[: len(turns) // 2 * 2 : 2]
+        turns = Rotation.concatenate([pairs, turns[-1:]]) if len(turns) % 2 else pairs
+    return turns[0]
+
+
+class RolledBall:
+    """The orientation of the ball at each point of a known path, as in :func:`rolled`."""
+
+    def __init__(self, path: NDArray[np.float64], radius: float) -> None:
+        self._path = path
+        self._radius = radius
+        self._marks = [Rotation.identity()]  # every _MARK_POINTS points
+
+    def at(self, point: int) -> Rotation:
+        """Return the orientation at the point of this number."""
+        while len(self._marks) <= point // _MARK_POINTS:
+            self._marks.append(self._roll(len(self._marks) * _MARK_POINTS))
+        return self._roll(point)
+
+    def _roll(self, point: int) -> Rotation:
+        mark = min(point // _MARK_POINTS, len(self._marks) - 1)
+        path = self._path[mark * _MARK_POINTS : point + 1]
+        return rolled(path, self._radius) * self._marks[mark]
+
+
 class RollingOrientation:
     """Orientations of ball and wheels, integrated from the path of the ball.
 
@@ -231,10 +280,8 @@ class RollingOrientation:
     def ball(self, position: Pair) -> Rotation:
         """Roll the ball to `position` [m]; return its orientation."""
         before, self._from = self._from or position, position
-        dx, dy = position[0] - before[0], before[1] - position[1]
-        if math.isfinite(dx + dy):  # a foreign plant may publish any value
-            radius = self._dimensions.ball_radius
-            self._ball = Rotation.from_rotvec((-dy / radius, dx / radius, 0.0)) * self._ball
+        path = np.array([before, position])
+        self._ball = rolled(path, self._dimensions.ball_radius) * self._ball
         return self._ball
 
     def wheels(self, position: Pair, psi: Pair) -> tuple[Rotation, Rotation]:

@@ -7,13 +7,16 @@ from collections.abc import Callable, Coroutine
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from viser import MeshHandle, SceneApi, SceneNodeDragEvent
 
 from ballbot_ros.messages.conversions import body_orientation
 from ballbot_ros.parameters import Dimensions
 from ballbot_ros.viewer import colours, floor, shapes
+from ballbot_ros.viewer.arrows import Arrow, force_vector
 from ballbot_ros.viewer.colours import WHITE, Colour
 from ballbot_ros.viewer.display import lcd_image
+from ballbot_ros.viewer.line_mesh import line_mesh
 from ballbot_ros.viewer.robot import (
     BALL,
     BODY,
@@ -22,7 +25,9 @@ from ballbot_ros.viewer.robot import (
     WHEEL_X,
     WHEEL_Y,
     RollingOrientation,
+    body_rotation,
     cone_slope,
+    grip,
     lcd_position,
     parts,
     sonar_position,
@@ -30,17 +35,29 @@ from ballbot_ros.viewer.robot import (
     wxyz,
 )
 from ballbot_ros.viewer.snapshot import Snapshot
+from ballbot_ros.viewer.trail import Points, Trail
 from ballbot_ros.world.exports import WALL_HEIGHT_CM
 from ballbot_ros.world.floor_map import FloorMap
 
-SKY_RADIUS = 40.0
 GHOST_OPACITY = 0.35
+
+HEADING_GAP, HEADING_LENGTH = 0.03, 0.07
+"""Distance from the front of the body to the arrow that shows where forward is; its length [m]."""
+
+_SKY_SHADES = 64
 
 _LIFT = 1e-3
 """Height of lines above the floor [m], against flicker."""
 
 # Images lie in the x-y plane with y down: this rotation makes them face +x, upright.
 _FACES_FORWARD = (0.5, -0.5, -0.5, 0.5)
+
+
+def _sky() -> NDArray[np.uint8]:
+    """Return the background, paler towards the ground: a picture is drawn faster than a sphere."""
+    shade = np.linspace(0.0, 1.0, _SKY_SHADES)[:, np.newaxis, np.newaxis]
+    column = (1.0 - shade) * colours.ZENITH + shade * colours.HORIZON
+    return np.repeat(column, 2, axis=1).astype(np.uint8)
 
 
 class Scene:
@@ -59,11 +76,7 @@ class Scene:
             '/lights/sun', color=(255, 248, 236), intensity=2.2, position=(-1.2, -1.8, 3.0),
             cast_shadow=True,
         )  # fmt: skip
-        # The sky is a sphere seen from inside; lit from above, it gets paler towards the ground.
-        api.add_icosphere(
-            '/sky', SKY_RADIUS, color=colours.SKY, side='back', cast_shadow=False,
-            receive_shadow=False,
-        )  # fmt: skip
+        api.set_background_image(_sky(), format='png')
         self.show_floor(None)
 
     def show_floor(self, floor_map: FloorMap | None) -> None:
@@ -80,8 +93,11 @@ class Scene:
         area = floor.Area.of(floor_map)
         base = -area.half_x, -area.half_y, area.half_x, area.half_y
         self._add_prisms('base', [base], -0.02, 0.0, colours.FLOOR)
-        if lines := floor.lines(floor_map):
-            self._add_prisms('lines', lines, 0.0, _LIFT, colours.LINE)
+        if lines := line_mesh(floor_map):
+            self._api.add_mesh_simple(
+                '/floor/lines', *lines, color=colours.LINE, side='double', flat_shading=True,
+                cast_shadow=False, position=(0.0, 0.0, _LIFT),
+            )  # fmt: skip
         if walls := floor.walls(floor_map):
             self._add_prisms('walls', walls, 0.0, WALL_HEIGHT_CM / 100, colours.WALL)
 
@@ -90,7 +106,7 @@ class Scene:
     ) -> None:
         self._api.add_mesh_simple(
             f'/floor/{name}', *shapes.prisms(rectangles, low, high), color=colour,
-            flat_shading=True, cast_shadow=high > 2 * _LIFT,
+            flat_shading=True, cast_shadow=high > 0.0,
         )  # fmt: skip
 
     def add_robot(self, name: str, dimensions: Dimensions, *, ghost: bool = False) -> Robot:
@@ -100,7 +116,7 @@ class Scene:
 
 
 class Robot:
-    """A robot in the scene, with its trail; a ghost is transparent, without cone and display."""
+    """A robot in the scene, with its trail; a ghost is transparent and has only its shape."""
 
     def __init__(self, api: SceneApi, name: str, dimensions: Dimensions, *, ghost: bool) -> None:
         self._dimensions = dimensions
@@ -117,8 +133,13 @@ class Robot:
             self._links[link].position = at
         self._body_meshes: list[MeshHandle] = []
         self._add_meshes(api, paths, ghost=ghost)
-        self._cone = self._display = None
+        self._cone = self._display = self._force = self._heading = None
         if not ghost:
+            self._force = Arrow(api, f'{name}/force', colours.FORCE)
+            self._heading = api.add_mesh_simple(
+                f'/{name}/heading', *shapes.flat_arrow(), color=colours.HEADING,
+                opacity=colours.HEADING_OPACITY, scale=HEADING_LENGTH, cast_shadow=False,
+            )  # fmt: skip
             self._cone = api.add_mesh_simple(
                 f'/{name}/body/cone', *shapes.unit_cone(), color=colours.BEAM,
                 opacity=colours.BEAM_OPACITY, side='double', cast_shadow=False,
@@ -129,11 +150,8 @@ class Robot:
                 receive_shadow=False, position=lcd_position(dimensions), wxyz=_FACES_FORWARD,
             )  # fmt: skip
         self._page = ''
-        self._trail = api.add_line_segments(
-            f'/{name}_trail', np.zeros((0, 2, 3)), colours.GHOST_TRAIL if ghost else colours.TRAIL,
-            thickness=0.006,
-        )  # fmt: skip
-        self._trail_points: list[tuple[float, float]] = []
+        colour = colours.GHOST_TRAIL if ghost else colours.TRAIL
+        self._trail = Trail(api, f'/{name}_trail', colour, 2 * _LIFT)
 
     def _add_meshes(self, api: SceneApi, paths: dict[str, str], *, ghost: bool) -> None:
         opacity = GHOST_OPACITY if ghost else None
@@ -165,7 +183,8 @@ class Robot:
         self._root.visible = True
         ball = snapshot.position[0], -snapshot.position[1], self._dimensions.ball_radius
         self._links[BALL].position = self._links[BODY].position = ball
-        self._links[BALL].wxyz = wxyz(self._orientation.ball(snapshot.position))
+        rolled = self._orientation.ball(snapshot.position)
+        self._links[BALL].wxyz = wxyz(rolled) if snapshot.ball is None else snapshot.ball
         self._links[BODY].wxyz = body_orientation(snapshot.psi)
         rotations = self._orientation.wheels(snapshot.position, snapshot.psi)
         for link, rotation in zip((WHEEL_X, WHEEL_Y), rotations, strict=True):
@@ -175,14 +194,29 @@ class Robot:
             if echo:
                 width = cone_slope(snapshot.cone_angle)
                 self._cone.scale = (snapshot.sonar, snapshot.sonar * width, snapshot.sonar * width)
+        if self._heading is not None:
+            ahead = self._dimensions.body_depth / 2.0 + HEADING_GAP
+            self._heading.position = (ball[0] + ahead, ball[1], 2.0 * _LIFT)
+        if self._force is not None:
+            self._show_force(self._force, np.array(ball), snapshot)
         if self._display is not None and snapshot.lcd != self._page:
             self._page = snapshot.lcd
             self._display.image = lcd_image(snapshot.lcd)
 
-    def show_trail(self, trail: list[tuple[float, float]]) -> None:
-        """Show the trail, x and y in ``map`` [m]; all points are sent again."""
-        if trail == self._trail_points:
+    def hide(self) -> None:
+        """Hide the robot and its trail until it is shown again."""
+        self._root.visible = False
+        self.show_trail([])
+
+    def _show_force(self, arrow: Arrow, ball: NDArray[np.float64], snapshot: Snapshot) -> None:
+        """Show the force of the pushes at the side of the body to which it points."""
+        x, y = snapshot.force
+        if not 0.0 < math.hypot(x, y) < math.inf:
+            arrow.hide()
             return
-        self._trail_points = trail
-        points = np.array([(x, y, 2 * _LIFT) for x, y in trail], np.float32).reshape(-1, 3)
-        self._trail.points = np.stack([points[:-1], points[1:]], axis=1)
+        at = body_rotation(snapshot.psi).apply(grip(self._dimensions, (x, -y)))
+        arrow.show(ball + at, force_vector(snapshot.force))
+
+    def show_trail(self, points: Points) -> None:
+        """Show the trail."""
+        self._trail.show(points)

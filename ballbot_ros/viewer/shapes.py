@@ -67,5 +67,14 @@ def unit_cone() -> Mesh:
     return _mesh(mesh)
 
 
+def flat_arrow() -> Mesh:
+    """Return an arrow on the floor from the origin to x = 1 m, half as wide at its head."""
+    back, neck, shaft, head = 0.0, 0.45, 0.09, 0.25
+    outline = [(back, -shaft), (neck, -shaft), (neck, shaft), (back, shaft)]
+    outline += [(neck, -head), (1.0, 0.0), (neck, head)]
+    vertices = np.array([(x, y, 0.0) for x, y in outline])
+    return vertices, np.array([(0, 1, 2), (0, 2, 3), (4, 5, 6)])
+
+
 def _mesh(mesh: Any) -> Mesh:
     return np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)

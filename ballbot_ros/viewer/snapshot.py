@@ -4,21 +4,31 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot_ros.analysis.table import plane_columns
+from ballbot_ros.messages.conversions import NO_CONTROLLER_STATE, ControllerState
 from ballbot_ros.plant.ground_truth import Pair
 from ballbot_ros.viewer.robot import TRAIL_STEP
 
-WINDOW_S = 10.0
-"""Length of the plots in time."""
+Floats = NDArray[np.float64]
+Columns = Mapping[str, Floats]
 
-TRACE_COLUMNS = 8
+WINDOW_S = 10.0
+"""Length of the plots of a live run in time."""
+
+DEGREES = math.degrees(1.0)
+UNKNOWN: Pair = (math.nan, math.nan)
 
 TRAIL_POINTS = 2000
-"""Maximum number of points of the trail."""
+"""Number of points that the trail of a long run has at least."""
+
+TRAIL_PIECE = 500
+"""Number of points of a piece of the trail, which is sent again only if it changes."""
 
 
 class Snapshot(NamedTuple):
@@ -30,6 +40,12 @@ class Snapshot(NamedTuple):
         Sim time, or time since the start of a recorded run [s].
     position, psi, duty : tuple of float
         Ball centre [m], body pitch [rad] and motor duty [%].
+    speed, pitch_rate : tuple of float
+        Of the ball [m/s], of the body [rad/s]; NaN if unknown.
+    estimates : ControllerState
+        What the controller estimates and follows; NaN if unknown.
+    sticks : tuple of float
+        Forward and rightward, each -1 ... 1; NaN if unknown.
     sonar, cone_angle : float
         Distance [m], inf without an echo, NaN without data; opening of the sonar's cone [rad].
     battery : float
@@ -38,29 +54,40 @@ class Snapshot(NamedTuple):
         Operating state; empty if unknown.
     lcd : str
         The display's lines.
+    ball : tuple of float or None
+        Orientation of the ball as a quaternion w, x, y, z; None if only the shown positions
+        determine it.
+    force : tuple of float
+        The force of the pushes that act [N].
     """
 
     time: float
     position: Pair
     psi: Pair
-    duty: Pair = (math.nan, math.nan)
+    duty: Pair = UNKNOWN
+    speed: Pair = UNKNOWN
+    pitch_rate: Pair = UNKNOWN
+    estimates: ControllerState = NO_CONTROLLER_STATE
+    sticks: Pair = UNKNOWN
     sonar: float = math.nan
     cone_angle: float = 0.0
     battery: float = math.nan
     state: str = ''
     lcd: str = ''
+    ball: tuple[float, float, float, float] | None = None
+    force: Pair = (0.0, 0.0)
 
 
 class History:
     """The samples of the last :data:`WINDOW_S` of sim time, and the trail of the ball."""
 
     def __init__(self) -> None:
-        self._rows: deque[tuple[float, ...]] = deque()
-        self._trail: deque[tuple[float, float]] = deque(maxlen=TRAIL_POINTS)
+        self._samples: deque[Snapshot] = deque()
+        self._trail: list[tuple[float, float]] = []
 
     def clear(self) -> None:
         """Start over with a new run."""
-        self._rows.clear()
+        self._samples.clear()
         self._trail.clear()
 
     def add(self, snapshot: Snapshot) -> None:
@@ -68,23 +95,79 @@ class History:
 
         A sample with an earlier time restarts the history: a player has jumped back.
         """
-        if self._rows and snapshot.time == self._rows[-1][0]:
+        if self._samples and snapshot.time == self._samples[-1].time:
             return
-        if self._rows and snapshot.time < self._rows[-1][0]:
+        if self._samples and snapshot.time < self._samples[-1].time:
             self.clear()
-        self._rows.append(
-            (snapshot.time, *snapshot.psi, *snapshot.position, *snapshot.duty, snapshot.sonar)
-        )
-        while self._rows[0][0] < snapshot.time - WINDOW_S:
-            self._rows.popleft()
+        self._samples.append(snapshot)
+        while self._samples[0].time < snapshot.time - WINDOW_S:
+            self._samples.popleft()
         point = snapshot.position[0], -snapshot.position[1]
         if not self._trail or math.dist(point, self._trail[-1]) > TRAIL_STEP:
             self._trail.append(point)
+        if len(self._trail) > TRAIL_POINTS + TRAIL_PIECE:
+            del self._trail[:TRAIL_PIECE]
 
     def trail(self) -> list[tuple[float, float]]:
         """Return the trail, x and y in ``map`` [m]."""
         return list(self._trail)
 
-    def trace(self) -> NDArray[np.float64]:
-        """Return time [s], ψ x, y [rad], position x, y [m], duty x, y [%], sonar [m]; (n, 8)."""
-        return np.array(self._rows, np.float64).reshape(-1, TRACE_COLUMNS)
+    def columns(self, ball_radius: float, start: Pair | None) -> tuple[Floats, Columns]:
+        """Return the times [s] of the samples and their columns, named as in ``Run.frame``.
+
+        The first row has only a time: it makes plots of the samples as long as the window.
+
+        Parameters
+        ----------
+        ball_radius : float
+            Of the ball that the controller rolls [m].
+        start : tuple of float or None
+            The robot's position at the start of the run [m], from which the controller counts; None
+            if it is unknown.
+        """
+        samples = list(self._samples)
+        times = [sample.time for sample in samples]
+        first = max(0.0, times[-1] - WINDOW_S) if times else 0.0
+        columns: dict[str, Floats] = {}
+        for name, unit, of, scale in _SIGNALS:
+            columns |= plane_columns(name, unit, _pairs(samples, of) * scale)
+        origin = UNKNOWN if start is None else start
+        for name, of in _COUNTED_FROM_START:
+            columns |= plane_columns(name, 'm', _pairs(samples, of) * ball_radius + origin)
+        speed = _pairs(samples, lambda sample: sample.estimates.theta_ref_dot) * ball_radius
+        columns |= plane_columns('reference_speed', 'm_per_s', speed)
+        columns['distance_m'] = _padded([sample.sonar for sample in samples])
+        columns['battery_v'] = _padded([sample.battery for sample in samples])
+        return np.array([first, *times]), columns
+
+
+_Of = Callable[[Snapshot], Pair]
+
+_SIGNALS: tuple[tuple[str, str, _Of, float], ...] = (
+    ('position', 'm', lambda sample: sample.position, 1.0),
+    ('speed', 'm_per_s', lambda sample: sample.speed, 1.0),
+    ('pitch', 'deg', lambda sample: sample.psi, DEGREES),
+    ('pitch_rate', 'deg_per_s', lambda sample: sample.pitch_rate, DEGREES),
+    ('duty', 'percent', lambda sample: sample.duty, 1.0),
+    ('stick', 'percent', lambda sample: sample.sticks, 100.0),
+    ('estimated_pitch', 'deg', lambda sample: sample.estimates.psi, DEGREES),
+)
+"""Name, unit, value and its factor of the signals that need nothing but a sample."""
+
+_COUNTED_FROM_START: tuple[tuple[str, _Of], ...] = (
+    ('estimated_position', lambda sample: sample.estimates.theta),
+    ('reference_position', lambda sample: sample.estimates.theta_ref),
+)
+
+
+def _pairs(samples: Sequence[Snapshot], of: _Of) -> Floats:
+    """Return a pair of each sample, after a row without values."""
+    return np.array([UNKNOWN, *map(of, samples)], np.float64)
+
+
+def _padded(values: Sequence[float]) -> Floats:
+    return np.array([math.nan, *values], np.float64)
+
+
+LIVE_SIGNALS = frozenset(History().columns(0.0, None)[1])
+"""The columns of :meth:`History.columns`."""

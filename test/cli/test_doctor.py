@@ -11,9 +11,11 @@ import pytest
 from graph import BALLBOT, environment, private_shared_memory, state, wait_for
 
 from ballbot_ros.cli import doctor
+from ballbot_ros.cli.command import COMMANDS
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.nodes.shared_memory import Leftover
-from ballbot_ros.run import machine_checks
+from ballbot_ros.parameters import ViewerParameters
+from ballbot_ros.run import machine_checks, optional_checks
 from ballbot_ros.share import share_directory
 from ballbot_ros.simulation import golden
 
@@ -23,6 +25,52 @@ def refuse(text, error=BallbotError):
         raise error(text)
 
     return check
+
+
+@pytest.fixture(autouse=True)
+def no_optional_checks(monkeypatch):
+    monkeypatch.setattr(doctor, 'OPTIONAL_CHECKS', {})
+
+
+def test_what_only_some_commands_need_is_a_note(monkeypatch, capsys):
+    monkeypatch.setattr(doctor, 'CHECKS', {})
+    optional = {'viewer': lambda: 'free', 'browser': refuse('Chromium not found')}
+    monkeypatch.setattr(doctor, 'OPTIONAL_CHECKS', optional)
+    assert doctor.run_checks() == 0
+    assert capsys.readouterr().out == (
+        'OK   viewer     free\nNOTE browser    Chromium not found (for render)\n'
+    )
+
+
+@pytest.mark.parametrize(
+    ('name', 'path', 'failure'),
+    [
+        ('browser', '', 'Chromium not found: install it with'),
+        ('C', '', 'gcc not found: install it with `apt install gcc`'),
+        ('ARM', '', 'arm-none-eabi-gcc not found'),
+    ],
+)
+def test_what_is_missing_for_some_commands_is_named(monkeypatch, name, path, failure):
+    monkeypatch.setenv('PATH', path)
+    with pytest.raises(BallbotError, match=failure):
+        optional_checks.OPTIONAL_CHECKS[name]()
+
+
+def test_a_taken_port_of_the_viewer_is_named(monkeypatch):
+    with socket.create_server(('127.0.0.1', 0)) as taken:
+        parameters = ViewerParameters(port=taken.getsockname()[1])
+        monkeypatch.setattr(
+            optional_checks, 'ParameterSet', lambda: SimpleNamespace(of=lambda _: parameters)
+        )
+        with pytest.raises(BallbotError, match=f'{parameters.port}: Address already in use'):
+            optional_checks.OPTIONAL_CHECKS['viewer']()
+
+
+def test_every_optional_check_names_the_commands():
+    assert optional_checks.OPTIONAL_CHECKS.keys() == optional_checks.NEEDED_FOR.keys()
+    for line in optional_checks.NEEDED_FOR.values():
+        for words in line.split(', '):
+            assert words.split()[0] in COMMANDS or words.startswith('--controller')
 
 
 @pytest.fixture
@@ -282,5 +330,6 @@ def test_the_command_makes_every_check(domain):
         capture_output=True, text=True, env=environment(domain), check=False,
     )  # fmt: skip
     lines = done.stdout.splitlines()
-    assert [line.split()[1] for line in lines] == list(doctor.CHECKS), done.stdout + done.stderr
+    names = [*doctor.CHECKS, *optional_checks.OPTIONAL_CHECKS]
+    assert [line.split()[1] for line in lines] == names, done.stdout + done.stderr
     assert done.returncode == 0, done.stdout

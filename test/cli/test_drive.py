@@ -102,7 +102,11 @@ def test_keys_drive_reset_and_quit(start_drive, tmp_path):
     pids = drive.begin()
     drive.press(UP)
     drive.wait_for_text(b'keyboard')
-    drive.wait_for_text(b'-50')
+    drive.wait_for_text(b'forward +50')
+    drive.press(b'a')
+    drive.wait_for_text(b'rightward -50')
+    drive.press(b'?')
+    drive.wait_for_text(b"key '?' does nothing")
     drive.press(b'+')
     drive.wait_for_text(b'60 %')
     since = len(drive.screen)
@@ -137,16 +141,18 @@ def test_keys_drive_reset_and_quit(start_drive, tmp_path):
 def test_the_page_and_the_keyboard_go_together(start_drive):
     pytest.importorskip('viser', reason='the extra viewer is not installed')
     drive = start_drive('--no-record', '--viewer', '--set', 'viewer.port=0')
-    pids = drive.begin(CHILDREN - {'recorder'} | {'viewer'})
     line = wait_for(
         lambda: re.search(rb'viewer  (http://127.0.0.1:\d+/\?token=\S+)\r?\n', drive.screen),
         what='the address of the page',
     )
-    drive.wait_for_text(b'arrows drive', line.end())  # the panel is redrawn below it
+    drive.wait_for_text(b'press a key', line.end())
+    drive.wait_for_text(b'arrows or w a s d drive', line.end())  # the panel is redrawn below it
+    drive.press(b'x')  # any key begins the drive
+    pids = drive.begin(CHILDREN - {'recorder'} | {'viewer'})
     with urllib.request.urlopen(line[1].decode()) as page:
         assert page.headers.get_content_type() == 'text/html'
     drive.press(UP + b'h')
-    drive.wait_for_text(b'-50')
+    drive.wait_for_text(b'forward +50')
     drive.press(b'q')
     assert drive.finish() == 0
     assert not any(alive(pid) for pid in pids.values())

@@ -12,6 +12,7 @@ from graph import BALLBOT, record
 from ballbot_ros.cli.play import command as play
 from ballbot_ros.cli.play import parse_keys
 from ballbot_ros.parameters import ParameterError
+from ballbot_ros.recording.playback_keys import KEYS
 from ballbot_ros.recording.reader import RecordingReader
 
 
@@ -161,6 +162,9 @@ def test_a_rate_or_start_out_of_bounds_is_refused_with_the_bounds(run, name, val
 
 def test_keys_that_arrive_together_are_separated():
     assert parse_keys('++\x1b[C\x1b[D q') == ['+', '+', '\x1b[C', '\x1b[D', ' ', 'q']
+    for key in KEYS:
+        for sent in key.terminal:
+            assert parse_keys(f'x{sent}.') == ['x', sent, '.']
 
 
 @pytest.mark.parametrize('words', [['info'], ['repair'], ['export', '--to', 'csv'], ['play']])

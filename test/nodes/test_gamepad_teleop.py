@@ -12,9 +12,8 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.serialization import serialize_message
 from stubs import bare
 
-from ballbot_ros.controllers.interface import OperatingState
 from ballbot_ros.messages.conversions import encode_sticks, fill_time
-from ballbot_ros.messages.topics import OPERATING_STATE, PLANT_JOINT_STATES
+from ballbot_ros.messages.topics import PLANT_JOINT_STATES
 from ballbot_ros.nodes import gamepad_teleop, teleop_terminal
 from ballbot_ros.nodes.base import BallbotNode
 from ballbot_ros.nodes.gamepad_teleop import GamepadTeleop
@@ -176,13 +175,13 @@ def terminal(monkeypatch, sources):
         calls=calls,
         create_client=lambda kind, name: client if name == 'plant_sim/reset' else None,
         destroy_client=lambda given: calls.append(given is client),
-        destroy_subscription=calls.append,
-        now_ns=FIRST_TICK_NS,
         parameters=GamepadParameters(),
-        subscribe=lambda topic, take: topic.name,
         finish=lambda: calls.append('finished'),
     )
-    return TeleopTerminal(node, sources, lambda: Command(KEYBOARD, FORWARD))
+    robot = SimpleNamespace(
+        lines=lambda: {'state': 'remote'}, close=lambda: calls.append('robot closed')
+    )
+    return TeleopTerminal(node, sources, lambda: Command(KEYBOARD, FORWARD), robot)
 
 
 def test_a_terminal_that_vanishes_releases_the_keyboard_at_once(terminal, sources):
@@ -202,25 +201,14 @@ def test_the_keys_reset_and_quit_and_the_terminal_is_restored(terminal):
     terminal._terminal.on_reset()
     terminal._terminal.on_quit()
     terminal.close()
-    assert calls[1:] == ['reset', 'finished', 'restored', OPERATING_STATE.name, True]
+    assert calls[1:] == ['reset', 'finished', 'restored', 'robot closed', True]
     terminal._node.parameters = GamepadParameters(gp_max=40)
     terminal.apply_parameters()
     assert terminal._keys.full == 40
 
 
-def test_the_panel_shows_time_source_and_sticks(terminal):
+def test_the_panel_shows_the_robot_the_source_and_the_sticks(terminal):
+    """Forward is positive, as everywhere except in the document's sticks."""
     assert terminal._terminal.status() == {
-        'sim time': '1.0 s', 'state': '', 'in command': 'keyboard',
-        'sticks': 'vertical -50   horizontal +0',
+        'state': 'remote', 'in command': 'keyboard', 'sticks': 'forward +50   rightward +0'
     }  # fmt: skip
-
-
-def test_the_panel_advises_a_restart_only_after_a_fall(terminal):
-    advised = []
-    for state in OperatingState:
-        terminal._on_state(SimpleNamespace(data=state))
-        shown = terminal._terminal.status()['state']
-        assert shown.startswith(state)
-        if 'press r' in shown:
-            advised.append(state)
-    assert advised == [OperatingState.OUT_OF_CONTROL]

@@ -42,10 +42,10 @@ class Node:
     """Stores the events, warnings, subscriptions and services of the plant's node."""
 
     def __init__(self, *, is_lockstep=True):
-        names = ('on_duty', 'on_ack', 'on_push', 'on_run', 'reset', 'set_paused', 'step')
+        names = ('on_duty', 'on_ack', 'on_push', 'on_run', 'reset', 'start', 'set_paused', 'step')
         self.master = SimpleNamespace(
             is_lockstep=is_lockstep,
-            pause=SimpleNamespace(is_paused=False),
+            pause=SimpleNamespace(is_paused=False, awaits_start=False),
             on_announcement='on_announcement',
             **{name: name for name in names},
         )
@@ -93,12 +93,14 @@ def test_a_request_is_answered_with_what_it_leads_to():
     node = Node()
     for name, request, is_paused, success, text, event in (
         ('reset', None, False, True, 'a new run begins', ('reset',)),
+        ('start', None, True, True, 'started', ('start',)),
+        ('start', None, False, False, 'the run is not paused at its start', ('start',)),
         ('pause', SetBool.Request(data=True), False, True, 'paused', ('set_paused', True)),
         ('pause', SetBool.Request(data=False), True, True, 'running', ('set_paused', False)),
         ('step', None, True, True, 'one tick', ('step',)),
         ('step', None, False, False, 'pause the plant first', ('step',)),
     ):
-        node.master.pause.is_paused = is_paused
+        node.master.pause.is_paused = node.master.pause.awaits_start = is_paused
         answer = node.services[f'plant_sim/{name}'](request)
         assert (answer.success, answer.message) == (success, text)
         assert node.events.pop() == event, name

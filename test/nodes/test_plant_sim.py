@@ -18,6 +18,7 @@ from ballbot_ros.plant.ground_truth import Push
 from ballbot_ros.simulation import run_actions as do
 from ballbot_ros.simulation.lockstep import Run
 from ballbot_ros.simulation.outcome import Outcome
+from ballbot_ros.simulation.pause_control import PauseControl
 from ballbot_ros.simulation.trajectory import TrajectoryLog, load_trajectory
 
 TRUTH = SimpleNamespace(stamp_ns=8)
@@ -107,11 +108,13 @@ def test_a_free_running_plant_ticks_at_the_pace_of_its_parameters():
 def test_the_diagnostics_have_the_outcome_of_a_run_that_has_ended():
     master = SimpleNamespace(
         number=2, time_ns=1_500_000_000, log=SimpleNamespace(ticks=125), late_ticks=3, resends=4,
-        is_fallen=True, pause=SimpleNamespace(is_paused=False), summary=None,
+        is_fallen=True, pause=PauseControl(starts_paused=True), run_name='2 token', pace=0.5,
+        missing=['controller', 'recorder'], summary=None,
     )  # fmt: skip
     node = bare(PlantSim, master=master)
     expected = {'run': 2, 'sim time [s]': '1.500', 'ticks': 125, 'late ticks': 3, 'resends': 4,
-                'fallen': True, 'paused': False}  # fmt: skip
+                'fallen': True, 'paused': True, 'awaits start': True, 'run name': '2 token',
+                'pace': 0.5, 'missing': 'controller recorder'}  # fmt: skip
     shown = node.diagnose()
     assert {key: shown[key] for key in expected} == expected
     assert 'outcome' not in shown

@@ -404,3 +404,14 @@ def test_a_recorder_that_is_stopped_with_its_run_awaits_the_end(monkeypatch):
         Recorder._await_end(node)
         assert now_s[0] == pytest.approx(waited_s, abs=0.011), (takes_part, now_ns, status)
         assert set(looks) == {math.inf}
+
+
+def test_a_topic_of_a_type_that_is_not_installed_does_not_count_as_published():
+    """So its derived messages are recorded."""
+    channels = bare(
+        Channels, _ignored={'/tf'},
+        _node=SimpleNamespace(count_publishers={'/tf': 1, '/markers': 1, '/odom': 0}.get),
+    )  # fmt: skip
+    assert [channels.is_published(name) for name in ('/tf', '/markers', '/odom')] == [
+        False, True, False,
+    ]  # fmt: skip

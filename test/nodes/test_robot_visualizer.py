@@ -123,7 +123,7 @@ def test_the_drawing_begins_again_with_each_run_map_and_jump_back(monkeypatch):
         _markers=SimpleNamespace(begin=begun.append, follow=lambda snapshot: None),
         _markers_output=SimpleNamespace(has_subscribers=False),
         _newest=newest,
-        _derived=SimpleNamespace(send=lambda: None),
+        _derive=lambda: None,
         _time=-math.inf,
         _whole_at=-math.inf,
         apply_parameters=lambda: None,
@@ -156,7 +156,7 @@ def test_everything_is_drawn_once_a_second_and_changes_at_once(monkeypatch):
         _markers=SimpleNamespace(at=lambda snapshot, poses, *, whole: drawn.append(whole) or []),
         _markers_output=SimpleNamespace(has_subscribers=True, publish=lambda message: None),
         _newest=newest,
-        _derived=SimpleNamespace(send=lambda: None),
+        _derive=lambda: None,
         _time=1.0,
         _whole_at=-math.inf,
     )

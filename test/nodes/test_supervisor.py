@@ -34,8 +34,8 @@ def start(client, scenario):
 def test_the_page_outlasts_its_runs(start_run, client, tmp_path):
     terminal = Terminal()
     run = start_run(
-        'stationary', '--viewer', '--set', 'viewer.port=0', '--set', 'plant_sim.duration=3',
-        '--output', tmp_path, stderr=terminal.side,
+        'stationary', '--viewer', '--no-wait', '--set', 'viewer.port=0',
+        '--set', 'plant_sim.duration=3', '--output', tmp_path, stderr=terminal.side,
     )  # fmt: skip
     terminal.wait_for_text(b'the page stays')
     assert run.process.poll() is None

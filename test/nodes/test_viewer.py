@@ -1,5 +1,6 @@
 """The viewer's decisions, without ROS and page."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -10,12 +11,15 @@ pytest.importorskip('rclpy')
 from stubs import bare
 
 from ballbot_ros.messages.conversions import encode_joy
+from ballbot_ros.messages.plant_report import PlantReport
 from ballbot_ros.messages.topics import MAP, PLANT_IMU, PLANT_ODOM, RUN, SOUND
 from ballbot_ros.nodes import viewer
 from ballbot_ros.nodes.viewer import Viewer
 from ballbot_ros.parameters import PlantParameters, ViewerParameters
 from ballbot_ros.timing import MILLISECOND_NS, SECOND_NS
+from ballbot_ros.viewer.overlay import Hold, Press
 from ballbot_ros.viewer.real_time_factor import RealTimeFactor
+from ballbot_ros.viewer.run_activity import PAUSE, RunActivity
 from ballbot_ros.viewer.snapshot import History, Snapshot
 from ballbot_ros.world.errors import WorldError
 
@@ -105,18 +109,24 @@ def test_a_run_whose_plant_is_gone_has_ended():
     for lost_plant in (False, True):
         node = bare(
             Viewer,
+            _activity=lambda has_pose, lost=lost_plant: RunActivity(has_lost_plant=lost),
             _controls=SimpleNamespace(offer_scenarios=lambda *, offer: offered.append(offer)),
             _history=History(),
             _newest=SimpleNamespace(take=lambda: (SNAPSHOT, set())),
-            _page=SimpleNamespace(has_clients=True, update_cameras=lambda snapshot: None),
+            _page=SimpleNamespace(
+                dimensions=DIMENSIONS,
+                has_clients=True,
+                overlay=SimpleNamespace(show=lambda state: None, take=list),
+                update_cameras=lambda snapshot: None,
+            ),
+            _plots=SimpleNamespace(refresh=lambda source: None),
+            _start_position=None,
             _panel=SimpleNamespace(show=lambda snapshot, *_: shown.append(snapshot.state)),
             _panel_period=1,
             _real_time_factor=RealTimeFactor(),
-            _requests=SimpleNamespace(
-                send_queued=lambda: None, lost_plant=lost_plant, can_start=not lost_plant
-            ),
+            _requests=SimpleNamespace(send_queued=lambda: None, can_start=not lost_plant),
             _robot=SimpleNamespace(show=lambda snapshot: None, show_trail=lambda trail: None),
-            _take_requests=lambda: None,
+            _take_requests=lambda activity: None,
             _tuning=SimpleNamespace(send_queued=lambda: None),
             _updates=0,
         )
@@ -144,41 +154,102 @@ def test_what_has_changed_is_shown(changed, expected):
         Viewer,
         _begin=lambda snapshot, published: done.append('begin'),
         _history=history,
-        _newest=stub_newest({PLANT_ODOM: odometry, MAP: None}, changed),
+        _newest={PLANT_ODOM: odometry, MAP: None},
         _page=SimpleNamespace(has_clients=False),
-        _requests=SimpleNamespace(send_queued=lambda: None, lost_plant=False),
         _sound=lambda: done.append('sound'),
-        _take_requests=lambda: None,
-        _tuning=SimpleNamespace(send_queued=lambda: None),
         _updates=0,
         count_sample=done.append,
     )
-    node._update()
+    node._show(SNAPSHOT, changed)
     assert done == expected
     assert len(history.trail()) == (PLANT_ODOM in changed)
 
 
-def stub_newest(messages, changed):
-    class Newest(dict):
-        def take(self):
-            return SNAPSHOT, changed
+class EmptyViewer:
+    """A viewer without a state of a robot to show; `done` is what it does."""
 
-    return Newest(messages)
+    def __init__(self, *, is_empty=True, has_clients=True, report=None, requests=()):
+        self.done = []
+        act = lambda what: lambda *_: self.done.append(what)  # noqa: E731
+        self.node = bare(
+            Viewer,
+            _history=SimpleNamespace(clear=act('history')),
+            _is_empty=is_empty,
+            _newest=SimpleNamespace(
+                take=lambda: (None, set()),
+                close=act('closed'),
+                run=SimpleNamespace(name='1 a'),
+                session=None,
+            ),
+            _page=SimpleNamespace(
+                has_clients=has_clients,
+                overlay=SimpleNamespace(show=lambda state: None, take=lambda: requests),
+                stop=act('stopped'),
+            ),
+            _panel=SimpleNamespace(clear=act('panel')),
+            _plant_report=PlantReport(),
+            _plant_reports=SimpleNamespace(take=lambda: [report] if report else []),
+            _requests=SimpleNamespace(
+                send_queued=act('sent'),
+                lost_plant=False,
+                forget_plant=act('another plant'),
+                pause=lambda is_paused: self.done.append(f'pause {is_paused}'),
+            ),
+            _robot=SimpleNamespace(hide=act('robot')),
+            _show_plots=act('plots'),
+            _run='1 a',
+            _start=SimpleNamespace(request=act('start')),
+            _sticks=SimpleNamespace(hold=act('hold')),
+            _tuning=SimpleNamespace(send_queued=act('tuned')),
+        )
+
+    def update(self):
+        """Update once, and return what was done besides sending requests."""
+        self.node._update()
+        assert self.done[:2] == ['sent', 'tuned']
+        return self.done[2:]
 
 
 def test_a_viewer_that_shows_nothing_yet_sends_its_requests_and_closes_its_page():
-    done = []
-    node = bare(
-        Viewer,
-        _newest=SimpleNamespace(take=lambda: (None, set()), close=lambda: done.append('closed')),
-        _page=SimpleNamespace(stop=lambda: done.append('stopped')),
-        _requests=SimpleNamespace(send_queued=lambda: done.append('sent')),
-        _take_requests=lambda: done.append('taken'),
-        _tuning=SimpleNamespace(send_queued=lambda: done.append('tuned')),
-    )
-    node._update()
-    node.close()
-    assert done == ['taken', 'sent', 'tuned', 'closed', 'stopped']
+    viewer = EmptyViewer()
+    assert viewer.update() == []
+    viewer.node.close()
+    assert viewer.done[2:] == ['closed', 'stopped']
+
+
+def test_what_is_shown_of_a_run_is_dropped_once_when_another_is_awaited():
+    viewer = EmptyViewer(is_empty=False)
+    assert viewer.update() == ['history', 'robot', 'panel', 'plots']
+    assert viewer.update()[4:] == ['sent', 'tuned']
+
+
+def test_a_run_that_waits_for_its_start_begins_when_a_page_is_open():
+    waiting = PlantReport('1 a', is_paused=True, awaits_start=True)
+    for report, has_clients, done in (
+        (waiting, True, ['start']),
+        (waiting, False, []),
+        (replace(waiting, run='1 b'), True, []),
+        (replace(waiting, awaits_start=False), True, []),
+    ):
+        viewer = EmptyViewer(report=report, has_clients=has_clients)
+        assert viewer.update() == done, (report, has_clients)
+
+
+def test_the_requests_of_a_page_reach_stick_and_plant():
+    """A press on Pause pauses or resumes, by the newest report about the run."""
+    for report, done in (
+        (None, ['pause True', 'hold']),
+        (PlantReport('1 a', is_paused=True), ['pause False', 'hold']),
+        (PlantReport('1 b', is_paused=True), ['pause True', 'hold']),
+    ):
+        viewer = EmptyViewer(report=report, requests=(Press(PAUSE), Hold(0, 1.0, 0.0, 0.0)))
+        assert viewer.update() == done, report
+
+
+def test_the_plant_of_another_run_has_not_been_lost():
+    viewer = EmptyViewer()
+    viewer.node._newest.run.name = '1 b'
+    assert viewer.update() == ['another plant']
 
 
 def test_an_unknown_map_is_refused_and_an_empty_one_is_no_floor():

@@ -181,7 +181,7 @@ def test_a_scenario_is_chosen_before_it_is_started():
     for success in (True, False):
         response = Trigger.Response(success=success, message='unknown scenario')
         node.called[1](SimpleNamespace(result=lambda response=response: response))
-    assert told == ['square begins', 'unknown scenario']
+    assert told == ['unknown scenario']
 
 
 def test_each_request_is_sent_in_its_turn_to_its_service():

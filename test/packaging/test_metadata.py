@@ -23,7 +23,6 @@ ROSDEP_KEYS = {
     'control': None,
     'distributed': None,
     'gymnasium': None,
-    'imageio': 'python3-imageio',
     'imageio-ffmpeg': None,
     'jupyterlab': None,
     'jupytext': None,
@@ -83,7 +82,13 @@ ROSDEP_DOC_KEYS = {
     'sphinx': 'python3-sphinx',
 }
 TOOLS = {'test': ('test_depend', ROSDEP_TEST_KEYS), 'docs': ('doc_depend', ROSDEP_DOC_KEYS)}
-MODULES = {'Jinja2': 'jinja2', 'PyYAML': 'yaml', 'pillow': 'PIL', 'pygame-ce': 'pygame'}
+MODULES = {
+    'Jinja2': 'jinja2',
+    'PyYAML': 'yaml',
+    'imageio-ffmpeg': 'imageio_ffmpeg',
+    'pillow': 'PIL',
+    'pygame-ce': 'pygame',
+}
 
 
 @pytest.fixture

@@ -5,6 +5,7 @@ import pytest
 from ballbot_ros.recording.encoding import encoder, new_message
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.playback import Playback
+from ballbot_ros.recording.playback_keys import PlaybackAction
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.writer import RecordingWriter
 
@@ -73,6 +74,54 @@ def test_a_loop_restarts(reader):
     assert due(playback, 0.06) == [10]
     assert not playback.finished
     assert due(playback, 0.17) == [0, 1]
+
+
+def test_a_step_plays_the_next_messages_and_pauses(reader):
+    playback = Playback(reader, None, rate=1.0, loop=False)
+    playback.begin(0.0, 0.0)
+    assert due(playback, 0.05) == [0]
+    playback.step(0.1, 0.05)
+    assert due(playback, 9.0) == [1]
+    assert playback.paused
+    playback.step(99.0, 9.0)
+    assert due(playback, 9.0) == [2, 3, 4, 5, 6, 7, 8, 9, 10]
+    assert playback.position(99.0) == playback.duration
+    assert not playback.finished
+
+
+@pytest.mark.parametrize(
+    ('action', 'before', 'after'),
+    [
+        (PlaybackAction.PAUSE, (0.5, False), (0.5, True)),
+        (PlaybackAction.PAUSE, (0.5, True), (0.5, False)),
+        (PlaybackAction.PAUSE, (1.0, True), (0.0, False)),
+        (PlaybackAction.STEP, (0.5, False), (0.504, True)),
+        (PlaybackAction.BACK, (0.5, False), (0.0, False)),
+        (PlaybackAction.FORWARD, (0.5, True), (1.0, True)),
+        (PlaybackAction.START, (0.5, True), (0.0, True)),
+        (PlaybackAction.END, (0.5, False), (1.0, True)),
+    ],
+)
+def test_a_key_moves_or_pauses_the_playback(reader, action, before, after):
+    playback = Playback(reader, None, rate=1.0, loop=False)
+    playback.seek(before[0], 7.0)
+    playback.pause(before[1], 7.0)
+    playback.apply(action, 7.0)
+    assert (playback.position(7.0), playback.paused) == pytest.approx(after)
+
+
+def test_keys_choose_rate_and_loop(reader):
+    playback = Playback(reader, None, rate=1.2, loop=False)
+    for action, rate in (
+        (PlaybackAction.FASTER, 2.0),
+        (PlaybackAction.SLOWER, 1.0),
+        (PlaybackAction.SLOWER, 0.5),
+    ):
+        playback.apply(action, 0.0)
+        assert playback.rate == rate
+    for is_looping in (True, False):
+        playback.apply(PlaybackAction.LOOP, 0.0)
+        assert playback.loop is is_looping
 
 
 def test_a_single_message_is_played_once(tmp_path):

@@ -190,7 +190,7 @@ def test_a_fork_server_that_is_running_already_is_used(monkeypatch):
 
     used = []
 
-    def run(client, *_):
+    def run(client, *_, **options):
         used.append(client)
         return RunResult(Outcome.FAILED)
 

@@ -14,6 +14,7 @@ from graph import wait_for
 from rclpy.serialization import serialize_message
 
 from ballbot_ros.messages.topics import CLOCK, DIAGNOSTICS
+from ballbot_ros.nodes import plant_reports
 from ballbot_ros.nodes.processes import is_waiting
 from ballbot_ros.parameters import PLANT, RECORDER
 from ballbot_ros.run import plant_monitor
@@ -155,6 +156,12 @@ def test_a_plant_starved_of_processor_time_does_not_hang():
             watchdog.feed(now)
 
 
+def deliver(monkeypatch, come):
+    """Let messages arrive, by topic."""
+    for module in (plant_monitor, plant_reports):
+        monkeypatch.setattr(module, 'drain', lambda topic: come[topic.topic_name])
+
+
 def test_a_clock_message_is_a_sign_of_life(monitor, monkeypatch):
     now_s = time.monotonic()
     monkeypatch.setattr(plant_monitor, 'time', SimpleNamespace(monotonic=lambda: now_s))
@@ -162,7 +169,7 @@ def test_a_clock_message_is_a_sign_of_life(monitor, monkeypatch):
     monkeypatch.setattr(plant_monitor, 'is_waiting', lambda process: False)
     clock = CLOCK.message_class(clock=Time(sec=7))
     come = {CLOCK.name: [(clock, {})], DIAGNOSTICS.name: []}
-    monkeypatch.setattr(plant_monitor, 'drain', lambda topic: come[topic.topic_name])
+    deliver(monkeypatch, come)
     monitor.poll()
     assert monitor.now_ns == 7_000_000_000
     begun_s = now_s
@@ -190,7 +197,7 @@ def test_a_report_of_the_outcome_gives_the_plant_time_to_save(
         status = DiagnosticStatus(values=[KeyValue(key=k, value=v) for k, v in reported.items()])
         data = serialize_message(DIAGNOSTICS.message_class(status=[status]))
         come = {CLOCK.name: [], DIAGNOSTICS.name: [(data, {})]}
-        monkeypatch.setattr(plant_monitor, 'drain', lambda topic, come=come: come[topic.topic_name])
+        deliver(monkeypatch, come)
         monitor.poll()
     begun_s = now_s
     while not monitor.plant_hangs(1):

@@ -25,6 +25,7 @@ from ballbot_ros.parameters import CONTROLLER, GYRO, RECORDER, SONAR
 from ballbot_ros.simulation import run_actions as do
 from ballbot_ros.simulation.lockstep import Run
 from ballbot_ros.simulation.lockstep_master import LockstepMaster
+from ballbot_ros.simulation.outcome import Outcome
 from ballbot_ros.simulation.participants import Announcement, Objection
 from ballbot_ros.simulation.run_master import DISCOVERY_POLL_S, DISCOVERY_S
 from ballbot_ros.simulation.run_participants import JOIN_S
@@ -742,6 +743,61 @@ def test_a_paused_plant_keeps_the_duty_and_runs_single_steps():
     assert [text for text in world.logged if text in ('paused', 'resumed')] == ['paused', 'resumed']
 
 
+def test_a_run_that_starts_paused_waits_at_its_first_tick():
+    """Its participants join and answer, nobody counts as silent, and the duties are the same."""
+    world = LockstepWorld(start_paused=True).start(*ROLES, RECORDER)
+    world.wait(1000)
+    assert world.master.pause.awaits_start
+    assert set(world.truths) == {START_NS}
+    assert (world.ticks, world.summary, world.warnings) == (0, None, [])
+    world.dispatch(world.master.start)
+    assert world.ticks == 1
+    world.wait()
+    unpaused = LockstepWorld().start(*ROLES, RECORDER).wait(10)
+    assert world.summary.outcome is Outcome.COMPLETED
+    assert world.summary.duty_sha256 == unpaused.summary.duty_sha256
+    assert world.summary.real_time_factor > 1.0
+
+
+@pytest.mark.parametrize(
+    ('earlier', 'details', 'starts'),
+    [
+        (None, {}, True),
+        ('reset', {}, True),
+        ('start', {}, False),
+        ('set_paused', {'is_paused': True}, False),
+        ('set_paused', {'is_paused': False}, False),
+        ('step', {}, False),
+        ('stop', {}, False),
+    ],
+)
+def test_only_the_pause_at_the_start_is_ended_by_a_start(earlier, details, starts):
+    """A pause that a user has asked for must not end because another page is opened."""
+    world = LockstepWorld(start_paused=True, duration=ENDLESS).start().wait(1)
+    if earlier:
+        world.dispatch(getattr(world.master, earlier), **details)
+        world.wait(1)
+    ticks = world.ticks
+    assert (do.Log('started') in world.dispatch(world.master.start)) == starts
+    assert (world.ticks > ticks) == starts
+
+
+def test_a_change_of_the_pause_or_the_pace_is_reported_at_once():
+    world = LockstepWorld(start_paused=True, duration=ENDLESS).start().wait(1)
+    assert do.Report() in world.dispatch(world.master.start)
+    for is_paused in (True, False):
+        assert do.Report() in world.dispatch(world.master.set_paused, is_paused=is_paused)
+    assert do.Report() in world.dispatch(world.master.on_parameters, world.parameters)
+
+
+def test_a_plant_that_gathers_says_for_whom_it_waits():
+    world = LockstepWorld(duration=ENDLESS).start(*DRIVERS).wait(1)
+    assert world.master.missing == [CONTROLLER]
+    world.start(CONTROLLER).wait(1)
+    assert world.ticks
+    assert world.master.missing == ()
+
+
 @pytest.mark.parametrize('event', [LockstepMaster.step, LockstepMaster.set_paused])
 def test_a_run_that_ended_in_a_pause_stays_ended(event):
     world = begun(7)
@@ -993,6 +1049,10 @@ class TroubledRun(RuleBasedStateMachine):
     @rule()
     def step(self):
         self.world.dispatch(self.world.master.step)
+
+    @rule()
+    def end_the_pause_at_the_start(self):
+        self.world.dispatch(self.world.master.start)
 
     @rule(factor=st.sampled_from([0.0, 1.0, 1000.0]))
     def change_pace(self, factor):

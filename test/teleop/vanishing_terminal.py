@@ -27,6 +27,7 @@ Terminal(
     on_sticks=lambda sticks: None,
     on_reset=lambda: None,
     on_quit=lambda: None,
+    on_key=lambda: None,
     on_closed=gone.set,
 )
 shown.wait()

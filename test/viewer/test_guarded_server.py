@@ -29,7 +29,7 @@ from ballbot_ros.viewer.live_controls import LiveControls
 from ballbot_ros.viewer.overlay import Banner, OverlayState, Press
 from ballbot_ros.viewer.page import Page
 from ballbot_ros.viewer.panel import Panel
-from ballbot_ros.viewer.snapshot import History, Snapshot
+from ballbot_ros.viewer.snapshot import Snapshot
 
 PROTOCOL = f'viser-v{viser.__version__}'
 UPGRADE = {
@@ -62,7 +62,7 @@ class Served:
         self.server = self.page.server
         self.controls = LiveControls(self.server.gui, self.robot, ['push', 'square'])
         self.controls.offer_scenarios(offer=True)
-        Panel(self.server.gui).show(Snapshot(0.0, (0.0, 0.0), (0.0, 0.0)), History().trace())
+        Panel(self.server.gui).show(Snapshot(0.0, (0.0, 0.0), (0.0, 0.0)))
         self.address = self.page.address
         self.place = urlsplit(self.address).netloc
         self.inputs = {
@@ -141,15 +141,15 @@ def test_a_client_without_the_token_can_not_change_anything(served, query, monke
     before = force.value, force.label
     with client(served, query) as send, client(served, f'?{urlsplit(served.address).query}') as own:
         send(
-            served.set('Run', value='Pause'),
+            served.set('Direction', value='forward'),
             served.set('Start', value=True),
             served.set('Force [N]', value=3.0),
             served.set('Force [N]', label='Power [N]'),
             _messages.ShareUrlRequest(),
         )
-        own(served.set('Run', value='Step'))
-        wait_for(lambda: ('step',) in served.robot.asked, what='the step')
-        assert served.robot.asked == [('step',)]
+        own(served.set('Direction', value='left'))
+        wait_for(lambda: served.robot.asked, what='the push')
+        assert served.robot.asked == [('push', (0.0, -before[0]))]
         assert (force.value, force.label) == before
         assert not shared
         own(served.set('Force [N]', value=3.0))
@@ -267,7 +267,7 @@ def test_no_foreign_page_in_a_browser_steers(served, foreign_site, foreign_brows
     page = foreign_browser
     port = urlsplit(served.address).port
     query = urlsplit(served.address).query
-    presses = [list(encoded(each)) for each in (camera(0.5), served.set('Run', value='Pause'))]
+    presses = [list(encoded(each)) for each in (camera(0.5), served.set('Start', value=True))]
 
     def press(address):
         return page.evaluate(PRESS, [address, PROTOCOL, presses])
@@ -287,27 +287,27 @@ def test_no_foreign_page_in_a_browser_steers(served, foreign_site, foreign_brows
     assert press(f'ws://{served.place}/') == 'answered'
     assert served.robot.asked == []
     assert press(f'ws://{served.place}/?{query}') == 'answered'
-    wait_for(lambda: served.robot.asked == [('pause', True)], what='the pause')
+    wait_for(lambda: served.robot.asked == [('start', 'push')], what='the start')
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(600)
 def test_a_page_steers_with_the_token_and_only_shows_without_it(served, needs_browser):
     with browsing(served.address) as browser:
-        browser.press('Pause')
-        wait_until(lambda: served.robot.asked == [('pause', True)], browser)
+        browser.press('Start')
+        wait_until(lambda: served.robot.asked == [('start', 'push')], browser)
         browser.page.reload()
-        browser.press('Run')
-        wait_until(lambda: served.robot.asked[1:] == [('pause', False)], browser)
+        browser.press('Start')
+        wait_until(lambda: served.robot.asked[1:] == [('start', 'push')], browser)
         assert browser.errors == []
 
         for query in ('', '?token=wrong', '?websocket=ws://evil.example'):
             other = another(browser, f'http://{served.place}/{query}')
             assert other.page.url == f'http://{served.place}/'
             other.wait_for_text('This page can only watch')
-            for text in ('Time', 'Scenario', 'Push'):
+            for text in ('Scenario', 'Push'):
                 other.page.get_by_text(text, exact=True).wait_for(state='hidden')
-            other.wait_for_text('Last 10 s')
+            other.wait_for_text('state')
             other.choose('1 Top')
             assert other.errors == []
             other.page.close()

@@ -4,7 +4,7 @@ import pytest
 from browsing import StubRobot, receive
 from robot import DIMENSIONS
 
-from ballbot_ros.viewer.live_controls import PAUSE, RUN, STEP, LiveControls
+from ballbot_ros.viewer.live_controls import LiveControls
 from ballbot_ros.viewer.page import Page
 
 
@@ -19,6 +19,7 @@ def test_clicks_reach_the_robot_in_their_order(page):
     robot = StubRobot()
     LiveControls(page.server.gui, robot, ['push'])
     inputs = {each.label: each for each in page.server.gui._gui_input_handle_from_uuid.values()}
-    clicks = [(inputs['Run'], name) for name in (PAUSE, STEP, STEP, RUN)] * 50
+    clicks = [(inputs['Direction'], name) for name in ('forward', 'left', 'left', 'back')] * 50
     receive(page.server, *clicks)
-    assert robot.asked == [('pause', True), ('step',), ('step',), ('pause', False)] * 50
+    forces = [(1.0, 0.0), (0.0, -1.0), (0.0, -1.0), (-1.0, 0.0)]
+    assert robot.asked == [('push', force) for force in forces] * 50

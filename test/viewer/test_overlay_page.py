@@ -24,7 +24,7 @@ from ballbot_ros.viewer.overlay import (  # noqa: E402
 )
 from ballbot_ros.viewer.page import Page  # noqa: E402
 from ballbot_ros.viewer.panel import Panel  # noqa: E402
-from ballbot_ros.viewer.snapshot import History, Snapshot  # noqa: E402
+from ballbot_ros.viewer.snapshot import Snapshot  # noqa: E402
 
 STATE = OverlayState(
     banner=Banner('paused', BannerKind.BUSY, ('peak pitch 1.2°',), '/report', 'Report'),
@@ -47,7 +47,7 @@ GAMEPAD = """() => {
 @pytest.fixture
 def page():
     served = Page(DIMENSIONS, 'NXT Ballbot', '127.0.0.1', 0)
-    Panel(served.server.gui).show(Snapshot(0.0, (0.0, 0.0), (0.0, 0.0)), History().trace())
+    Panel(served.server.gui).show(Snapshot(0.0, (0.0, 0.0), (0.0, 0.0)))
     served.overlay.show(STATE)
     yield served
     served.stop()

@@ -19,6 +19,7 @@ from browsing import StubRobot, another, browsing, running, serving, wait_until 
 from graph import LAST_RESORT_S, wait_for  # noqa: E402
 from robot import DIMENSIONS  # noqa: E402
 from ros_client import Client  # noqa: E402
+from scipy import ndimage  # noqa: E402
 from std_srvs.srv import SetBool  # noqa: E402
 
 from ballbot_ros.messages.conversions import ball_position, body_pitch, stamp_ns  # noqa: E402
@@ -29,17 +30,17 @@ from ballbot_ros.messages.topics import (  # noqa: E402
     PLANT_ODOM,
     VIEWER_JOY,
 )
-from ballbot_ros.viewer.floor import Area, lines  # noqa: E402
+from ballbot_ros.viewer.floor import Area  # noqa: E402
 from ballbot_ros.viewer.live_controls import LiveControls  # noqa: E402
 from ballbot_ros.viewer.page import Page  # noqa: E402
 from ballbot_ros.viewer.panel import Panel  # noqa: E402
 from ballbot_ros.viewer.playback_run import PlaybackRun  # noqa: E402
 from ballbot_ros.viewer.recording_page import RecordingPage  # noqa: E402
 from ballbot_ros.viewer.robot import BLACK, DARK, parts  # noqa: E402
-from ballbot_ros.viewer.snapshot import History, Snapshot  # noqa: E402
+from ballbot_ros.viewer.snapshot import Snapshot  # noqa: E402
 from ballbot_ros.viewer.tuning_sliders import FOLDER  # noqa: E402
 from ballbot_ros.viewer.views import CHASER_1, ROBOT, TITLES, VIEWS, camera  # noqa: E402
-from ballbot_ros.world.floor_map import CELL_M, FLOOR  # noqa: E402
+from ballbot_ros.world.floor_map import CELL_M, FLOOR, LINE  # noqa: E402
 from ballbot_ros.world.library import load_map  # noqa: E402
 
 START = (0.0, -0.3)
@@ -152,7 +153,10 @@ TRACK = load_map('track')
 PLATE_EDGE = (0.0, 0.06, 0.039)
 """A point on the left edge of the lower plate, relative to the centre of the ball [m]."""
 
-LINES = [((left + right) / 2, (low + high) / 2, 0.0) for left, low, right, high in lines(TRACK)]
+LINES = [
+    ((column + 0.5 - TRACK.columns / 2) * CELL_M, (TRACK.rows / 2 - row - 0.5) * CELL_M, 0.0)
+    for row, column in np.argwhere(TRACK.cells == LINE)[::10]
+]
 FLOORS = [
     (x, y, 0.0)
     for x, y in itertools.product(np.arange(-1.2, 1.2, 0.05), repeat=2)
@@ -172,9 +176,9 @@ def shows_lines_robot_and_floor(browser, view):
     of its dark ones.
     """
     picture = browser.picture()
-    lines, floor, robot = (
-        picture[spots(points, view, browser)] for points in (LINES, FLOORS, ROBOT_PARTS)
-    )
+    floor, robot = (picture[spots(points, view, browser)] for points in (FLOORS, ROBOT_PARTS))
+    # A distant line is as thin as a pixel, next to which its points may be.
+    lines = ndimage.minimum_filter(picture, 3)[spots(LINES, view, browser)]
     return (
         (lines < 110.0).mean() > 0.6
         and (floor > 170.0).mean() > 0.3
@@ -195,7 +199,7 @@ def test_live_pages_show_the_robot_and_drive_it(domain, start_node):
             for key, view in enumerate(VIEWS, 1):
                 browser.choose(f'{key} {TITLES[view]}')
                 wait_until(lambda view=view: shows_lines_robot_and_floor(browser, view), browser)
-            browser.press('Run')
+            browser.pause(is_paused=False)
             push_makes_it_lean(browser, truth)
             stick_drives_it(browser, truth)
             keys_drive_it(browser, truth)
@@ -206,7 +210,7 @@ def test_live_pages_show_the_robot_and_drive_it(domain, start_node):
             with unread(port):
                 other = another(browser, address)
                 other.choose('4 Chaser 2 (front)')
-                browser.press('Run')
+                other.pause(is_paused=False)
                 other.hold_stick(1.0, 0.0)
                 wait_until(truth.is_driven, other)
                 wait_until(lambda: other.has_moved(0.3), other)
@@ -302,7 +306,7 @@ def slider_tunes_it(browser, truth):
 
 
 def pause_holds_it(browser):
-    browser.press('Pause')
+    browser.pause()
     wait_until(lambda: stands_still(browser), browser)
 
 
@@ -312,36 +316,49 @@ def stands_still(browser):
 
 
 @pytest.mark.timeout(600)
-def test_a_recorded_run_follows_its_slider(recording, domain):
+def test_a_recorded_run_follows_keys_and_time_line(recording, domain):
     with serving(domain, 'view', recording, recording, '--port', 0) as (address, process):
         with browsing(address) as browser:
-            browser.wait_for_text('Playback')
-            slider = browser.page.get_by_role('slider').first
-            slider.focus()
-            slider.press('End')
-            # Playback stops at the end, so the following steps need not hurry.
-            wait_until(lambda: browser.shown_time() == pytest.approx(9.996, abs=0.006), browser)
+            browser.page.locator('.timeline').wait_for()
+            keyboard = browser.page.keyboard
+
+            def shows(time):
+                return browser.shown_time() == pytest.approx(time, abs=1e-6)
+
+            keyboard.press('End')
+            wait_until(lambda: shows(10.0), browser)
+            browser.page.get_by_role('button', name='Play').wait_for()
             before = browser.tones()
-            slider.press('Home')
-            wait_until(lambda: browser.shown_time() == 0.0, browser)
+            keyboard.press('Home')
+            wait_until(lambda: shows(0.0), browser)
             browser.wait_for_text('calibration')
-            slider.press('End')
-            wait_until(lambda: browser.shown_time() == pytest.approx(9.996, abs=0.006), browser)
-            slider.press('ArrowLeft')
-            wait_until(lambda: browser.shown_time() < 9.99, browser)
-            assert browser.tones() in (0, before)
-            slider.press('Home')
-            # Wait for the move before Play, which could overtake it: the page reports the position
-            # of a slider only periodically.
-            wait_until(lambda: browser.shown_time() == 0.0, browser)
-            browser.press('Play')
+            keyboard.press('ArrowRight')
+            wait_until(lambda: shows(5.0), browser)
+            keyboard.press('.')
+            wait_until(lambda: shows(5.0), browser)
+            browser.page.get_by_text('5.00 / 10.00 s').wait_for()
+            playhead = browser.page.locator('.playhead').first
+            place = playhead.bounding_box()['x']
+            keyboard.press('End')
+            wait_until(lambda: playhead.bounding_box()['x'] > place + 50, browser)
+            browser.page.locator('.mark[data-kind="state"]').nth(1).click()
+            wait_until(lambda: browser.shown_time() == pytest.approx(1.0, abs=0.05), browser)
+            assert browser.page.locator('.mark[data-kind="tone"]').count() == 1
+            assert browser.tones() == before
+
+            keyboard.press('Home')
+            keyboard.press(' ')
             wait_until(lambda: browser.tones() > before, browser)
             wait_until(
                 lambda: browser.page.locator('audio').evaluate('a => a.currentTime > 0'), browser
             )
-            # Compare the time once it is constant, since the texts arrive after the tone.
+            keyboard.press('-')
+            pressed = browser.page.locator('.rates [aria-pressed="true"]')
+            wait_until(lambda: pressed.inner_text() == '0.5×', browser)
             browser.press('0.1×')
-            browser.press('Pause')
+            wait_until(lambda: pressed.inner_text() == '0.1×', browser)
+            keyboard.press(' ')
+            browser.page.get_by_role('button', name='Play').wait_for()
             wait_until(lambda: stands_still(browser), browser)
             assert 1.0 <= browser.shown_time() < 9.0
             assert browser.errors == []
@@ -368,7 +385,7 @@ def test_scenarios_are_offered_where_they_can_be_started(recording):
     page = Page(PlaybackRun(recording).dimensions, 'test', '127.0.0.1', 0)
     robot = StubRobot()
     controls = LiveControls(page.server.gui, robot, ['push', 'square', 'stationary'])
-    Panel(page.server.gui).show(Snapshot(0.0, (0.0, 0.0), (0.0, 0.0)), History().trace())
+    Panel(page.server.gui).show(Snapshot(0.0, (0.0, 0.0), (0.0, 0.0)))
     with browsing(page.address) as browser:
         assert browser.page.get_by_role('button', name='Start', exact=True).count() == 0
         controls.offer_scenarios(offer=True)

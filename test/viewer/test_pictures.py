@@ -48,16 +48,3 @@ def test_all_views_differ(pictures):
     for view in VIEWS:
         others = [difference(pictures[view], pictures[other]) for other in VIEWS if other != view]
         assert min(others) > 2.0 * TOLERANCE
-
-
-@pytest.mark.parametrize('suffix', ['.gif', '.mp4'])
-def test_a_run_becomes_a_film(suffix, tmp_path, recording, monkeypatch):
-    from ballbot_ros.viewer import render
-
-    monkeypatch.setattr(render, 'FRAMES_PER_SECOND', {'.mp4': 0.2, '.gif': 0.2})
-    if suffix == '.gif':  # the .mp4 film already tests the rendering
-        noise = np.random.default_rng(1).integers(0, 255, (2, 132, 240, 3), np.uint8)
-        monkeypatch.setattr(render, 'frames', lambda run, shots: iter(noise[: len(shots)]))
-    output = tmp_path / f'run{suffix}'
-    render.render_to_file(PlaybackRun(recording), 'vista', output, 1.0)
-    assert output.stat().st_size > 5000

@@ -1,13 +1,15 @@
-"""Recorded runs at any time, their playback clock, and the messages to the user."""
+"""Recorded runs at any time, and the messages to the user."""
 
+import itertools
 import json
+import math
 import socket
 import sys
 
 import numpy as np
 import pytest
-from browsing import receive
 
+import ballbot_ros as bb
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.brick.brick import Tone
 from ballbot_ros.cli.recordings import read_playback_run
@@ -16,11 +18,7 @@ from ballbot_ros.run.processes import Processes
 from ballbot_ros.run.requirements import require_viewer
 from ballbot_ros.viewer.address import check_address, network_warning, url_authority
 from ballbot_ros.viewer.errors import ViewerError
-from ballbot_ros.viewer.live_controls import OnScreenSticks
-from ballbot_ros.viewer.page import Page
 from ballbot_ros.viewer.playback_run import PlaybackRun
-from ballbot_ros.viewer.recording_page import PlaybackClock, RecordingPage
-from ballbot_ros.viewer.snapshot import WINDOW_S
 from ballbot_ros.viewer.sound import tone_html
 
 
@@ -61,11 +59,30 @@ def test_the_map_has_its_lines(run):
     assert (run.floor_map.cells == 0).any()
 
 
-def test_plots_end_at_the_cursor(run):
-    trace = run.trace(9.5)
-    assert trace[-1, 0] == pytest.approx(9.5, abs=0.02)
-    assert trace[-1, 0] - trace[0, 0] <= WINDOW_S
-    assert len(run.trail(9.5)) <= 601
+def test_the_columns_of_a_run_are_those_of_its_frame(run, recording):
+    frame = bb.open(recording).frame()
+    assert run.columns == set(frame.columns) - {'operating_state'}
+    for name, values in run.table(run.columns, run.ticks).items():
+        np.testing.assert_array_equal(values, frame[name], err_msg=name)
+
+
+def test_the_columns_of_a_run_are_unknown_after_its_end(run):
+    columns = run.table(['pitch_x_deg', 'distance_m'], run.ticks + 10)
+    assert set(columns) == {'pitch_x_deg', 'pitch_y_deg', 'distance_m'}
+    for values in columns.values():
+        assert np.isnan(values[-10:]).all()
+        assert not np.isnan(values[:-10]).any()
+
+
+def test_the_trail_grows_with_the_time_in_steps_of_a_centimetre(run):
+    whole = run.trail(run.end)
+    assert len(whole) > 50
+    assert run.trail(0.0) == [run.start] == whole[:1]
+    assert run.trail(7.0) == whole[: len(run.trail(7.0))]
+    steps = [math.dist(*pair) for pair in itertools.pairwise(whole)]
+    assert 0.01 < min(steps) <= max(steps) < 0.015
+    x, y = run.snapshot(run.end).position
+    assert math.dist(whole[-1], (x, -y)) <= 0.01
 
 
 def test_a_file_that_ends_early_is_shown_up_to_there(recording, tmp_path, capsys):
@@ -75,95 +92,6 @@ def test_a_file_that_ends_early_is_shown_up_to_there(recording, tmp_path, capsys
     assert f'{path}: cut off at byte 300000; the run is shown up to' in capsys.readouterr().err
     read_playback_run(recording)
     assert capsys.readouterr().err == ''
-
-
-def test_the_clock_stops_at_the_end_and_begins_again():
-    clock = PlaybackClock(2.0)
-    clock.rate = 0.5
-    clock.advance(1.0)
-    assert clock.time == 0.5
-    clock.toggle()
-    clock.advance(1.0)
-    assert clock.time == 0.5
-    clock.toggle()
-    clock.advance(100.0)
-    assert (clock.time, clock.is_playing) == (2.0, False)
-    clock.toggle()
-    assert (clock.time, clock.is_playing) == (0.0, True)
-
-
-class Playback:
-    """A page of a recorded run."""
-
-    def __init__(self, run):
-        self.page = Page(run.dimensions, run.name, '127.0.0.1', 0)
-        self.recording = RecordingPage(self.page, [run])
-
-    def receive(self, *inputs):
-        receive(self.page.server, *inputs)
-
-    def show(self):
-        """Show the time of the clock; return the position of the slider."""
-        self.recording.show(self.recording.clock.time, panel=True)
-        self.receive()  # returns after the event loop has moved the slider
-        return self.recording._slider.value
-
-
-@pytest.fixture
-def playback(run):
-    shown = Playback(run)
-    yield shown
-    shown.page.stop()
-
-
-def test_the_slider_follows_the_clock(playback):
-    playback.recording.update(1.234)
-    assert playback.show() == 1.23
-    playback.recording.update(0.0)
-    assert playback.recording.clock.time == 1.234
-
-
-@pytest.mark.parametrize('is_playing', [True, False])
-def test_a_slider_moved_by_the_user_is_not_moved_back(playback, is_playing):
-    recording = playback.recording
-    recording.clock.is_playing = is_playing
-    recording.update(1.0)
-    playback.receive((recording._slider, 3.0))
-    assert playback.show() == 3.0
-    recording.update(0.5)
-    assert recording.clock.time == playback.show() == (3.5 if is_playing else 3.0)
-
-
-def test_clicks_and_moves_take_effect_in_their_order(playback):
-    recording, end = playback.recording, playback.recording.clock.end
-    recording.clock.is_playing = False
-    playback.receive((recording._button, True), (recording._slider, end))
-    recording.update(0.5)
-    assert (recording.clock.time, recording.clock.is_playing) == (end, False)
-    playback.receive((recording._slider, 0.0), (recording._slider, end), (recording._button, True))
-    recording.update(0.5)
-    # Play, pressed at the end, restarts the run.
-    assert (recording.clock.time, recording.clock.is_playing) == (0.5, True)
-
-
-def test_sticks_count_while_they_are_held():
-    sticks = OnScreenSticks()
-    assert sticks.value(0.0) is None
-    for time in (0.0, 0.05):
-        sticks.hold('forward', time)
-        sticks.hold('right', time + 0.1)
-    assert sticks.value(0.2) == (1.0, 1.0)
-    assert sticks.value(0.4) == (0.0, 1.0)
-    assert sticks.value(1.0) is None
-
-
-def test_a_page_that_reports_once_a_second_does_not_drive():
-    """Browsers slow hidden pages down to this rate, too low to show that a stick is still held."""
-    sticks = OnScreenSticks()
-    for tenth in range(50):
-        if tenth % 10 == 0:
-            sticks.hold('forward', tenth / 10)
-        assert sticks.value(tenth / 10) is None
 
 
 def test_equal_tones_are_different_elements():
@@ -214,9 +142,6 @@ def test_a_page_for_the_network_warns():
     ('words', 'told'),
     [
         (['view', 'missing.mcap'], 'missing.mcap'),
-        (['render', 'missing.mcap', '--output', 'x.avi'], 'must end in one of .png, .gif, .mp4'),
-        (['render', 'missing.mcap', '--output', 'x.gif', '--time', '1'], '--time requires a .png'),
-        (['render', 'missing.mcap', '--output', 'folder.png'], 'is a folder; name a file'),
         (
             ['run', 'stationary', '--viewer', '--processes', 'none'],
             '--viewer requires --processes separate',
@@ -227,7 +152,6 @@ def test_a_page_for_the_network_warns():
 def test_a_mistake_is_one_line(words, told, monkeypatch, capsys, tmp_path):
     from ballbot_ros.cli.main import main
 
-    (tmp_path / 'folder.png').mkdir()
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr('sys.argv', ['ballbot', *words])
     with pytest.raises(SystemExit) as ended:
@@ -236,36 +160,6 @@ def test_a_mistake_is_one_line(words, told, monkeypatch, capsys, tmp_path):
     assert ended.value.code == 2
     assert told in error
     assert error.count('\n') == 1
-
-
-def test_a_time_outside_the_run_is_refused(recording, tmp_path, monkeypatch, capsys):
-    from ballbot_ros.cli.main import main
-
-    monkeypatch.setattr('ballbot_ros.cli.render.browser_program', str)
-    for time in ('nan', '10.5'):
-        words = ['ballbot', 'render', str(recording), '--output', str(tmp_path / 'x.png')]
-        monkeypatch.setattr('sys.argv', [*words, '--time', time])
-        with pytest.raises(SystemExit):
-            main()
-        assert f'--time {time}: the run ends at' in capsys.readouterr().err
-
-
-def test_an_interrupted_film_leaves_the_existing_file(run, tmp_path, monkeypatch):
-    from ballbot_ros.viewer import render
-
-    def interrupted(*_):
-        yield np.zeros((render.HEIGHT, render.WIDTH, 3), np.uint8)
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(render, 'frames', interrupted)
-    output = tmp_path / 'run.gif'
-    output.write_text('another')
-    with pytest.raises(KeyboardInterrupt):
-        render.render_to_file(run, 'top', output, 1.0)
-    assert output.read_text() == 'another'
-    assert list(tmp_path.iterdir()) == [output]
-    with pytest.raises(ViewerError, match=r'nowhere/run.gif: No such file or directory$'):
-        render.render_to_file(run, 'top', tmp_path / 'nowhere/run.gif', 1.0)
 
 
 def test_without_viser_there_is_a_hint(monkeypatch, capsys, recording):

@@ -16,7 +16,7 @@ from ballbot_ros.viewer.robot import (
     parts,
     wxyz,
 )
-from ballbot_ros.viewer.snapshot import TRAIL_POINTS, WINDOW_S, History, Snapshot
+from ballbot_ros.viewer.snapshot import Snapshot
 from ballbot_ros.viewer.views import CHASER_1, CHASER_2, ROBOT, TOP, TRACKING, VIEWS, camera
 
 
@@ -100,34 +100,3 @@ def test_each_camera_is_where_the_document_says():
     assert seen[CHASER_2].position[0] > 0.5  # in front
     assert seen[ROBOT].position[0] == pytest.approx(DIMENSIONS.body_depth / 2, abs=0.02)
     assert seen[ROBOT].look_at[0] > seen[ROBOT].position[0]
-
-
-def test_the_history_holds_the_last_seconds():
-    history = History()
-    for tick in range(3000):
-        history.add(snapshot(time=tick * 0.004))
-        history.add(snapshot(time=tick * 0.004))
-    trace = history.trace()
-    assert abs(len(trace) - WINDOW_S / 0.004) <= 1
-    assert trace[-1, 0] - trace[0, 0] == pytest.approx(WINDOW_S, abs=0.005)
-    history.clear()
-    assert history.trace().shape == (0, 8)
-
-
-def test_the_trail_continues_at_any_length():
-    history = History()
-    history.add(snapshot(time=0.5))
-    history.add(snapshot((0.001, 0.0), time=0.6))
-    assert history.trail() == [(0.0, 0.0)]
-    for step in range(1, TRAIL_POINTS + 51):
-        history.add(snapshot((0.02 * step, 0.01 * step), time=float(step)))
-    assert len(history.trail()) == TRAIL_POINTS
-    assert history.trail()[-1] == (0.02 * step, -0.01 * step)
-
-
-def test_a_jump_back_restarts_the_history():
-    history = History()
-    for time in (5.0, 6.0, 2.0, 3.0):
-        history.add(snapshot((time, 0.0), time=time))
-    assert history.trace()[:, 0].tolist() == [2.0, 3.0]
-    assert history.trail() == [(2.0, 0.0), (3.0, 0.0)]

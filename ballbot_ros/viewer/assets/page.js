@@ -4,6 +4,7 @@ import { Banner } from './banner.js';
 import { Driving } from './driving.js';
 import { element } from './element.js';
 import { Link } from './link.js';
+import { Playhead } from './playhead.js';
 import { followScene } from './scene.js';
 import { Transport } from './transport.js';
 
@@ -11,6 +12,7 @@ const link = new Link();
 const banner = new Banner();
 const transport = new Transport((request) => link.send(request));
 const driving = new Driving((request) => link.send(request));
+const playhead = new Playhead();
 const root = element('div', { id: 'overlay' }, [
   banner.node,
   element('div', { className: 'overlay-foot' }, [driving.node, transport.node]),
@@ -24,9 +26,13 @@ link.on('connected', (is) => {
 link.on('state', (state) => {
   banner.show(state.banner);
   transport.show(state);
+  if (!state.timeline) playhead.moveTo(null);
   driving.enable(state.can_drive && !root.classList.contains('only-watches'));
 });
-link.on('time', (time) => transport.moveTo(time));
+link.on('time', (time) => {
+  transport.moveTo(time);
+  playhead.moveTo(time);
+});
 
 // The chooser of the view keeps the focus after a choice, and with it the keys.
 addEventListener('click', ({ target }) => {

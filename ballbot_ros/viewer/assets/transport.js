@@ -29,7 +29,7 @@ export class Transport {
     this.#slider = null;
     this.node.hidden = !buttons.length && !timeline;
     const row = element('div', { className: 'transport-row' }, [
-      element('div', { className: 'group' }, buttons.map((button) => this.#button(button))),
+      element('div', { className: 'group' }, buttons.filter(({ label }) => label).map((button) => this.#button(button))),
       element('div', { className: 'group rates', role: 'group', 'aria-label': 'Speed' },
         rates.map((each) => this.#rate(each, each === rate))),
     ]);

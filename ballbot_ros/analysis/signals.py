@@ -1,0 +1,172 @@
+"""The signals of a recorded run by name, at any ticks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot_ros.analysis.run_data import Integers, RunData, Series
+from ballbot_ros.analysis.run_metrics import (
+    ball_speed,
+    commanded_speed,
+    estimated_gyro_offset,
+    estimated_pitch,
+    estimated_position,
+    reference_position,
+    reference_speed,
+)
+from ballbot_ros.analysis.table import plane_columns
+from ballbot_ros.messages.topics import (
+    BATTERY_STATE,
+    CONTROLLER_STATE,
+    GAMEPAD_JOY,
+    GYRO_IMU,
+    JOINT_STATES,
+    MOTOR_DUTY,
+    PLANT_IMU,
+    PLANT_JOINT_STATES,
+    PLANT_ODOM,
+    SONAR_RANGE,
+    Topic,
+)
+
+Columns = Mapping[str, NDArray[Any]]
+
+
+@dataclass(frozen=True)
+class Signal:
+    """A signal of a run, for both planes or without a plane.
+
+    Attributes
+    ----------
+    name, unit : str
+        They make the names of its columns, such as ``pitch_x_deg``.
+    values : callable
+        Returns the values at stamps [ns], shape (n, 2) for both planes, else (n, 1).
+    needs : tuple of Topic
+        The topics from which it comes.
+    """
+
+    name: str
+    unit: str
+    values: Callable[[RunData, Integers], NDArray[Any]]
+    needs: tuple[Topic, ...]
+    has_planes: bool = True
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """The names of its columns."""
+        if not self.has_planes:
+            return (f'{self.name}_{self.unit}',)
+        return tuple(plane_columns(self.name, self.unit, np.zeros((0, 2))))
+
+    def is_in(self, run: RunData) -> bool:
+        """Return whether the run has its topics."""
+        return all(topic in run.series for topic in self.needs)
+
+    def table(self, run: RunData, stamps: Integers) -> Columns:
+        """Return its columns at `stamps` [ns] by name; NaN where there is no sample."""
+        return dict(zip(self.columns, self.values(run, stamps).T, strict=True))
+
+
+def signals_of(run: RunData) -> list[Signal]:
+    """Return the signals for which the run has the topics, in the order of :data:`SIGNALS`."""
+    return [signal for signal in SIGNALS if signal.is_in(run)]
+
+
+def _held(series: Series, stamps: Integers) -> NDArray[Any]:
+    """Return the newest values at `stamps`, shape (m, k); NaN before the first sample."""
+    rows = np.searchsorted(series.stamps, stamps, side='right') - 1
+    return np.where(rows[:, np.newaxis] < 0, np.nan, series.values[rows.clip(min=0)])
+
+
+def _pitch(run: RunData, stamps: Integers) -> NDArray[Any]:
+    return np.asarray(np.degrees(run.series[PLANT_IMU].at(stamps)[:, :2]))
+
+
+def _pitch_rate(run: RunData, stamps: Integers) -> NDArray[Any]:
+    return np.asarray(np.degrees(run.series[PLANT_IMU].at(stamps)[:, 2:]))
+
+
+def _position(run: RunData, stamps: Integers) -> NDArray[Any]:
+    return run.series[PLANT_ODOM].at(stamps)
+
+
+def _speed(run: RunData, stamps: Integers) -> NDArray[Any]:
+    return replace(run.series[PLANT_ODOM], values=ball_speed(run)).at(stamps)
+
+
+def _motor_rate(run: RunData, stamps: Integers) -> NDArray[Any]:
+    return np.asarray(np.degrees(run.series[PLANT_JOINT_STATES].at(stamps)[:, :2]))
+
+
+def _motor_torque(run: RunData, stamps: Integers) -> NDArray[Any]:
+    return run.series[PLANT_JOINT_STATES].at(stamps)[:, 2:]
+
+
+def _duty(run: RunData, stamps: Integers) -> NDArray[Any]:
+    duty = run.series[MOTOR_DUTY]
+    return duty.at(stamps) if run.plant.lockstep else _held(duty, stamps)
+
+
+def _gyro(run: RunData, stamps: Integers) -> NDArray[Any]:
+    return _whole_degrees(run.series[GYRO_IMU], stamps)
+
+
+def _gyro_offset(run: RunData, stamps: Integers) -> NDArray[Any]:
+    return replace(run.series[GYRO_IMU], values=estimated_gyro_offset(run)).at(stamps)
+
+
+def _encoder(run: RunData, stamps: Integers) -> NDArray[Any]:
+    return _whole_degrees(run.series[JOINT_STATES], stamps)
+
+
+def _whole_degrees(series: Series, stamps: Integers) -> NDArray[Any]:
+    """Return a reading of the brick, which counts in degrees."""
+    return np.asarray(np.rint(np.degrees(series.at(stamps))))
+
+
+def _distance(run: RunData, stamps: Integers) -> NDArray[Any]:
+    return _held(run.series[SONAR_RANGE], stamps)[:, :1]
+
+
+def _battery(run: RunData, stamps: Integers) -> NDArray[Any]:
+    return _held(run.series[BATTERY_STATE], stamps)
+
+
+def _sticks(run: RunData, stamps: Integers) -> NDArray[Any]:
+    return _held(run.series[GAMEPAD_JOY], stamps) * 100.0
+
+
+def _estimated_pitch(run: RunData, stamps: Integers) -> NDArray[Any]:
+    return np.asarray(np.degrees(estimated_pitch(run, stamps)))
+
+
+_CONTROLLER = (CONTROLLER_STATE,)
+
+SIGNALS = (
+    Signal('position', 'm', _position, (PLANT_ODOM,)),
+    Signal('speed', 'm_per_s', _speed, (PLANT_ODOM,)),
+    Signal('pitch', 'deg', _pitch, (PLANT_IMU,)),
+    Signal('pitch_rate', 'deg_per_s', _pitch_rate, (PLANT_IMU,)),
+    Signal('motor_rate', 'deg_per_s', _motor_rate, (PLANT_JOINT_STATES,)),
+    Signal('motor_torque', 'n_m', _motor_torque, (PLANT_JOINT_STATES,)),
+    Signal('duty', 'percent', _duty, (MOTOR_DUTY,)),
+    Signal('gyro', 'deg_per_s', _gyro, (GYRO_IMU,)),
+    Signal('encoder', 'deg', _encoder, (JOINT_STATES,)),
+    Signal('distance', 'm', _distance, (SONAR_RANGE,), has_planes=False),
+    Signal('battery', 'v', _battery, (BATTERY_STATE,), has_planes=False),
+    Signal('stick', 'percent', _sticks, (GAMEPAD_JOY,)),
+    Signal('estimated_position', 'm', estimated_position, _CONTROLLER),
+    Signal('estimated_pitch', 'deg', _estimated_pitch, _CONTROLLER),
+    Signal('estimated_gyro_offset', 'deg_per_s', _gyro_offset, (GYRO_IMU, CONTROLLER_STATE)),
+    Signal('reference_position', 'm', reference_position, _CONTROLLER),
+    Signal('reference_speed', 'm_per_s', reference_speed, _CONTROLLER),
+    Signal('commanded_speed', 'm_per_s', commanded_speed, _CONTROLLER),
+)
+"""The signals of a run: true motion, duty, readings of the devices, sticks, and what the controller
+estimates and follows. Signs are those of the planes."""

@@ -1,0 +1,158 @@
+"""What the run on a live page is doing, and what the overlay says about it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from ballbot_ros.analysis.metrics import Judgement
+from ballbot_ros.analysis.verdict import Verdict
+from ballbot_ros.messages.plant_report import PlantReport
+from ballbot_ros.scenario.metric_registry import label
+from ballbot_ros.simulation.outcome import Outcome
+from ballbot_ros.viewer.overlay import Banner, BannerKind, Button, OverlayState
+from ballbot_ros.viewer.session import Session, SessionResult
+
+PAUSE, STEP, RESET = 'pause', 'step', 'reset'
+RATES = {'0.1×': 0.1, '0.25×': 0.25, '0.5×': 0.5, '1×': 1.0, '2×': 2.0, 'max': 0.0}
+"""Real-time factors by their labels; 0 is as fast as possible."""
+
+REPORT = '/report'
+_MAX_DETAILS = 4
+
+_KINDS: Mapping[str, BannerKind] = {
+    Verdict.PASSED: BannerKind.GOOD,
+    Verdict.STOPPED: BannerKind.INFO,
+    Outcome.COMPLETED: BannerKind.GOOD,
+}
+"""The kinds of the good ends; all others are bad."""
+
+
+@dataclass(frozen=True)
+class RunActivity:
+    """What is known about the run that a page shows.
+
+    Attributes
+    ----------
+    session : Session or None
+        What the command of the run tells; None without such a command.
+    has_pose : bool
+        Whether the robot's pose in this run is known.
+    report : PlantReport or None
+        The plant's newest report about that run.
+    has_lost_plant : bool
+        Whether there was a plant, and is none.
+    """
+
+    session: Session | None = None
+    has_pose: bool = False
+    report: PlantReport | None = None
+    has_lost_plant: bool = False
+
+    @property
+    def is_controllable(self) -> bool:
+        """Whether the run can be paused, paced and driven."""
+        return not self.has_lost_plant and self.report is not None and not self.report.outcome
+
+    @property
+    def is_paused(self) -> bool:
+        """Whether the run is paused."""
+        return self.report is not None and self.report.is_paused
+
+    @property
+    def awaits_start(self) -> bool:
+        """Whether the run waits until somebody looks."""
+        return self.report is not None and self.report.awaits_start
+
+    @property
+    def overlay(self) -> OverlayState:
+        """What the overlay shows."""
+        if not self.is_controllable:
+            return OverlayState(banner=self._banner)
+        assert self.report is not None
+        return OverlayState(
+            banner=self._banner,
+            buttons=_buttons(is_paused=self.is_paused),
+            rates=tuple(RATES),
+            rate=next((name for name, pace in RATES.items() if pace == self.report.pace), ''),
+            can_drive=True,
+        )
+
+    @property
+    def _banner(self) -> Banner | None:
+        if self.session and self.session.result:
+            return _result_banner(self.session.scenario, self.session.result)
+        report = self.report
+        if report and report.outcome:
+            return self._end_banner(report.outcome, report.problem)
+        if report and report.missing:
+            return Banner(f'waiting for {", ".join(report.missing)} …', BannerKind.BUSY)
+        if not self.has_pose:
+            return self._waiting_banner
+        if self.has_lost_plant:
+            return Banner('the plant has ended', BannerKind.BAD)
+        return _report_banner(report) if report else None
+
+    @property
+    def _waiting_banner(self) -> Banner:
+        if self.session:
+            return Banner(f'starting {self.session.scenario} …', BannerKind.BUSY)
+        return Banner('waiting for a run …', BannerKind.BUSY)
+
+    def _end_banner(self, outcome: str, reason: str) -> Banner:
+        if self.session:
+            return Banner(f'{self.session.scenario} has ended, judging …', BannerKind.BUSY)
+        details = (reason,) if reason else ()
+        return Banner(f'run {outcome}', _KINDS.get(outcome, BannerKind.BAD), details)
+
+
+def _report_banner(report: PlantReport) -> Banner | None:
+    """Return the banner of a run that has begun; None if it just runs."""
+    if report.awaits_start:
+        return Banner('the run is about to begin', BannerKind.BUSY)
+    if report.is_paused:
+        return Banner('paused', BannerKind.INFO, ('Space resumes, . runs one tick',))
+    return Banner(report.problem, BannerKind.BAD) if report.problem else None
+
+
+def _result_banner(scenario: str, result: SessionResult) -> Banner:
+    return Banner(
+        f'{scenario}: {result.verdict}',
+        _KINDS.get(result.verdict, BannerKind.BAD),
+        _result_details(result),
+        link=REPORT if result.recording else '',
+        link_text='report',
+    )
+
+
+def _result_details(result: SessionResult) -> tuple[str, ...]:
+    """Return what was not met, or else the reason of a failure and a few metrics."""
+    missed = [each for each in result.judgements if not each.holds]
+    if missed:
+        rest = len(missed) - _MAX_DETAILS
+        more = (f'and {rest} more',) if rest > 0 else ()
+        return (*map(_missed_text, missed[:_MAX_DETAILS]), *more)
+    whole = [each for each in result.judgements if each.expectation.covers_whole_run]
+    reason = (result.reason,) if result.reason else ()
+    return (*reason, *map(_value_text, whole[:_MAX_DETAILS]))
+
+
+def _missed_text(judgement: Judgement) -> str:
+    expectation = judgement.expectation
+    window = f', {expectation.window}' if expectation.window else ''
+    return f'{_value_text(judgement)}{window}: expected {expectation}'
+
+
+def _value_text(judgement: Judgement) -> str:
+    name, unit = label(judgement.expectation.metric)
+    value = '–' if math.isnan(judgement.value) else f'{judgement.value:.3f} {unit}'
+    return f'{name} {value}'.rstrip()
+
+
+def _buttons(*, is_paused: bool) -> tuple[Button, ...]:
+    return (
+        Button(PAUSE, 'Pause', ' ', 'Pause, or resume', is_pressed=is_paused),
+        Button(STEP, 'Step', '.', 'Run one tick of a paused plant'),
+        Button(RESET, 'Reset', 'r', 'Begin a new run'),
+    )
