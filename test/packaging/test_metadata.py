@@ -193,7 +193,8 @@ def test_every_subpackage_is_installed(setup):
 
 
 @pytest.mark.parametrize(
-    ('package', 'more_than'), [('codegen', 10), ('controllers', 6), ('studies', 0)]
+    ('package', 'more_than'),
+    [('analysis', 5), ('codegen', 10), ('controllers', 6), ('studies', 0)],
 )
 def test_every_template_is_installed(setup, package, more_than):
     folder = ROOT / 'ballbot_ros' / package

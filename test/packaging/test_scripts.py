@@ -227,7 +227,7 @@ def test_the_notebook_script_opens_markdown_as_notebooks(machine):
     assert run.arguments == ['-m', 'jupyter', 'lab', '--notebook-dir', folder, '--no-browser']
     assert (
         machine.calls()[-1]
-        == 'pip install --no-input -e .[ros,drive,gym,mpc,viewer,pandas,study,notebook]'
+        == 'pip install --no-input -e .[ros,drive,gym,mpc,viewer,pandas,report,study,notebook]'
     )
     (settings,) = (machine.project / '.venv').rglob('overrides.json')
     assert 'Jupytext Notebook' in str(json.loads(settings.read_text()))
@@ -240,14 +240,14 @@ def test_each_script_installs_what_it_needs_once(machine):
     assert machine.run('run').messages.startswith('Setting up .venv')
     venv, pip = machine.calls()
     assert venv == f'venv {machine.venv}'
-    assert pip == 'pip install --no-input -e .[ros,drive,gym,mpc,viewer,pandas,study]'
+    assert pip == 'pip install --no-input -e .[ros,drive,gym,mpc,viewer,pandas,report,study]'
     machine.run('test')
     assert machine.calls() == [
-        'pip install --no-input -e .[ros,drive,gym,mpc,viewer,pandas,study,test]'
+        'pip install --no-input -e .[ros,drive,gym,mpc,viewer,pandas,report,study,test]'
     ]
     machine.start('docs').communicate(timeout=LAST_RESORT_S)
     assert machine.calls() == [
-        'pip install --no-input -e .[ros,drive,gym,mpc,viewer,pandas,study,docs]'
+        'pip install --no-input -e .[ros,drive,gym,mpc,viewer,pandas,report,study,docs]'
     ]
     assert machine.run('run').messages == machine.run('test').messages == ''
     assert machine.calls() == []
@@ -260,11 +260,11 @@ def test_changed_requirements_and_nodes_update_the_environment(machine):
         (machine.project / name).write_text("    node: ClassVar[str] = 'second'")
         machine.run('run')
         assert machine.calls() == [
-            'pip install --no-input -e .[ros,drive,gym,mpc,viewer,pandas,study]'
+            'pip install --no-input -e .[ros,drive,gym,mpc,viewer,pandas,report,study]'
         ], name
     machine.run('test')
     assert machine.calls() == [
-        'pip install --no-input -e .[ros,drive,gym,mpc,viewer,pandas,study,test]'
+        'pip install --no-input -e .[ros,drive,gym,mpc,viewer,pandas,report,study,test]'
     ]
 
 
@@ -352,7 +352,7 @@ def test_a_sourced_jazzy_gets_an_environment_without_the_wheels(bare_machine):
     environment = machine.run('run', **jazzy).environment
     assert machine.calls() == [
         f'venv --system-site-packages {machine.venv}-jazzy',
-        'pip install --no-input -e .[drive,gym,mpc,viewer,pandas,study] numpy==1.26.4',
+        'pip install --no-input -e .[drive,gym,mpc,viewer,pandas,report,study] numpy==1.26.4',
     ]
     jazzy['PYTHONPATH'] = f'{machine.project}:{jazzy["PYTHONPATH"]}'
     assert environment.items() >= jazzy.items()
