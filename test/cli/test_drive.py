@@ -29,6 +29,8 @@ pytestmark = pytest.mark.graph
 pytest.importorskip('rclpy')
 
 UP = b'\x1b[A'
+FORWARD = '50[^r%]*rightward'
+"""The sticks in the panel, of which only changed characters are drawn."""
 CHILDREN = set(NODES) - {'gamepad_teleop'}
 
 
@@ -102,7 +104,7 @@ def test_keys_drive_reset_and_quit(start_drive, tmp_path):
     pids = drive.begin()
     drive.press(UP)
     drive.wait_for_text(b'keyboard')
-    drive.wait_for_text(b'forward +50')
+    drive.wait_for_match(FORWARD)
     drive.press(b'a')
     drive.wait_for_text(b'rightward -50')
     drive.press(b'?')
@@ -152,7 +154,7 @@ def test_the_page_and_the_keyboard_go_together(start_drive):
     with urllib.request.urlopen(line[1].decode()) as page:
         assert page.headers.get_content_type() == 'text/html'
     drive.press(UP + b'h')
-    drive.wait_for_text(b'forward +50')
+    drive.wait_for_match(FORWARD)
     drive.press(b'q')
     assert drive.finish() == 0
     assert not any(alive(pid) for pid in pids.values())
@@ -183,7 +185,7 @@ def test_a_terminal_that_vanishes_ends_the_drive(start_drive):
     pids = drive.begin()
     drive.press(UP + b'h')
     drive.wait_for_text(b'held')
-    drive.wait_for_text(b'-50')
+    drive.wait_for_match(FORWARD)
     os.close(drive.side)
     drive.hang_up()
     drive.finish()
@@ -213,7 +215,7 @@ def test_without_a_terminal_it_explains_how_to_drive(domain, tmp_path):
             'drive with a gamepad, joy or cmd_vel'
         )
     ]
-    assert out == f'recording  {tmp_path / "drive.mcap"}\n'
+    assert out.splitlines()[0] == f'recording  {tmp_path / "drive.mcap"}'
 
 
 @pytest.mark.parametrize(
