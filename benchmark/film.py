@@ -11,7 +11,7 @@ from pathlib import Path
 from rich.console import Console
 
 from ballbot_ros.viewer.browser import browser_page
-from ballbot_ros.viewer.page import UPDATE_S, Page
+from ballbot_ros.viewer.page import PANEL_WIDTH, UPDATE_S, Page
 from ballbot_ros.viewer.playback_run import PlaybackRun
 from ballbot_ros.viewer.recording_page import RecordingPage
 from ballbot_ros.viewer.render import SIZE, Excerpt, frames
@@ -26,7 +26,10 @@ WARM_UP_S = 5.0
 
 
 def measure_films(repeat: int, progress: Console) -> list[Figure]:
-    """Return the rates of a film and of the page in a window of the same size, and their ratio."""
+    """Return the rates of a film and of a page whose scene has the same size, and their ratio.
+
+    A slow page lowers its resolution to three quarters; a film does not.
+    """
     with tempfile.TemporaryDirectory(prefix='ballbot_bench_') as scratch:
         run = PlaybackRun(_record(Path(scratch)))
         pages, films = [], []
@@ -65,7 +68,8 @@ def film_rate(run: PlaybackRun) -> float:
 
 def page_rate(run: PlaybackRun) -> float:
     """Return the frames per second that the browser draws of the page of a moving robot."""
-    with browser_page(*SIZE) as browser:
+    width, height = SIZE
+    with browser_page(width + PANEL_WIDTH, height) as browser:
         page = Page(run.dimensions, run.name, '127.0.0.1', 0)
         try:
             recording_page = RecordingPage(page, [run])

@@ -121,10 +121,6 @@ class RunData:
         Notices for the reader of a report.
     failure : str
         Why the run failed, as recorded at its end; '' if it did not, or if it is unknown.
-    pushes : tuple of RecordedPush
-        The pushes that acted, from the scenario or from outside.
-    wall_hits : tuple of Interval
-        When the body touched a wall [s].
     """
 
     path: Path

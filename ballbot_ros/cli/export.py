@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import click
 from rich.console import Console
@@ -13,6 +15,10 @@ from ballbot_ros.cli.options import split_at_commas
 from ballbot_ros.cli.path_types import PATH, RECORDING
 from ballbot_ros.messages.conversions import ball_position, body_pitch
 from ballbot_ros.messages.topics import (
+    CONTROLLER_STATE,
+    GAMEPAD_JOY,
+    GYRO_IMU,
+    JOINT_STATES,
     MOTOR_DUTY,
     OPERATING_STATE,
     PLANT_IMU,
@@ -26,7 +32,49 @@ from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.tables import load_pyarrow
 from ballbot_ros.timing import TICK_NS
 
+_Read = Callable[[Any], float]
+
+
+def _joint(name: str) -> _Read:
+    """Return what reads the position [deg] of a joint; NaN if the message does not have it."""
+
+    def position(message: Any) -> float:
+        positions = dict(zip(message.name, message.position, strict=False))
+        return math.degrees(positions.get(name, math.nan))
+
+    return position
+
+
+def _axis(number: int) -> _Read:
+    """Return what reads an axis [%]; NaN if the message does not have it."""
+
+    def percent(message: Any) -> float:
+        axes = message.axes
+        return 100.0 * float(axes[number]) if number < len(axes) else math.nan
+
+    return percent
+
+
 _COLUMN_HINTS = {
+    GYRO_IMU: ColumnHints(
+        extra={
+            'reading_x_deg_per_s': lambda message: math.degrees(message.angular_velocity.y),
+            'reading_y_deg_per_s': lambda message: math.degrees(message.angular_velocity.x),
+        }
+    ),
+    JOINT_STATES: ColumnHints(
+        extra={f'encoder_{axis}_deg': _joint(f'motor_{axis}') for axis in 'xy'}
+    ),
+    GAMEPAD_JOY: ColumnHints(
+        extra={'stick_vertical_percent': _axis(0), 'stick_horizontal_percent': _axis(1)}
+    ),
+    CONTROLLER_STATE: ColumnHints(
+        extra={
+            **{f'estimated_pitch_{axis}_deg': _joint(f'psi_{axis}') for axis in 'xy'},
+            **{f'estimated_ball_angle_{axis}_deg': _joint(f'theta_{axis}') for axis in 'xy'},
+            **{f'reference_ball_angle_{axis}_deg': _joint(f'theta_ref_{axis}') for axis in 'xy'},
+        }
+    ),
     PLANT_IMU: ColumnHints(
         extra={
             'pitch_x_rad': lambda message: body_pitch(message)[0],
@@ -63,7 +111,7 @@ _COLUMN_HINTS = {
     multiple=True,
     callback=split_at_commas,
     metavar='TOPIC[,TOPIC…]',
-    help='The topics to export; can be repeated.  [default: all]',
+    help='The topics to export; can be repeated.  [default: all that are not derived from others]',
 )
 def command(
     file: Path, file_format: str, output: Path | None, joined: bool, topics: list[str]
@@ -108,4 +156,4 @@ def _chosen(reader: RecordingReader, topics: Sequence[str], console: Console) ->
             raise RecordingError(f'{reader.path}: {topic}: {unreadable[topic]}')
         if not topics:
             console.print(f'{reader.path}: {topic} skipped: {unreadable[topic]}')
-    return list(topics) or sorted(known.keys() - unreadable.keys())
+    return list(topics) or sorted(known.keys() - unreadable.keys() - reader.derived())

@@ -60,6 +60,7 @@ def _read(reader: RecordingReader, progress: ProgressCallback) -> dict[str, Any]
         (each.first_ns for each in topics.values() if each.first_ns is not None), default=None
     )
     last = max((each.last_ns for each in topics.values() if each.last_ns is not None), default=None)
+    derived = reader.derived()
     metadata = dict(reader.metadata())
     metadata.pop(METADATA_NAME, None)
     outcome = metadata.pop(RUN_OUTCOME, None) or None
@@ -85,6 +86,7 @@ def _read(reader: RecordingReader, progress: ProgressCallback) -> dict[str, Any]
                 'rate_hz': topic.rate_hz,
                 'largest_gap_s': _seconds(topic.gap_ns),
                 'largest_gap_at_s': _seconds(topic.gap_at_ns),
+                'derived': name in derived,
             }
             for name, topic in sorted(topics.items())
         },
@@ -106,7 +108,8 @@ def _print_text(content: Mapping[str, Any], state: str) -> None:
             '' if topic[key] is None else f'{topic[key]:{digits}} {unit}'
             for key, digits, unit in _NUMBERS
         ]
-        rows.append((name, topic['type'], str(topic['count']), *cells))
+        kind = f'{topic["type"]}, derived' if topic['derived'] else topic['type']
+        rows.append((name, kind, str(topic['count']), *cells))
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     console.print()
     for row in rows if content['topics'] else ():

@@ -178,6 +178,12 @@ def decode_body_rates(data: bytes) -> Pair:
     return rate_x, rate_y
 
 
+def decode_body_pitch(data: bytes) -> Pair:
+    """Return the pitch angles [rad] of planes x and y from ``plant/imu``."""
+    _, _, w, x, y, z = _BODY.decode(data)
+    return pitch_angles(w, x, y, z)
+
+
 def body_orientation(psi: Pair) -> tuple[float, float, float, float]:
     """Return the orientation of ``base_link`` in ``map`` for the pitch angles `psi` [rad].
 

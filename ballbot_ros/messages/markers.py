@@ -1,4 +1,4 @@
-"""Markers and transforms for other tools, from plain values, as in conversions.py."""
+"""Markers for other tools, from plain values, as in conversions.py."""
 
 from __future__ import annotations
 
@@ -63,31 +63,12 @@ def place_marker(
 ) -> None:
     """Write the pose of a marker in ``map`` at `stamp_ns`; `rotation` is w, x, y, z."""
     fill_header(message.header, stamp_ns, 'map')
-    _fill_place(message.pose.position, message.pose.orientation, position, rotation)
+    point, quaternion = message.pose.position, message.pose.orientation
+    point.x, point.y, point.z = position
+    quaternion.w, quaternion.x, quaternion.y, quaternion.z = rotation
 
 
 def fill_points(message: Any, points: Iterable[Sequence[float]]) -> None:
     """Write the points of a line or of triangles [m]."""
     new_point = type(message.pose.position)
     message.points = [new_point(x=x, y=y, z=z) for x, y, z in points]
-
-
-def fill_transform(
-    message: Any,
-    stamp_ns: int,
-    parent: str,
-    child: str,
-    position: Sequence[float],
-    rotation: Sequence[float],
-) -> None:
-    """Write a ``geometry_msgs/TransformStamped``: the pose of `child` in `parent`."""
-    fill_header(message.header, stamp_ns, parent)
-    message.child_frame_id = child
-    _fill_place(message.transform.translation, message.transform.rotation, position, rotation)
-
-
-def _fill_place(
-    point: Any, quaternion: Any, position: Sequence[float], rotation: Sequence[float]
-) -> None:
-    point.x, point.y, point.z = position
-    quaternion.w, quaternion.x, quaternion.y, quaternion.z = rotation

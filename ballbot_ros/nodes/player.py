@@ -49,6 +49,7 @@ class Player(BallbotNode[PlayerParameters]):
         )
         recorded = self._recording.topics()
         topics = {name: recorded[name].type_name for name in chosen or recorded}
+        self._derived = self._recording.derived()
         self._lock = None
         # Own the domain like a plant when playing any topic of a plant, or all topics: then the
         # player publishes /clock, even if the recording has none.
@@ -78,6 +79,8 @@ class Player(BallbotNode[PlayerParameters]):
     def _publisher(self, name: str, type_name: str) -> Publisher:
         kind = find_message_class(type_name)
         if kind is None:
+            if name in self._derived:
+                return None  # as where tf2_msgs is not installed
             problem = f'type {type_name} not found' if type_name else 'its type is unknown'
             self.get_logger().warning(f'{name}: {problem}: not played')
             return None
@@ -91,13 +94,17 @@ class Player(BallbotNode[PlayerParameters]):
         if self.playback.rate != self.parameters.rate:
             self.playback.set_rate(self.parameters.rate, now)
         for topic, stamp_ns, _, data in self.playback.due(now):
-            if topic in self._outputs:
+            if topic in self._outputs and not self._is_derived_elsewhere(topic):
                 self._outputs[topic].publish(data)
             self.count_sample(stamp_ns)
         if self._made_clock:
             self._make_clock(self._made_clock, now)
         if self.playback.finished:
             self.finish()
+
+    def _is_derived_elsewhere(self, topic: str) -> bool:
+        """Return whether another node publishes a topic that is derived in the recording."""
+        return topic in self._derived and self.count_publishers(topic) > 1
 
     def _position_ns(self, now: float) -> int:
         """Return the sim time of the playback [ns]."""

@@ -18,7 +18,7 @@ from ballbot_ros.messages.topics import MOTOR_DUTY, PARTICIPANTS, RECORDER_ACK, 
 from ballbot_ros.nodes.base import BallbotNode, run_node
 from ballbot_ros.nodes.participation import Participation
 from ballbot_ros.nodes.recorder_channels import Channel, Channels, Item
-from ballbot_ros.parameters import RecorderParameters
+from ballbot_ros.parameters import PlantParameters, RecorderParameters
 from ballbot_ros.recording.attachments import media_type
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.writer import RUN_PARTICIPANTS, RecordingWriter
@@ -28,6 +28,7 @@ from ballbot_ros.simulation.outcome import Outcome
 from ballbot_ros.simulation.participants import Objection
 from ballbot_ros.simulation.recorded_ticks import RecordedTicks
 from ballbot_ros.simulation.recording_gate import RecordingGate, Stream
+from ballbot_ros.viewer.derived_channels import DerivedChannels
 
 POLL_S = 5e-3
 FLUSH_PERIOD_S = 0.5
@@ -56,6 +57,12 @@ class Recorder(BallbotNode[RecorderParameters]):
         for name, data in attachments.items():
             self._writer.add_attachment(name, media_type(name), data)
         self._channels = Channels(self)
+        self._derived = DerivedChannels(
+            self._writer,
+            PlantParameters(),
+            name_of=lambda topic: self.resolve_topic_name(topic.name),
+            is_published=self._channels.is_published,
+        )
         self._gate = RecordingGate(self)
         self._run: str | None = None
         self._order: ArrivalOrder[Item] = ArrivalOrder()
@@ -151,6 +158,8 @@ class Recorder(BallbotNode[RecorderParameters]):
                 stream.name, channel.topic.type_name, qos=self._channels.offered_qos(stream.name)
             )
         self._writer.write(channel.recorded, log_ns, data, sequence)
+        if channel.is_source:
+            self._derived.add(channel.topic, log_ns, data)
         if stream.period_ns:
             self.count_sample(self._gate.now_ns)
 

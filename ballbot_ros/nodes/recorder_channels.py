@@ -13,9 +13,7 @@ from ballbot_ros.messages.raw import has_stamp, same_content
 from ballbot_ros.messages.topics import (
     CLOCK,
     HISTORY,
-    MARKERS,
     PLANT_STEPS,
-    ROBOT_DESCRIPTION,
     SESSION,
     TOPICS,
     Topic,
@@ -28,6 +26,7 @@ from ballbot_ros.parameters import PLANT
 from ballbot_ros.recording.qos import RELIABLE_LATCHED, QosProfile
 from ballbot_ros.simulation.arrival_order import Arrival
 from ballbot_ros.simulation.recording_gate import Stream
+from ballbot_ros.viewer.derived_messages import DerivedMessages
 
 
 class Channel:
@@ -39,6 +38,8 @@ class Channel:
         The topics that are read: the topic itself and its history, if it has one.
     is_stamped : bool
         Whether its stamps count. Those of a topic open to any tool may be of other clocks.
+    is_source : bool
+        Whether messages are derived from it.
     recorded : object
         The topic in the file; None before its first message.
     """
@@ -51,6 +52,7 @@ class Channel:
         self._reads_history = False
         self.topic_names = [each.topic_name for each in (subscription, history) if each]
         self.recorded: Any = None
+        self.is_source = topic in DerivedMessages.INPUTS
         self.is_stamped = topic.publisher is not None and has_stamp(topic.type_name)
         self.stream = Stream(
             subscription.topic_name,
@@ -124,6 +126,10 @@ class Channels:
         """Return the iterators that read the waiting messages of each topic."""
         return {name: channel.take() for name, channel in self._channels.items()}
 
+    def is_published(self, name: str) -> bool:
+        """Return whether a topic has a publisher, and its type is installed."""
+        return name not in self._ignored and self._node.count_publishers(name) > 0
+
     def offered_qos(self, name: str) -> list[QosProfile]:
         """Return the QoS of a topic's publishers."""
         offers = self._node.get_publishers_info_by_topic(name)
@@ -131,7 +137,6 @@ class Channels:
 
     def discover(self) -> None:
         """Subscribe to the topics of the graph that are not recorded yet."""
-        drawing = self._publishers_of(MARKERS) & self._publishers_of(ROBOT_DESCRIPTION)
         for name, _ in self._node.get_topic_names_and_types():
             if name in self._channels or name in self._ignored:
                 continue
@@ -140,8 +145,6 @@ class Channels:
             if name not in self._sighted and not all(map(full_name, offers)):
                 self._sighted.add(name)
                 continue
-            # Skip what a visualizer draws for other tools: it can be derived from the recording.
-            offers = [offer for offer in offers if full_name(offer) not in drawing]
             if not offers:
                 continue
             topic = Topic(name, offers[0].topic_type, None)
@@ -160,9 +163,6 @@ class Channels:
                     durability=max(offer.qos_profile.durability for offer in offers),
                 ),
             )
-
-    def _publishers_of(self, topic: Topic) -> set[str]:
-        return set(map(full_name, self._node.get_publishers_info_by_topic(topic.name)))
 
     def close(self) -> None:
         """Remove the subscriptions."""

@@ -91,7 +91,7 @@ class VisualizerParameters(Dimensions, Masses, NodeParameters):
         30.0,
         'Hz',
         (1.0, 250.0),
-        'maximum rate of markers and transforms',
+        'maximum rate of markers, transforms and odometry',
         'project',
         takes_effect=TakesEffect.READ_ONLY,
     )

@@ -37,7 +37,7 @@ from ballbot_ros.recording.batch import Batch, RawMessage, Rows
 from ballbot_ros.recording.batch_layout import BatchLayout
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.qos import QosProfile
-from ballbot_ros.recording.rosbag2 import TimeRange, parse_offered_qos
+from ballbot_ros.recording.rosbag2 import DERIVED, TimeRange, parse_offered_qos
 from ballbot_ros.recording.schemas import recorded_typestore
 from ballbot_ros.recording.writer import INCOMPLETE, is_locked
 
@@ -172,17 +172,27 @@ class RecordingReader:
 
     def topics(self) -> dict[str, TopicSummary]:
         """Return type and number of messages of each topic."""
-        return {
-            channel.topic: TopicSummary(self._schema(channel).name, self._counts[channel.id])
-            for channel in self._channels.values()
+        summaries: dict[str, TopicSummary] = {}
+        for channel in self._channels.values():
+            before = summaries.get(channel.topic)
+            count = self._counts[channel.id] + (before.message_count if before else 0)
+            summaries[channel.topic] = TopicSummary(self._schema(channel).name, count)
+        return summaries
+
+    def derived(self) -> set[str]:
+        """Return the topics whose messages were all computed when the file was written."""
+        published = {
+            channel.topic for channel in self._channels.values() if DERIVED not in channel.metadata
         }
+        return self.topics().keys() - published
 
     def offered_qos(self) -> dict[str, list[QosProfile]]:
         """Return the QoS offered by each topic's publishers; empty if unknown."""
-        return {
-            channel.topic: parse_offered_qos(channel.metadata.get('offered_qos_profiles', ''))
-            for channel in self._channels.values()
-        }
+        offers: dict[str, list[QosProfile]] = {}
+        for channel in self._channels.values():
+            found = parse_offered_qos(channel.metadata.get('offered_qos_profiles', ''))
+            offers.setdefault(channel.topic, []).extend(found)
+        return offers
 
     def metadata(self) -> dict[str, dict[str, str]]:
         """Return the last metadata record of each name."""

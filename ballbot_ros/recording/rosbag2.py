@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -13,6 +13,10 @@ from ballbot_ros.recording.qos import QosProfile
 
 METADATA_NAME = 'rosbag2'
 """Name of the MCAP metadata record."""
+
+DERIVED = 'ballbot_ros/derived'
+"""Key in the metadata of channels whose messages no node has published: they were computed from
+the others when the file was written."""
 
 _VERSION = 9
 _NO_TIME = 2**63 - 1
@@ -121,7 +125,7 @@ def serialized_metadata(
             'version': _VERSION,
             'storage_identifier': 'mcap',
             **extent,
-            'topics_with_message_count': [_topic(topic) for topic in topics],
+            'topics_with_message_count': [_topic(each) for each in _by_name(topics)],
             'compression_format': '',
             'compression_mode': '',
             'relative_file_paths': [file_name],
@@ -132,16 +136,25 @@ def serialized_metadata(
     )
 
 
-def _topic(topic: RecordedTopic) -> dict[str, object]:
+def _by_name(topics: Iterable[RecordedTopic]) -> Iterator[list[RecordedTopic]]:
+    """Yield the topics of each name: a topic of several channels counts once."""
+    names: dict[str, list[RecordedTopic]] = {}
+    for topic in topics:
+        names.setdefault(topic.name, []).append(topic)
+    yield from names.values()
+
+
+def _topic(channels: Sequence[RecordedTopic]) -> dict[str, object]:
+    topic = channels[0]
     return {
         'topic_metadata': {
             'name': topic.name,
             'type': topic.type_name,
             'serialization_format': 'cdr',
-            'offered_qos_profiles': _qos(topic.qos),
+            'offered_qos_profiles': _qos(profile for each in channels for profile in each.qos),
             'type_description_hash': topic.type_hash,
         },
-        'message_count': topic.count,
+        'message_count': sum(each.count for each in channels),
     }
 
 

@@ -16,6 +16,7 @@ from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.mcap_writer import McapWriter
 from ballbot_ros.recording.qos import RELIABLE_LATCHED, QosProfile
 from ballbot_ros.recording.rosbag2 import (
+    DERIVED,
     METADATA_NAME,
     RecordedTopic,
     TimeRange,
@@ -78,6 +79,7 @@ class RecordingWriter:
         self._open = True
         self._schemas: dict[tuple[str, str, bytes], int] = {}
         self._topics: dict[int, RecordedTopic] = {}
+        self._added: set[tuple[str, bool]] = set()
         with self._writing():
             self._writer = McapWriter(self._stream, Profile.ROS2, 'ballbot_ros', chunk_size)
             self._writer.flush()
@@ -95,8 +97,11 @@ class RecordingWriter:
         *,
         qos: Sequence[QosProfile] = (RELIABLE_LATCHED,),
         type_hash: str | None = None,
+        derived: bool = False,
     ) -> RecordedTopic:
         """Add a topic.
+
+        Derived and published messages of one topic are in different channels.
 
         Parameters
         ----------
@@ -108,6 +113,8 @@ class RecordingWriter:
             QoS offered by each of its publishers.
         type_hash : str, optional
             Hash of the type in the graph; it must equal that of the definition in ROS 2 Jazzy.
+        derived : bool
+            Whether its messages are computed from other messages of the recording.
 
         Returns
         -------
@@ -123,8 +130,9 @@ class RecordingWriter:
             definition = schema(type_name)
         except RecordingError as error:
             raise RecordingError(f'{self.path}: topic {name}: {error}') from None
-        if any(topic.name == name for topic in self._topics.values()):
+        if (name, derived) in self._added:
             raise RecordingError(f'{self.path}: topic {name} was already added')
+        self._added.add((name, derived))
         type_hash = type_hash or definition.type_hash
         if definition.type_hash not in ('', type_hash):
             raise RecordingError(
@@ -135,6 +143,8 @@ class RecordingWriter:
             'offered_qos_profiles': offered_qos_profiles(tuple(qos)),
             'topic_type_hash': type_hash,
         }
+        if derived:
+            metadata[DERIVED] = 'true'
         key = (type_name, SchemaEncoding.ROS2, definition.text.encode())
         channel = self._register(name, MessageEncoding.CDR, key, metadata)
         return self._note(RecordedTopic(channel, name, type_name, type_hash, qos))

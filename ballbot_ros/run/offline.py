@@ -8,13 +8,13 @@ from pathlib import Path
 
 from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.messages.run_summary import summary_json
-from ballbot_ros.messages.simulated_recording import SimulatedRecording
 from ballbot_ros.parameters import CONTROLLER, ControllerParameters
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.run.attachments import attachments_of
 from ballbot_ros.run.guarded_controller import guarded_implementation
 from ballbot_ros.run.observer import RunObserver
 from ballbot_ros.run.result import RunResult
+from ballbot_ros.run.simulated_recording import SimulatedRecording
 from ballbot_ros.run.spec import RunSpec
 from ballbot_ros.simulation.closed_loop import ClosedLoop
 from ballbot_ros.simulation.outcome import Outcome

@@ -45,6 +45,25 @@ _TEXT_ABOVE = 0.16
 _BEAM_SIDES = 12
 
 
+def floor_markers(floor: FloorMap | None, new_marker: Callable[[], Any]) -> list[Any]:
+    """Return a marker that deletes all others, and the walls, if there are any.
+
+    `new_marker` creates an empty ``visualization_msgs/Marker``.
+    """
+    erase = new_marker()
+    erase.action = DELETE_ALL
+    markers = [erase]
+    height = WALL_HEIGHT_CM / 100.0
+    for number, (left, bottom, right, top) in enumerate(walls(floor) if floor else ()):
+        wall = new_marker()
+        fill_marker(
+            wall, 'walls', number, 'box', (right - left, top - bottom, height), colours.WALL
+        )
+        place_marker(wall, 0, ((left + right) / 2.0, (bottom + top) / 2.0, height / 2.0))
+        markers.append(wall)
+    return markers
+
+
 class RobotMarkers:
     """Creates the markers that have changed; each keeps its namespace and number.
 
@@ -71,10 +90,7 @@ class RobotMarkers:
         self._trail = self._make('trail', 0, 'line', (_TRAIL_WIDTH,), colours.TRAIL)
         self._text = self._make('text', 0, 'text', (_LETTER_HEIGHT,), colours.WHITE)
         self._text_height = 2.0 * dimensions.body_height + _TEXT_ABOVE
-        self._erase = new_marker()
-        self._erase.action = DELETE_ALL
         self._trail_points: deque[Vector] = deque(maxlen=TRAIL_POINTS)
-        self._walls: list[Any] = []
         self.begin(None)
 
     def _make(
@@ -93,13 +109,7 @@ class RobotMarkers:
     def begin(self, floor: FloorMap | None) -> None:
         """Start over with a new run, on a floor with or without walls."""
         self._trail_points.clear()
-        self._walls = []
-        height = WALL_HEIGHT_CM / 100.0
-        for number, (left, bottom, right, top) in enumerate(walls(floor) if floor else ()):
-            size = (right - left, top - bottom, height)
-            wall = self._make('walls', number, 'box', size, colours.WALL)
-            place_marker(wall, 0, ((left + right) / 2.0, (bottom + top) / 2.0, height / 2.0))
-            self._walls.append(wall)
+        self._erase, *self._walls = floor_markers(floor, self._new_marker)
         self._is_new = self._is_longer = True
 
     def follow(self, snapshot: Snapshot) -> None:

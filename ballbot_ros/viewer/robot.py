@@ -209,6 +209,19 @@ def wxyz(rotation: Rotation) -> NDArray[np.float64]:
     return np.roll(rotation.as_quat(), 1, axis=-1)
 
 
+def wheel_angles(dimensions: Dimensions, position: Pair, psi: Pair) -> Pair:
+    """Return the rotations of wheel x about y, and of wheel y about x, of ``base_link`` [rad].
+
+    The wheels touch the ball at its equator, so they turn against it. Arguments are in plane signs.
+    """
+    ratio = dimensions.ball_radius / dimensions.wheel_radius
+    x, y = (
+        -ratio * (coordinate / dimensions.ball_radius - pitch)
+        for coordinate, pitch in zip(position, psi, strict=True)
+    )
+    return x, y
+
+
 def body_rotation(psi: Pair) -> Rotation:
     """Return the orientation of ``base_link`` in ``map`` for the pitch angles `psi` [rad]."""
     w, x, y, z = body_orientation(psi)
@@ -272,13 +285,6 @@ class RollingOrientation:
         return self._ball
 
     def wheels(self, position: Pair, psi: Pair) -> tuple[Rotation, Rotation]:
-        """Return the orientations of wheels x and y in ``base_link``.
-
-        The wheels touch the ball at its equator, so they turn against it.
-        """
-        ratio = self._dimensions.ball_radius / self._dimensions.wheel_radius
-        x, y = (
-            -ratio * (coordinate / self._dimensions.ball_radius - pitch)
-            for coordinate, pitch in zip(position, psi, strict=True)
-        )
+        """Return the orientations of wheels x and y in ``base_link``."""
+        x, y = wheel_angles(self._dimensions, position, psi)
         return Rotation.from_euler('y', x), Rotation.from_euler('x', y)

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from ballbot_ros.messages.conversions import body_orientation
+from ballbot_ros.messages.odometry import FOOTPRINT, ODOM_FRAME
+from ballbot_ros.messages.transforms import Pose
 from ballbot_ros.parameters import Dimensions
 from ballbot_ros.plant.ground_truth import Pair
 from ballbot_ros.viewer.robot import (
@@ -15,20 +19,26 @@ from ballbot_ros.viewer.robot import (
     BODY,
     WHEEL_X,
     WHEEL_Y,
-    RollingOrientation,
-    body_rotation,
     sonar_position,
+    wheel_angles,
     wheel_centres,
     wxyz,
 )
 
 MAP, SONAR = 'map', 'sonar'
 
-PARENTS = {BODY: MAP, BALL: BODY, WHEEL_X: BODY, WHEEL_Y: BODY, SONAR: BODY}
-"""The parent of each frame."""
+PARENTS = {
+    ODOM_FRAME: MAP, FOOTPRINT: ODOM_FRAME, BODY: FOOTPRINT,
+    BALL: BODY, WHEEL_X: BODY, WHEEL_Y: BODY, SONAR: BODY,
+}  # fmt: skip
+"""The parent of each frame, parents first."""
 
-MOVING = (BODY, BALL, WHEEL_X, WHEEL_Y)
+MOVING = (ODOM_FRAME, FOOTPRINT, BODY, BALL, WHEEL_X, WHEEL_Y)
 """The frames that move in their parents; the others are fixed."""
+
+
+_LEVEL = 1.0, 0.0, 0.0, 0.0
+"""The axes of the parent."""
 
 
 class Transform(NamedTuple):
@@ -39,6 +49,11 @@ class Transform(NamedTuple):
 
     position: NDArray[np.float64]
     rotation: Rotation
+
+    @classmethod
+    def of(cls, pose: Pose) -> Transform:
+        """Return a pose as a transform."""
+        return cls(np.array(pose.position), Rotation.from_quat(np.roll(pose.rotation, -1)))
 
     def compose(self, child: Transform) -> Transform:
         """Return the pose in the outer frame of an object at `child` in this frame."""
@@ -54,43 +69,48 @@ class Transform(NamedTuple):
 class Frames:
     """Poses of the frames in their parents.
 
-    ``base_link`` and ``ball`` have their origin in the ball's centre. The axes of ``ball`` stay
-    parallel to those of ``map`` (docs/frames.md), so in ``base_link`` it rotates opposite to the
-    pitch.
+    ``odom`` is where the robot's own odometry began: it moves in ``map`` by the odometry's error.
+    ``base_footprint`` is the ball's point of contact with the floor, level. ``base_link`` and
+    ``ball`` have their origin in the ball's centre. The axes of ``ball`` stay parallel to those of
+    ``map`` (docs/frames.md), so in ``base_link`` it rotates opposite to the pitch.
     """
 
     def __init__(self, dimensions: Dimensions) -> None:
-        self._orientation = RollingOrientation(dimensions)
-        self._height = dimensions.ball_radius
-        centres = wheel_centres(dimensions)
-        self._origins = {
-            BALL: np.zeros(3),
-            WHEEL_X: np.array(centres[0]),
-            WHEEL_Y: np.array(centres[1]),
-            SONAR: np.array(sonar_position(dimensions)),
+        self._dimensions = dimensions
+        self._wheel_x, self._wheel_y = wheel_centres(dimensions)
+        self.fixed = {SONAR: Pose(sonar_position(dimensions), _LEVEL)}
+
+    def moving(self, position: Pair, psi: Pair, odometry: Pair) -> dict[str, Pose]:
+        """Return the pose of each moving frame in its parent.
+
+        `odometry` is the ball's way from the start, as the robot measures it [m]; the other
+        arguments are those of :meth:`at`.
+        """
+        way_x, way_y = odometry
+        w, x, y, z = body_orientation(psi)
+        half_x, half_y = (a / 2.0 for a in wheel_angles(self._dimensions, position, psi))
+        return {
+            ODOM_FRAME: Pose((position[0] - way_x, way_y - position[1], 0.0), _LEVEL),
+            FOOTPRINT: Pose((way_x, -way_y, 0.0), _LEVEL),
+            BODY: Pose((0.0, 0.0, self._dimensions.ball_radius), (w, x, y, z)),
+            BALL: Pose((0.0, 0.0, 0.0), (w, -x, -y, -z)),
+            WHEEL_X: Pose(self._wheel_x, (math.cos(half_x), 0.0, math.sin(half_x), 0.0)),
+            WHEEL_Y: Pose(self._wheel_y, (math.cos(half_y), math.sin(half_y), 0.0, 0.0)),
         }
 
     def at(self, position: Pair, psi: Pair) -> dict[str, Transform]:
         """Return the pose of every frame in its parent for the ball's position [m] and pitch [rad].
 
-        Both are in plane signs.
+        Both are in plane signs. The odometry is that of a robot without errors.
         """
-        body = body_rotation(psi)
-        wheel_x, wheel_y = self._orientation.wheels(position, psi)
-        rotations = {
-            BALL: body.inv(),
-            WHEEL_X: wheel_x,
-            WHEEL_Y: wheel_y,
-            SONAR: Rotation.identity(),
-        }
-        centre = np.array([position[0], -position[1], self._height])
-        return {BODY: Transform(centre, body)} | {
-            frame: Transform(self._origins[frame], rotation)
-            for frame, rotation in rotations.items()
-        }
+        poses = self.moving(position, psi, position) | self.fixed
+        return {frame: Transform.of(pose) for frame, pose in poses.items()}
 
 
 def poses_in_map(frames: dict[str, Transform]) -> dict[str, Transform]:
     """Return every frame of :meth:`Frames.at` in ``map``."""
-    body = frames[BODY]
-    return {frame: pose if frame == BODY else body.compose(pose) for frame, pose in frames.items()}
+    poses: dict[str, Transform] = {}
+    for frame, parent in PARENTS.items():
+        pose = frames[frame]
+        poses[frame] = pose if parent == MAP else poses[parent].compose(pose)
+    return poses

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from functools import cache
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 
 from ballbot_ros.parameters import Dimensions
 from ballbot_ros.plant.model import Bodies
@@ -23,14 +25,6 @@ _ZERO = 1e-15
 
 def robot_description(dimensions: Dimensions, bodies: Bodies) -> str:
     """Return the URDF document; equal parameters give equal text."""
-    environment = Environment(
-        loader=FileSystemLoader(share_directory() / 'config' / 'urdf'),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
     deck = dimensions.wheel_radius + DECK_ABOVE_WHEEL
     height = 2.0 * dimensions.body_height - deck
     depth, width = dimensions.body_depth, dimensions.body_width
@@ -41,7 +35,7 @@ def robot_description(dimensions: Dimensions, bodies: Bodies) -> str:
     if min(body.size) > 0.0:
         collisions[BODY] = body
     wheel_x, wheel_y = wheel_centres(dimensions)
-    return environment.get_template('ballbot.urdf.jinja').render(
+    return _template().render(
         text=_text,
         colours=NAMES,
         bodies=bodies,
@@ -55,6 +49,19 @@ def robot_description(dimensions: Dimensions, bodies: Bodies) -> str:
         wheel_y=wheel_y,
         sonar=sonar_position(dimensions),
     )
+
+
+@cache
+def _template() -> Template:
+    environment = Environment(
+        loader=FileSystemLoader(share_directory() / 'config' / 'urdf'),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    return environment.get_template('ballbot.urdf.jinja')
 
 
 def _text(*numbers: float) -> str:

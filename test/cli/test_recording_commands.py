@@ -2,6 +2,7 @@
 
 import csv
 import json
+import math
 import subprocess
 from importlib.util import find_spec
 
@@ -12,6 +13,7 @@ from ballbot_ros.cli.play import command as play
 from ballbot_ros.cli.play import parse_keys
 from ballbot_ros.parameters import ParameterError
 from ballbot_ros.recording.playback_keys import KEYS
+from ballbot_ros.recording.reader import RecordingReader
 
 
 def ballbot(*words, **options):
@@ -45,7 +47,7 @@ def test_info_shows_the_content_of_a_file(run):
     assert told['made_by']['seed'] == 1
     assert told['topics']['/clock'] == {
         'type': 'rosgraph_msgs/msg/Clock', 'count': 500, 'rate_hz': pytest.approx(250.0),
-        'largest_gap_s': 0.004, 'largest_gap_at_s': 1.0,
+        'largest_gap_s': 0.004, 'largest_gap_at_s': 1.0, 'derived': False,
     }  # fmt: skip
     assert set(told['attachments']) == {'scenario.yaml', 'parameters.yaml', 'versions.yaml'}
     text = ballbot('info', run).stdout
@@ -89,6 +91,56 @@ def test_export_writes_tables(run, cut, tmp_path):
         rows = list(csv.DictReader(stream))
     assert (len(rows), rows[-1]['time_s']) == (251, '2.0')
     assert {'motor_duty_x_percent', 'operating_state_data', 'sonar_range_m'} <= set(rows[0])
+
+
+def test_exported_columns_say_what_they_mean(run, tmp_path):
+    result = ballbot('export', run, '--to', 'csv', '--output', tmp_path / 'a')
+    assert result.returncode == 0, result.stderr
+
+    def columns(topic):
+        with (tmp_path / 'a' / f'{topic}.csv').open(newline='') as stream:
+            rows = list(csv.DictReader(stream))
+        return {name: [row[name] for row in rows] for name in rows[0]}
+
+    def numbers(topic, name):
+        return [float(text) for text in columns(topic)[name]]
+
+    readings = numbers('gyro', 'reading_x_deg_per_s')
+    assert readings[0] == pytest.approx(600.0)
+    rates = map(math.degrees, numbers('gyro', 'angular_velocity_y_rad_per_s'))
+    assert readings == pytest.approx(list(rates))
+    encoders = numbers('joint_states', 'encoder_x_deg')
+    assert max(encoders) > 10.0
+    assert encoders == pytest.approx([round(angle) for angle in encoders])
+    pitch = numbers('controller_state', 'estimated_pitch_x_deg')
+    estimated = map(math.degrees, numbers('controller_state', 'position_psi_x_rad'))
+    assert pitch == pytest.approx(list(estimated))
+    assert set(columns('gamepad')['stick_vertical_percent']) == {'0.0'}
+
+
+def test_derived_topics_are_exported_only_when_they_are_named(run, tmp_path):
+    for folder, options in (('all', ()), ('named', ('--topics', '/tf,/odom'))):
+        result = ballbot('export', run, '--to', 'csv', '--output', tmp_path / folder, *options)
+        assert result.returncode == 0, result.stderr
+    tables = {path.stem for path in (tmp_path / 'all').iterdir()}
+    assert 'plant_odom' in tables
+    assert not tables & {'tf', 'tf_static', 'odom', 'imu_data', 'markers', 'robot_description'}
+    assert {path.stem for path in (tmp_path / 'named').iterdir()} == {'tf', 'odom'}
+
+
+def test_info_marks_derived_topics(run):
+    topics = json.loads(ballbot('info', run, '--json').stdout)['topics']
+    derived = {name for name, topic in topics.items() if topic['derived']}
+    assert derived == {
+        '/tf', '/tf_static', '/odom', '/imu/data', '/markers', '/robot_description',
+    }  # fmt: skip
+    assert 'tf2_msgs/msg/TFMessage, derived' in ballbot('info', run).stdout
+
+
+def test_a_repaired_file_keeps_the_mark_of_derived_topics(cut):
+    assert ballbot('repair', cut).returncode == 0
+    with RecordingReader(cut.with_name('cut_repaired.mcap')) as repaired:
+        assert {'/tf', '/robot_description'} <= repaired.derived()
 
 
 def test_parquet_names_the_missing_package(run, tmp_path):

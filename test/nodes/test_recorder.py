@@ -23,7 +23,6 @@ from ballbot_ros.messages.topics import (  # noqa: E402
     MOTOR_DUTY,
     PARTICIPANTS,
     PLANT_IMU,
-    ROBOT_DESCRIPTION,
     RUN,
     RUN_STATUS,
     Topic,
@@ -112,7 +111,6 @@ def test_a_topic_is_recorded_from_each_of_its_publishers(offered, requested):
         _channels={},
         _sighted=set(),
         _ignored=set(),
-        _publishers_of=lambda topic: set(),
         _subscribe=lambda topic, qos: subscribed.append((topic.name, qos)),
         _node=SimpleNamespace(
             get_topic_names_and_types=lambda: [('/talk', ['std_msgs/msg/String'])],
@@ -224,12 +222,10 @@ def discovered(graph, *, looks=2):
     return subscribed, warnings
 
 
-def test_other_topics_are_recorded_except_drawings_and_unknown_types():
+def test_other_topics_are_recorded_except_those_of_unknown_types():
     drawing, unknown = f'/{MARKERS.name}', '_NODE_NAME_UNKNOWN_'
     graph = {
         drawing: [offer('visualizer'), offer('other')],
-        f'/{ROBOT_DESCRIPTION.name}': [offer('visualizer')],
-        '/tf': [offer('visualizer')],
         '/known': [offer('talker')],
         '/own': [offer('talker')],
         '/silent': [],
@@ -408,3 +404,14 @@ def test_a_recorder_that_is_stopped_with_its_run_awaits_the_end(monkeypatch):
         Recorder._await_end(node)
         assert now_s[0] == pytest.approx(waited_s, abs=0.011), (takes_part, now_ns, status)
         assert set(looks) == {math.inf}
+
+
+def test_a_topic_of_a_type_that_is_not_installed_does_not_count_as_published():
+    """So its derived messages are recorded."""
+    channels = bare(
+        Channels, _ignored={'/tf'},
+        _node=SimpleNamespace(count_publishers={'/tf': 1, '/markers': 1, '/odom': 0}.get),
+    )  # fmt: skip
+    assert [channels.is_published(name) for name in ('/tf', '/markers', '/odom')] == [
+        False, True, False,
+    ]  # fmt: skip

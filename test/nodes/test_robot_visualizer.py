@@ -9,7 +9,6 @@ from xml.etree import ElementTree
 
 import pytest
 from graph import BALLBOT
-from robot import DIMENSIONS
 
 pytest.importorskip('rclpy')
 
@@ -29,11 +28,10 @@ from ballbot_ros.messages.topics import (
 )
 from ballbot_ros.nodes import robot_visualizer
 from ballbot_ros.nodes.base import BallbotNode
-from ballbot_ros.nodes.robot_visualizer import RobotVisualizer, Transforms
+from ballbot_ros.nodes.robot_visualizer import RobotVisualizer
 from ballbot_ros.parameters import VisualizerParameters
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.viewer.snapshot import Snapshot
-from ballbot_ros.viewer.transforms import MOVING, SONAR, Frames
 
 pytestmark = pytest.mark.graph
 
@@ -98,11 +96,13 @@ def test_it_follows_a_player_that_restarts(recording, domain, start_node, tmp_pa
     assert any(len(found['trail', 0].points) > 1 for found in drawn if ('trail', 0) in found)
     has_tf = find_spec('tf2_msgs') is not None
     assert visualizer.output.count('tf2_msgs is not installed') == (not has_tf)
+    # What the node publishes is recorded; the rest is derived.
+    transforms = {topic.name for topic in (TF, TF_STATIC)}
     with RecordingReader(again) as reader:
-        names = set(reader.topics())
-    assert f'/{PLANT_ODOM.name}' in names
-    drawn_topics = (MARKERS, ROBOT_DESCRIPTION, TF, TF_STATIC)
-    assert not names & {'/' + topic.name.lstrip('/') for topic in drawn_topics}
+        assert {f'/{MARKERS.name}', f'/{ROBOT_DESCRIPTION.name}', *transforms} <= set(
+            reader.topics()
+        )
+        assert reader.derived() == (set() if has_tf else transforms)
 
 
 class Newest(dict):
@@ -123,8 +123,8 @@ def test_the_drawing_begins_again_with_each_run_map_and_jump_back(monkeypatch):
         _markers=SimpleNamespace(begin=begun.append, follow=lambda snapshot: None),
         _markers_output=SimpleNamespace(has_subscribers=False),
         _newest=newest,
+        _derive=lambda: None,
         _time=-math.inf,
-        _transforms=None,
         _whole_at=-math.inf,
         apply_parameters=lambda: None,
         count_sample=lambda now_ns: None,
@@ -156,6 +156,7 @@ def test_everything_is_drawn_once_a_second_and_changes_at_once(monkeypatch):
         _markers=SimpleNamespace(at=lambda snapshot, poses, *, whole: drawn.append(whole) or []),
         _markers_output=SimpleNamespace(has_subscribers=True, publish=lambda message: None),
         _newest=newest,
+        _derive=lambda: None,
         _time=1.0,
         _whole_at=-math.inf,
     )
@@ -174,13 +175,11 @@ def test_everything_is_drawn_once_a_second_and_changes_at_once(monkeypatch):
         assert drawn == expected, now_s
 
 
-def test_another_shape_is_described_and_moves_the_fixed_frame(monkeypatch):
-    described, fixed = [], []
+def test_another_shape_is_described(monkeypatch):
+    described = []
     node = bare(
         RobotVisualizer,
         _describe=lambda: described.append(node.parameters),
-        _frames=SimpleNamespace(at=lambda position, psi: 'frames'),
-        _transforms=SimpleNamespace(fix=fixed.append),
         parameters=VisualizerParameters(),
     )
     monkeypatch.setattr(BallbotNode, 'apply_parameters', lambda node: vars(node).update(requested))
@@ -189,46 +188,3 @@ def test_another_shape_is_described_and_moves_the_fixed_frame(monkeypatch):
         requested = {'parameters': parameters}
         node.apply_parameters()
     assert described == [taller]
-    assert fixed == ['frames']
-
-
-class Snapshots(dict):
-    """The newest messages of a graph at some times."""
-
-    def __init__(self, *times):
-        super().__init__({PLANT_ODOM: PLANT_ODOM.message_class(), MAP: None})
-        self._times = iter(times)
-
-    def take(self):
-        return Snapshot(next(self._times), (0.0, 0.0), (0.0, 0.0)), ()
-
-
-def test_each_moment_has_one_message_of_transforms(monkeypatch):
-    """Readers warn of repeated data. A stand-in replaces tf2_msgs, which may not be installed."""
-    stand_in = SimpleNamespace(name=TF.name, message_class=SimpleNamespace)
-    monkeypatch.setattr(robot_visualizer, 'TF', stand_in)
-    counted, sent = [], {TF.name: [], TF_STATIC.name: []}
-    node = SimpleNamespace(output=lambda topic: SimpleNamespace(publish=sent[topic.name].append))
-    frames = Frames(DIMENSIONS)
-    visualizer = SimpleNamespace(
-        now_ns=0,
-        count_sample=counted.append,
-        _newest=Snapshots(1.0, 1.0, 1.004, 0.5),
-        _frames=frames,
-        _transforms=Transforms(node, frames.at((0.0, 0.0), (0.0, 0.0))),
-        _markers=SimpleNamespace(begin=lambda floor: None, follow=lambda snapshot: None),
-        _markers_output=SimpleNamespace(has_subscribers=False),
-        _time=-math.inf,
-        _whole_at=-math.inf,
-    )
-    found = []
-    for _ in range(4):
-        RobotVisualizer._update(visualizer)
-        found.append(len(sent[TF.name]))
-    assert found == [1, 1, 2, 3]
-    assert len(counted) == 3
-    names = {
-        topic: {tuple(each.child_frame_id for each in array.transforms) for array in messages}
-        for topic, messages in sent.items()
-    }
-    assert names == {TF.name: {MOVING}, TF_STATIC.name: {(SONAR,)}}

@@ -81,7 +81,9 @@ def test_package_is_in_the_ament_index(prefix):
     assert (prefix / 'share/ballbot_ros/package.xml').is_file()
 
 
-@pytest.mark.parametrize(('folder', 'pattern'), [('config', '*'), ('launch', '*.launch.py')])
+@pytest.mark.parametrize(
+    ('folder', 'pattern'), [('config', '*'), ('launch', '*.launch.py'), ('urdf', '*.urdf')]
+)
 def test_share_has_every_file(prefix, folder, pattern):
     def files(base):
         return {

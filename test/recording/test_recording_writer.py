@@ -430,6 +430,31 @@ def test_topics_that_cannot_be_recorded_are_errors(tmp_path):
     assert lines(path) == ([], None)
 
 
+def test_derived_and_published_messages_of_a_topic_have_different_channels(tmp_path):
+    path = tmp_path / 'both.mcap'
+    with RecordingWriter(path) as writer:
+        for number, derived in enumerate((True, False, False)):
+            if number < 2:
+                topic = writer.add_topic('/lcd', STRING, derived=derived)
+            writer.write(topic, number, string('a'), 1)
+        writer.add_topic('/markers', STRING, derived=True)
+    with RecordingReader(path) as reader:
+        assert reader.topics()['/lcd'].message_count == 3
+        assert reader.derived() == {'/markers'}
+        assert len(list(reader.raw_messages(['/lcd']))) == 3
+        bag = YAML(typ='safe').load(reader.metadata()['rosbag2']['serialized_metadata'])
+    counts = {
+        each['topic_metadata']['name']: each['message_count']
+        for each in bag['topics_with_message_count']
+    }
+    assert counts == {'/lcd': 3, '/markers': 0}
+    with path.open('rb') as stream:
+        channels = make_reader(stream).get_summary().channels.values()
+    assert [channel.metadata.get('ballbot_ros/derived') for channel in channels] == [
+        'true', None, 'true',
+    ]  # fmt: skip
+
+
 @pytest.mark.parametrize(('stamp', 'sequence'), [(-1, 0), (2**63, 0), (0, -1), (0, 2**32)])
 def test_a_message_that_does_not_fit_is_omitted_completely(tmp_path, stamp, sequence):
     path = tmp_path / 'fit.mcap'

@@ -11,8 +11,9 @@ from robot import DIMENSIONS
 from trimesh import transformations
 
 from ballbot_ros.messages.conversions import body_orientation
-from ballbot_ros.messages.markers import ADD, DELETE, DELETE_ALL, SHAPES, fill_transform
+from ballbot_ros.messages.markers import ADD, DELETE, DELETE_ALL, SHAPES
 from ballbot_ros.messages.raw import decoder
+from ballbot_ros.messages.transforms import Pose, TransformsLayout
 from ballbot_ros.recording.encoding import encoder, new_message
 from ballbot_ros.viewer import colours
 from ballbot_ros.viewer.floor import walls
@@ -45,6 +46,9 @@ ARRAY, TRANSFORMS = 'visualization_msgs/msg/MarkerArray', 'tf2_msgs/msg/TFMessag
 
 positions = st.tuples(st.floats(-2.0, 2.0), st.floats(-2.0, 2.0))
 pitches = st.tuples(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0))
+
+
+LAYOUT = TransformsLayout(PARENTS)
 
 
 def new_marker():
@@ -112,17 +116,14 @@ def test_parts_are_at_the_same_places_as_in_the_scene(position, psi):
             assert marker.header.frame_id == 'map'
 
 
-@given(positions, pitches)
-def test_transforms_chain_to_the_same_places(position, psi):
+@given(positions, pitches, positions)
+def test_transforms_chain_to_the_same_places(position, psi, odometry):
     links = scene(position, psi)
-    message = new_message(TRANSFORMS)
-    frames = FRAMES.at(position, psi)
+    frames = FRAMES.moving(position, psi, odometry) | FRAMES.fixed
     assert set(frames) == set(PARENTS) == {*MOVING, SONAR}
-    for child, parent in PARENTS.items():
-        each = new_message('geometry_msgs/msg/TransformStamped')
-        fill_transform(each, 1_500_000_000, parent, child, *frames[child].values())
-        message.transforms.append(each)
-    sent = decoder(TRANSFORMS)(encoder(TRANSFORMS)(message)).transforms
+    assert set(FRAMES.at(position, psi)) == set(frames)
+    poses = [frames[frame] for frame in PARENTS]
+    sent = decoder(TRANSFORMS)(LAYOUT.encode(1_500_000_000, poses)).transforms
     tree = {MAP: np.eye(4)}
     for each in sent:  # a parent comes before its children
         transform = each.transform
@@ -131,6 +132,23 @@ def test_transforms_chain_to_the_same_places(position, psi):
         assert (each.header.stamp.sec, each.header.stamp.nanosec) == (1, 500_000_000)
     for link, expected in links.items():
         assert tree[link] == pytest.approx(expected, abs=1e-9)
+
+
+@given(st.integers(0, 2**31 * 10**9 - 1), st.lists(st.floats(-9.0, 9.0), min_size=7, max_size=7))
+def test_transforms_have_the_bytes_of_the_general_encoder(stamp_ns, numbers):
+    x, y, z, *rotation = numbers
+    poses = [Pose((x, y, z), rotation), Pose((z, x, y), rotation[::-1])]
+    parents = {'base_link': 'map', 'sonar': 'base_link'}
+    message = new_message(TRANSFORMS)
+    for (child, parent), pose in zip(parents.items(), poses, strict=True):
+        each = new_message('geometry_msgs/msg/TransformStamped')
+        each.header.stamp.sec, each.header.stamp.nanosec = divmod(stamp_ns, 10**9)
+        each.header.frame_id, each.child_frame_id = parent, child
+        point, quaternion = each.transform.translation, each.transform.rotation
+        point.x, point.y, point.z = pose.position
+        quaternion.w, quaternion.x, quaternion.y, quaternion.z = pose.rotation
+        message.transforms.append(each)
+    assert TransformsLayout(parents).encode(stamp_ns, poses) == encoder(TRANSFORMS)(message)
 
 
 def test_a_wheel_without_width_has_no_markers():

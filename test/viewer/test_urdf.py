@@ -16,6 +16,7 @@ yourdfpy = pytest.importorskip('yourdfpy')
 from trimesh import transformations  # noqa: E402
 
 from ballbot_ros.messages.conversions import MOTOR_NAMES  # noqa: E402
+from ballbot_ros.messages.odometry import FOOTPRINT  # noqa: E402
 from ballbot_ros.parameters import (  # noqa: E402
     VISUALIZER,
     Dimensions,
@@ -23,6 +24,7 @@ from ballbot_ros.parameters import (  # noqa: E402
     parameters_of,
 )
 from ballbot_ros.plant.model import Bodies  # noqa: E402
+from ballbot_ros.share import share_directory  # noqa: E402
 from ballbot_ros.viewer.colours import NAMES  # noqa: E402
 from ballbot_ros.viewer.robot import (  # noqa: E402
     BALL,
@@ -79,8 +81,9 @@ def test_every_part_is_where_the_table_has_it():
 
 def test_joints_are_those_of_the_messages():
     robot = load()
-    assert robot.base_link == BODY
+    assert robot.base_link == FOOTPRINT
     assert {name: joint.type for name, joint in robot.joint_map.items()} == {
+        'base_joint': 'floating',
         'ball_joint': 'floating',
         'sonar_joint': 'fixed',
         **dict.fromkeys(MOTOR_NAMES, 'continuous'),
@@ -89,6 +92,7 @@ def test_joints_are_those_of_the_messages():
     assert origins[WHEEL_X] == pytest.approx(wheel_centres(DIMENSIONS)[0])
     assert origins[WHEEL_Y] == pytest.approx(wheel_centres(DIMENSIONS)[1])
     assert origins['sonar'] == pytest.approx(sonar_position(DIMENSIONS))
+    assert origins[BODY] == pytest.approx((0.0, 0.0, DIMENSIONS.ball_radius))
     assert origins[BALL] == pytest.approx((0.0, 0.0, 0.0))
 
 
@@ -184,3 +188,9 @@ def test_any_dimensions_give_shapes_with_an_extent(sizes, scale):
     ]
     assert all(0.0 < extent < math.inf for extent in extents)
     assert len(extents) > 30
+
+
+def test_the_shipped_file_is_that_of_the_default_parameters():
+    """``scripts/generate`` writes it."""
+    shipped = (share_directory() / 'urdf' / 'ballbot.urdf').read_text(encoding='utf-8')
+    assert shipped == robot_description(DIMENSIONS, BODIES)

@@ -10,7 +10,7 @@ from ballbot_ros.controllers.interface import Program
 from ballbot_ros.messages.outputs import Send
 from ballbot_ros.messages.run_messages import RunMessages
 from ballbot_ros.messages.topics import Topic
-from ballbot_ros.parameters import ParameterSet
+from ballbot_ros.parameters import ParameterSet, PlantParameters
 from ballbot_ros.plant.ground_truth import Push
 from ballbot_ros.recording.attachments import OUTCOME_KEYS, media_type
 from ballbot_ros.recording.rosbag2 import RecordedTopic
@@ -18,11 +18,13 @@ from ballbot_ros.recording.writer import RecordingWriter
 from ballbot_ros.simulation.closed_loop import Tick
 from ballbot_ros.simulation.run_actions import RunSummary
 from ballbot_ros.timing import SECOND_NS
+from ballbot_ros.viewer.derived_channels import DerivedChannels
+from ballbot_ros.viewer.derived_messages import DerivedMessages
 from ballbot_ros.world.world import World
 
 
 class SimulatedRecording:
-    """Writes the messages that the nodes would have published."""
+    """Writes the messages that the nodes would have published, and those derived from them."""
 
     def __init__(
         self, path: Path, attachments: Mapping[str, bytes], parameters: ParameterSet
@@ -30,6 +32,7 @@ class SimulatedRecording:
         self._writer = RecordingWriter(path)
         for name, data in attachments.items():
             self._writer.add_attachment(name, media_type(name), data)
+        self._derived = DerivedChannels(self._writer, parameters.of(PlantParameters))
         # Cached, because plant and controller share the topic of the duties.
         self._messages = RunMessages(cache(self._make_send), parameters)
         self.plant = self._messages.plant
@@ -44,7 +47,11 @@ class SimulatedRecording:
                 recorded = self._writer.add_topic(topic.resolved(), topic.type_name)
             self._writer.write(recorded, stamp_ns, data, recorded.count + 1)
 
-        return send
+        def send_source(stamp_ns: int, data: bytes) -> None:
+            send(stamp_ns, data)
+            self._derived.add(topic, stamp_ns, data)
+
+        return send_source if topic in DerivedMessages.INPUTS else send
 
     def begin(self, start_ns: int, world: World | None, pushes: Iterable[Push]) -> None:
         """Write the messages at the start of a run."""
