@@ -141,8 +141,11 @@ def _identity(push: Push) -> tuple[float, ...]:
 
 def outside_pushes_in(reader: RecordingReader, runs_ns: Sequence[int]) -> list[RecordedPush]:
     """Return the pushes from outside in a recording whose runs begin at these stamps [ns]."""
+    name, topics = ACCEPTED_PUSH.resolved(), reader.topics()
+    if name not in topics or topics[name].type_name != ACCEPTED_PUSH.type_name:
+        return []
     pairs = PushPairs()
-    for _, _, message in reader.messages([ACCEPTED_PUSH.resolved()]):
+    for _, _, message in reader.messages([name]):
         pairs.add(message)
     scenario = read_attachments(reader).scenario or Scenario()
     found: list[RecordedPush] = []
