@@ -18,6 +18,10 @@ NO_ECHO_CM = 255.0
 Values = NDArray[Any]
 
 
+def _all_values(values: Values) -> Values:
+    return values
+
+
 @dataclass(frozen=True)
 class Role:
     """What a curve is: its name, and the width and dash of its line.
@@ -28,7 +32,7 @@ class Role:
     name: str
     width: float = 1.4
     dash: str = '-'
-    select: Callable[[Values], Values] = np.asarray
+    select: Callable[[Values], Values] = _all_values
 
 
 TRUE = Role('true', 2.2)

@@ -71,7 +71,7 @@ class LatestMessages:
     run : ShownRun
         The run to which the messages belong; a new one discards those of the run before.
     session : Session or None
-        What the command of the run tells, if :data:`SESSION` is among the topics.
+        What the command of the run tells, if ``SESSION`` is among the topics.
     """
 
     def __init__(self, node: Node, topics: Collection[Topic]) -> None:

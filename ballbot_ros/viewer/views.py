@@ -39,7 +39,7 @@ class FreeView(NamedTuple):
 
 
 View = str | FreeView
-"""One of :data:`VIEWS`, or a fixed camera."""
+"""One of the five, or a fixed camera."""
 
 
 class Camera(NamedTuple):
