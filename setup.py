@@ -175,6 +175,7 @@ setup(
             'pandas>=2.1',
             'polars>=1.0',
             'pyarrow>=15',
+            'pyte>=0.8',
             'SALib>=1.5',
             'types-PyYAML>=6.0',
             'yourdfpy>=0.0.56',

@@ -9,25 +9,42 @@ import struct
 import termios
 import threading
 
+import pyte
 from graph import wait_for
 
 
 class Terminal:
-    """A pseudo terminal of 24 by 100 characters, whose `side` is for a process."""
+    """A pseudo terminal of 24 by 100 characters, whose `side` is for a process.
+
+    `screen` is all that was written to it; :meth:`shown` is what a user sees.
+    """
 
     def __init__(self):
         self._ours, self.side = pty.openpty()
         fcntl.ioctl(self.side, termios.TIOCSWINSZ, struct.pack('HHHH', 24, 100, 0, 0))
         self.screen = b''
+        self._seen = pyte.Screen(100, 24)
+        self._stream = pyte.ByteStream(self._seen)
+        self._lock = threading.Lock()
         threading.Thread(target=self._read, daemon=True).start()
 
     def _read(self):
         with contextlib.suppress(OSError):
             while data := os.read(self._ours, 4096):
-                self.screen += data
+                with self._lock:
+                    self.screen += data
+                    self._stream.feed(data)
 
     def press(self, keys):
         os.write(self._ours, keys)
+
+    def shown(self):
+        """Return the lines on the screen."""
+        with self._lock:
+            return [line.rstrip() for line in self._seen.display]
+
+    def wait_until_shown(self, text):
+        wait_for(lambda: any(text in line for line in self.shown()), what=f'{text!r} on the screen')
 
     def wait_for_text(self, text, since=0):
         wait_for(lambda: text in self.screen[since:], what=f'{text!r} on the screen')

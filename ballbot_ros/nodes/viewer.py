@@ -124,7 +124,7 @@ class Viewer(BallbotNode[ViewerParameters]):
         activity = self._activity(has_pose=snapshot is not None)
         self._page.overlay.show(activity.overlay)
         self._take_requests(activity)
-        if activity.awaits_start and self._page.has_clients:
+        if activity.awaits_start and self._page.overlay.is_drawn:
             self._start.request()
         if snapshot is None:
             self._clear()

@@ -117,7 +117,7 @@ class DerivedMessages:
         self._frames = Frames(Dimensions.from_parameters(shape))
 
     def add(self, topic: Topic, stamp_ns: int, data: bytes) -> None:
-        """Process a message of :attr:`INPUTS` with its stamp [ns]; ignore a malformed one."""
+        """Process a message of ``INPUTS`` with its stamp [ns]; ignore a malformed one."""
         try:
             self._take[topic](stamp_ns, data)
         except ValueError:

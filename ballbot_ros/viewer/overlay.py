@@ -151,6 +151,11 @@ class Overlay:
         self._time = math.nan
         self.show(OverlayState())
 
+    @property
+    def is_drawn(self) -> bool:
+        """Whether a connected page has drawn the robot, with or without the token."""
+        return self._link.is_drawn
+
     def show(self, state: OverlayState) -> None:
         """Show a state."""
         if state != self._state:

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 from websockets.asyncio.server import ServerConnection
 from websockets.exceptions import ConnectionClosed
 
+_DRAWN = '{"drawn":true}'
 _MAX_WAITING = 1000
 """Requests that wait at most; further ones are dropped, since nobody takes them."""
 
@@ -44,8 +45,14 @@ class PageLink:
         self._newest: dict[str, str] = {}
         self._clients: set[_Client] = set()
         self._loop: asyncio.AbstractEventLoop | None = None
+        self._drawn: set[_Client] = set()
         self._messages: queue.Queue[PageMessage] = queue.Queue(_MAX_WAITING)
         self._numbers = itertools.count()
+
+    @property
+    def is_drawn(self) -> bool:
+        """Whether a connected page has drawn the robot."""
+        return bool(self._drawn)
 
     def publish(self, topic: str, value: Any) -> None:
         """Send a JSON value to all pages, also to those that connect later."""
@@ -77,11 +84,14 @@ class PageLink:
         page = next(self._numbers)
         try:
             async for text in connection:
-                if may_steer and isinstance(text, str):
+                if text == _DRAWN:
+                    self._drawn.add(client)
+                elif may_steer and isinstance(text, str):
                     with contextlib.suppress(queue.Full):
                         self._messages.put_nowait(PageMessage(page, text, time.monotonic()))
         finally:
             self._clients.discard(client)
+            self._drawn.discard(client)
             sender.cancel()
             await asyncio.gather(sender, return_exceptions=True)
 

@@ -102,18 +102,16 @@ def test_keys_drive_reset_and_quit(start_drive, tmp_path):
     pids = drive.begin()
     drive.press(UP)
     drive.wait_for_text(b'keyboard')
-    drive.wait_for_text(b'forward +50')
+    drive.wait_until_shown('forward +50')
     drive.press(b'a')
-    drive.wait_for_text(b'rightward -50')
+    drive.wait_until_shown('rightward -50')
     drive.press(b'?')
-    drive.wait_for_text(b"key '?' does nothing")
+    drive.wait_until_shown("key '?' does nothing")
     drive.press(b'+')
-    drive.wait_for_text(b'60 %')
-    since = len(drive.screen)
+    drive.wait_until_shown('key speed   60 %')
     drive.press(b'r')
-    drive.wait_for_text(b'calibration', since)
-    since = len(drive.screen)
-    drive.wait_for_text(b'remote', since)
+    drive.wait_until_shown('state       calibration')
+    drive.wait_until_shown('state       remote')
     wait_for((tmp_path / 'live_2.csv').exists, what='the log of the second run')
     drive.press(b'q')
     assert drive.finish() == 0
@@ -152,7 +150,7 @@ def test_the_page_and_the_keyboard_go_together(start_drive):
     with urllib.request.urlopen(line[1].decode()) as page:
         assert page.headers.get_content_type() == 'text/html'
     drive.press(UP + b'h')
-    drive.wait_for_text(b'forward +50')
+    drive.wait_until_shown('forward +50')
     drive.press(b'q')
     assert drive.finish() == 0
     assert not any(alive(pid) for pid in pids.values())
@@ -183,7 +181,7 @@ def test_a_terminal_that_vanishes_ends_the_drive(start_drive):
     pids = drive.begin()
     drive.press(UP + b'h')
     drive.wait_for_text(b'held')
-    drive.wait_for_text(b'-50')
+    drive.wait_until_shown('forward +50')
     os.close(drive.side)
     drive.hang_up()
     drive.finish()
@@ -213,7 +211,7 @@ def test_without_a_terminal_it_explains_how_to_drive(domain, tmp_path):
             'drive with a gamepad, joy or cmd_vel'
         )
     ]
-    assert out == f'recording  {tmp_path / "drive.mcap"}\n'
+    assert out.splitlines()[0] == f'recording  {tmp_path / "drive.mcap"}'
 
 
 @pytest.mark.parametrize(

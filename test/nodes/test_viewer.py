@@ -168,7 +168,7 @@ def test_what_has_changed_is_shown(changed, expected):
 class EmptyViewer:
     """A viewer without a state of a robot to show; `done` is what it does."""
 
-    def __init__(self, *, is_empty=True, has_clients=True, report=None, requests=()):
+    def __init__(self, *, is_empty=True, is_drawn=True, report=None, requests=()):
         self.done = []
         act = lambda what: lambda *_: self.done.append(what)  # noqa: E731
         self.node = bare(
@@ -182,8 +182,9 @@ class EmptyViewer:
                 session=None,
             ),
             _page=SimpleNamespace(
-                has_clients=has_clients,
-                overlay=SimpleNamespace(show=lambda state: None, take=lambda: requests),
+                overlay=SimpleNamespace(
+                    is_drawn=is_drawn, show=lambda state: None, take=lambda: requests
+                ),
                 stop=act('stopped'),
             ),
             _panel=SimpleNamespace(clear=act('panel')),
@@ -223,16 +224,16 @@ def test_what_is_shown_of_a_run_is_dropped_once_when_another_is_awaited():
     assert viewer.update()[4:] == ['sent', 'tuned']
 
 
-def test_a_run_that_waits_for_its_start_begins_when_a_page_is_open():
+def test_a_run_that_waits_for_its_start_begins_when_a_page_has_drawn_the_robot():
     waiting = PlantReport('1 a', is_paused=True, awaits_start=True)
-    for report, has_clients, done in (
+    for report, is_drawn, done in (
         (waiting, True, ['start']),
         (waiting, False, []),
         (replace(waiting, run='1 b'), True, []),
         (replace(waiting, awaits_start=False), True, []),
     ):
-        viewer = EmptyViewer(report=report, has_clients=has_clients)
-        assert viewer.update() == done, (report, has_clients)
+        viewer = EmptyViewer(report=report, is_drawn=is_drawn)
+        assert viewer.update() == done, (report, is_drawn)
 
 
 def test_the_requests_of_a_page_reach_stick_and_plant():

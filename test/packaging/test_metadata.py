@@ -66,6 +66,7 @@ ROSDEP_TEST_KEYS = {
     'pandas': 'python3-pandas',
     'polars': None,
     'pyarrow': None,
+    'pyte': None,
     'pytest': 'python3-pytest',
     'pytest-timeout': 'python3-pytest-timeout',
     'pytest-xdist': 'python3-pytest-xdist',

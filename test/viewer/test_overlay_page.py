@@ -7,7 +7,9 @@ import pytest
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures('needs_browser')]
 
 from browsing import browsing, wait_until  # noqa: E402
+from graph import wait_for  # noqa: E402
 from robot import DIMENSIONS  # noqa: E402
+from websockets.sync.client import connect  # noqa: E402
 
 from ballbot_ros.viewer.overlay import (  # noqa: E402
     Banner,
@@ -59,6 +61,12 @@ class Requests:
     def __init__(self, page, browser):
         self.page, self.browser = page, browser
 
+    def take_some(self):
+        """Wait for requests, and return them."""
+        taken = []
+        wait_until(lambda: taken.extend(self.page.overlay.take()) or taken, self.browser)
+        return taken
+
     def wait_for(self, *expected):
         """Wait until exactly these requests have come."""
         taken = []
@@ -105,8 +113,16 @@ def test_buttons_keys_and_the_time_line_send_requests(page):
         slider = browser.page.get_by_label('Time', exact=True)
         box = slider.bounding_box()
         browser.page.mouse.click(box['x'] + box['width'] / 4, box['y'] + box['height'] / 2)
-        (seek,) = page.overlay.take()
+        (seek, *_) = requests.take_some()
         assert seek.time == pytest.approx(2.0, abs=0.2)
+
+
+def test_a_page_tells_when_it_has_drawn_the_robot(page):
+    with connect(page.address.replace('http', 'ws').replace('/?', '/link?')):
+        assert not page.overlay.is_drawn  # a connection alone draws nothing
+    with browsing(page.address) as browser:
+        wait_until(lambda: page.overlay.is_drawn, browser)
+    wait_for(lambda: not page.overlay.is_drawn, what='the end of the page')
 
 
 def test_the_banner_shows_its_details_and_a_lost_connection(page):

@@ -5,7 +5,7 @@ import { Driving } from './driving.js';
 import { element } from './element.js';
 import { Link } from './link.js';
 import { Playhead } from './playhead.js';
-import { followScene } from './scene.js';
+import { followScene, whenDrawn } from './scene.js';
 import { Transport } from './transport.js';
 
 const link = new Link();
@@ -21,7 +21,8 @@ const root = element('div', { id: 'overlay' }, [
 link.on('may_steer', (may) => root.classList.toggle('only-watches', !may));
 link.on('connected', (is) => {
   banner.setConnected(is);
-  if (!is) driving.enable(false);
+  if (is) whenDrawn(() => link.send({ drawn: true }));
+  else driving.enable(false);
 });
 link.on('state', (state) => {
   banner.show(state.banner);

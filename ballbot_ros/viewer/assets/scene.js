@@ -18,3 +18,10 @@ export function followScene(node) {
   const observer = new MutationObserver(() => attach() && observer.disconnect());
   observer.observe(document.body, { childList: true, subtree: true });
 }
+
+/** Call a function once the page has drawn the robot. */
+export function whenDrawn(act) {
+  // The table of the panel appears with the first state of the robot, next to it in the scene.
+  const isShown = document.querySelector('#root canvas') && document.querySelector('#root table');
+  requestAnimationFrame(isShown ? () => requestAnimationFrame(act) : () => whenDrawn(act));
+}
