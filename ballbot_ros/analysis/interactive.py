@@ -202,7 +202,9 @@ def _layout() -> Json:
         'paper_bgcolor': 'rgba(0,0,0,0)', 'plot_bgcolor': 'rgba(0,0,0,0)',
         'font': {'color': INK, 'size': 12}, 'hovermode': 'x unified', 'hoversubplots': 'axis',
         'hoverdistance': 20, 'hoverlabel': {'bgcolor': PAPER, 'font': {'size': 10}},
-        'legend': {'orientation': 'h', 'x': 0, 'y': 1, 'yanchor': 'bottom', 'tracegroupgap': 0},
+        'legend': {
+            'orientation': 'h', 'x': 0, 'yref': 'container', 'yanchor': 'top', 'tracegroupgap': 0,
+        },
         'annotations': [], 'shapes': [], 'uirevision': 'zoom', 'dragmode': 'zoom',
     }  # fmt: skip
 

@@ -5,6 +5,7 @@
   const text = (id) => document.getElementById(id).textContent;
   const notice = document.getElementById('figures-notice');
   const EVENT_POINTS = 1000;
+  const BUTTONS_PX = 30;
 
   function inflated(id) {
     const bytes = Uint8Array.from(atob(text(id)), (character) => character.charCodeAt(0));
@@ -78,6 +79,8 @@
       if (layout.height) document.getElementById(id).style.height = `${layout.height}px`;
       const themed = coloured({ data, layout }, colours);
       if (isTouch) themed.layout.dragmode = false;
+      const height = document.getElementById(id).clientHeight;
+      themed.layout.legend = { ...themed.layout.legend, y: 1 - BUTTONS_PX / height };
       return Plotly.react(id, themed.data, themed.layout, config);
     }));
   }
