@@ -105,7 +105,6 @@ class DerivedMessages:
     def _begin(self) -> None:
         self.sent_ns = 0
         self._expect(*_TRUTH, *_SENSORS)
-        self._odometry = Odometry(self._shape.ball_radius, self._shape.wheel_radius)
 
     def _expect(self, *topics: Topic) -> None:
         """Wait for these topics at each tick."""
@@ -167,6 +166,8 @@ class DerivedMessages:
 
     def _send_tick(self, stamp_ns: int) -> None:
         is_new, self.sent_ns = not self.sent_ns, stamp_ns
+        if is_new:  # the plant may announce its shape after the run
+            self._odometry = Odometry(self._shape.ball_radius, self._shape.wheel_radius)
         try:
             position = decode_ball_position(self._waiting[PLANT_ODOM][stamp_ns])
             pitch = decode_body_pitch(self._waiting[PLANT_IMU][stamp_ns])

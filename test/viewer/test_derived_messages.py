@@ -251,6 +251,17 @@ def test_the_shape_is_that_of_the_announced_plant(outputs):
     assert robot.find("link[@name='base_link']/inertial/origin").get('xyz') == '0 0 0.25'
 
 
+def test_the_odometry_has_the_radii_of_a_plant_that_announces_itself_after_the_run(outputs):
+    outputs.messages.add(RUN, SECOND_NS, encode_header(SECOND_NS, '1 a'))
+    wider = asdict(replace(SHAPE, wheel_radius=0.03))
+    outputs.messages.add(PARTICIPANTS, 0, announcement(PLANT, wider))
+    for stamp_ns in range(SECOND_NS, 2 * SECOND_NS + TICK_NS, TICK_NS):
+        add_tick(outputs.messages, stamp_ns, motors=(180, 0))
+        outputs.messages.add(PARTICIPANTS, 0, announcement(PLANT, wider))  # to a roll call
+        outputs.messages.send()
+    assert outputs.newest(ODOM).pose.pose.position.x == pytest.approx(0.03 * math.pi)
+
+
 def test_malformed_messages_are_ignored(outputs):
     for topic in DerivedMessages.INPUTS:
         outputs.messages.add(topic, SECOND_NS, b'\x00\x01\x00\x00')
