@@ -35,7 +35,7 @@ def stationary(*arguments):
 def test_a_recorder_that_fails_at_the_start_is_the_only_reason(tmp_path, monkeypatch, capsys):
     reason = f'recorder: [/red]/stationary.mcap: {FULL}'
     failed = RunResult(Outcome.FAILED, reason, 2, trajectory=TrajectoryLog().trajectory())
-    monkeypatch.setattr(execution, '_carry_out', lambda *_: failed)
+    monkeypatch.setattr(execution, '_carry_out', lambda *_, **__: failed)
     words = options(tmp_path / 'output', 'separate')
     assert run_and_print('stationary', words, None, as_json=True) == 2
     result = json.loads(capsys.readouterr().out)
