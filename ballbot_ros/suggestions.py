@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from difflib import get_close_matches
 
-_SIMILARITY = 0.7
+_SIMILARITY = 0.65
 
 
 def similar(name: str, known: Iterable[str], prefix: str = '') -> str:

@@ -24,8 +24,8 @@ WINDOW_NS = 10 * TICK_NS
 """Time over which a velocity is measured [ns]."""
 
 _TILT_PERIOD_NS = SECOND_NS
-_TILT = 4.0
-"""Standard deviation of the pitch of a robot that balances or drives [deg]."""
+_TILT_VARIANCE = 4.0 * 4.0
+"""Variance of the pitch of a robot that balances or drives [deg²]."""
 
 _FALLING = 15.0
 """Pitch from which on the robot does not balance [deg], as for the controller (psi_diff_thr)."""
@@ -33,10 +33,10 @@ _FALLING = 15.0
 _ROUNDING = 1.0 / 12.0
 """Variance of the rounding to whole numbers, as of a uniform error."""
 
-_GEAR_PLAY = 2.0**2 / 3.0
+_GEAR_PLAY = 2.0 * 2.0 / 3.0
 """Variance of the wheel's angle in the gear play of ±2 deg, which no encoder sees [deg²]."""
 
-_DRIFT = 0.02**2
+_DRIFT = 0.02 * 0.02
 """Growth of the variance of the offset in a second [(deg/s)²/s]."""
 
 _CORRELATION = 10.0
@@ -65,7 +65,7 @@ class OdometryState(NamedTuple):
     Attributes
     ----------
     position, velocity : Estimate
-        The ball's way from the start [m], and its rate [m/s].
+        How far the ball has rolled from the start [m], and its rate [m/s].
     pitch, pitch_rate : Estimate
         The body's pitch [rad], and its rate without the gyros' offset [rad/s].
     """
@@ -81,7 +81,7 @@ class _Pitch:
 
     def __init__(self) -> None:
         self.pitch = self.rate = 0.0
-        self.variance = _TILT**2
+        self.variance = _TILT_VARIANCE
         self.rate_variance = _ROUNDING
         self._offset = 0.0
         self._covariance, self._offset_variance = 0.0, _ROUNDING
@@ -107,7 +107,7 @@ class _Pitch:
         """Let the uncertainty grow for some time, and weigh the pitch with its mean of zero."""
         noise = (self.rate_variance - self._offset_variance) * seconds * TICK_NS / SECOND_NS
         self.variance += (
-            -2.0 * self._covariance * seconds + self._offset_variance * seconds**2 + noise
+            -2.0 * self._covariance * seconds + self._offset_variance * seconds * seconds + noise
         )
         self._covariance -= self._offset_variance * seconds
         self._offset_variance += _DRIFT * seconds
@@ -115,7 +115,7 @@ class _Pitch:
             self._correct()
 
     def _correct(self) -> None:
-        innovation = self.variance + _TILT**2
+        innovation = self.variance + _TILT_VARIANCE
         gain, offset_gain = self.variance / innovation, self._covariance / innovation
         self._offset -= offset_gain * self.pitch
         self.pitch -= gain * self.pitch
@@ -179,11 +179,14 @@ class Odometry:
         seconds = max(self.now_ns - self.then_ns, TICK_NS) / SECOND_NS
         x, y = self._planes
         begin, end = self._position(then, self._pitches[0]), self._position(now, self._pitches[-1])
-        motor = (self._wheel_radius * _RADIANS) ** 2 * (_ROUNDING + _GEAR_PLAY)
-        body = (self._ball_radius * _RADIANS) ** 2
+        motor = _square(self._wheel_radius * _RADIANS) * (_ROUNDING + _GEAR_PLAY)
+        body = _square(self._ball_radius * _RADIANS)
         # The pitch at the start, which the encoders do not see, is as uncertain as any.
-        still = motor + body * (x.variance + _TILT**2), motor + body * (y.variance + _TILT**2)
-        moving = 2.0 * motor / seconds**2 + (_ACCELERATION * seconds / 2.0) ** 2
+        still = (
+            motor + body * (x.variance + _TILT_VARIANCE),
+            motor + body * (y.variance + _TILT_VARIANCE),
+        )
+        moving = 2.0 * motor / _square(seconds) + _square(_ACCELERATION * seconds / 2.0)
         speed = (end[0] - begin[0]) / seconds, (end[1] - begin[1]) / seconds
         return OdometryState(
             Estimate(end, still),
@@ -198,8 +201,12 @@ class Odometry:
         return wheel * motor[0] + ball * pitch[1], wheel * motor[1] + ball * pitch[2]
 
 
+def _square(value: float) -> float:
+    return value * value
+
+
 def _in_radians(value: Pair, variance: Pair) -> Estimate:
     x, y = value
     variance_x, variance_y = variance
-    square = _RADIANS**2
+    square = _square(_RADIANS)
     return Estimate((x * _RADIANS, y * _RADIANS), (variance_x * square, variance_y * square))

@@ -4,13 +4,19 @@ from __future__ import annotations
 
 import json
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import asdict
+from typing import TYPE_CHECKING
 
 import click
 from rich.console import Console
 from rich.text import Text
 
 from ballbot_ros.parameters import ROLES
+from ballbot_ros.standard_streams import stdout_to_stderr
+
+if TYPE_CHECKING:  # importing it takes a while
+    from ballbot_ros.conformance.examination import Row
 
 
 @click.command('conform')
@@ -28,7 +34,7 @@ def command(role: str, command_line: tuple[str, ...], as_json: bool) -> int:
     from ballbot_ros.run.requirements import require_rclpy
 
     require_rclpy()
-    from ballbot_ros.conformance.examination import Row, Verdict
+    from ballbot_ros.conformance.examination import Verdict
     from ballbot_ros.conformance.node_under_test import START_S
     from ballbot_ros.run.conformance import examine
     from ballbot_ros.run.graph import call_for
@@ -38,7 +44,8 @@ def command(role: str, command_line: tuple[str, ...], as_json: bool) -> int:
     rows: list[Row] = []
     console = Console(highlight=False, markup=False)
     colours = {Verdict.MET: 'green', Verdict.FAILED: 'red', Verdict.NOT_TESTED: 'yellow'}
-    for row in examine(role, command_line):
+    examination = examine(role, command_line)
+    while row := _next(examination):
         rows.append(row)
         if not as_json:
             verdict = (f'{row.verdict.value:<10}', colours[row.verdict])
@@ -52,3 +59,9 @@ def command(role: str, command_line: tuple[str, ...], as_json: bool) -> int:
         counts = Counter(row.verdict for row in rows)
         print(', '.join(f'{counts[each]} {each.value}' for each in Verdict if counts[each]))
     return int(any(row.verdict is Verdict.FAILED for row in rows))
+
+
+def _next(examination: Iterator[Row]) -> Row | None:
+    """Return the next row, None after the last; the middleware may print in the meantime."""
+    with stdout_to_stderr():
+        return next(examination, None)

@@ -180,8 +180,8 @@ class DerivedMessages:
         if is_new:
             self.describe(stamp_ns)
             self._send_walls(stamp_ns)
-        way = state.position.value if state else position
-        poses = self._frames.moving(position, pitch, way)
+        travelled = state.position.value if state else position
+        poses = self._frames.moving(position, pitch, travelled)
         self._send[TF](stamp_ns, self._moving.encode(stamp_ns, poses.values()))
         if state and self._odometry.is_calibrated:
             self._send[ODOM](stamp_ns, encode_odom(stamp_ns, state))

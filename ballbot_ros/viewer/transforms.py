@@ -83,15 +83,15 @@ class Frames:
     def moving(self, position: Pair, psi: Pair, odometry: Pair) -> dict[str, Pose]:
         """Return the pose of each moving frame in its parent.
 
-        `odometry` is the ball's way from the start, as the robot measures it [m]; the other
-        arguments are those of :meth:`at`.
+        `odometry` is how far the ball has rolled from the start, as the robot measures it [m]; the
+        other arguments are those of :meth:`at`.
         """
-        way_x, way_y = odometry
+        odom_x, odom_y = odometry
         w, x, y, z = body_orientation(psi)
         half_x, half_y = (a / 2.0 for a in wheel_angles(self._dimensions, position, psi))
         return {
-            ODOM_FRAME: Pose((position[0] - way_x, way_y - position[1], 0.0), _LEVEL),
-            FOOTPRINT: Pose((way_x, -way_y, 0.0), _LEVEL),
+            ODOM_FRAME: Pose((position[0] - odom_x, odom_y - position[1], 0.0), _LEVEL),
+            FOOTPRINT: Pose((odom_x, -odom_y, 0.0), _LEVEL),
             BODY: Pose((0.0, 0.0, self._dimensions.ball_radius), (w, x, y, z)),
             BALL: Pose((0.0, 0.0, 0.0), (w, -x, -y, -z)),
             WHEEL_X: Pose(self._wheel_x, (math.cos(half_x), 0.0, math.sin(half_x), 0.0)),

@@ -36,6 +36,8 @@ document.createElementNS = (...names) => {
 };
 
 const later = () => new Promise((resolve) => setTimeout(resolve, 0));
+/** Wait until React has put into the scene what is there to put. */
+const idle = () => new Promise((resolve) => requestIdleCallback(resolve, { timeout: 1000 }));
 
 async function until(condition, deadline) {
   while (!condition()) {
@@ -48,11 +50,10 @@ async function until(condition, deadline) {
 window.takePicture = async (number, seconds) => {
   const deadline = performance.now() + 1e3 * seconds;
   await until(() => document.getElementById('frame')?.textContent === String(number), deadline);
-  if (loading.size > 0) {
+  do { // an image begins to load only when React has put its node into the scene
     await until(() => loading.size === 0, deadline);
-    await later(); // React puts the images into the scene
-    await later();
-  }
+    await idle();
+  } while (loading.size > 0);
   window.drawFrame();
   const canvas = document.querySelector('canvas[data-engine]');
   const blob = await new Promise((resolve) => canvas.toBlob(resolve, 'image/png'));
