@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -11,16 +11,13 @@ from numpy.typing import NDArray
 from viser import SceneNodeDragEvent
 
 from ballbot_ros.plant.ground_truth import Pair
-from ballbot_ros.viewer.arrows import NEWTONS_PER_METRE, ForceArrow
+from ballbot_ros.viewer.arrows import NEWTONS_PER_METRE, ForceArrow, Point
 
 MIN_FORCE, MAX_FORCE = 0.1, 3.0
 """Smallest and largest force that a page can apply [N]."""
 
 _STEEP = math.sin(math.radians(12.0))
 """Slope from which a line of sight meets the horizontal plane near enough."""
-
-Point = Sequence[float] | NDArray[np.float64]
-"""x, y, z in ``map`` [m]."""
 
 
 def drag_vector(eye: Point, grip: Point, pointer: Point) -> NDArray[np.float64]:
