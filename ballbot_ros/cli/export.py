@@ -20,6 +20,7 @@ from ballbot_ros.messages.topics import (
     GYRO_IMU,
     JOINT_STATES,
     MOTOR_DUTY,
+    ODOM,
     OPERATING_STATE,
     PLANT_IMU,
     PLANT_ODOM,
@@ -82,10 +83,14 @@ _COLUMN_HINTS = {
         }
     ),
     PLANT_ODOM: ColumnHints(
+        names={f'pose_pose_position_{axis}_m': f'map_{axis}_m' for axis in 'xyz'},
         extra={
             'plane_position_x_m': lambda message: float(ball_position(message)[0]),
             'plane_position_y_m': lambda message: float(ball_position(message)[1]),
         }
+    ),
+    ODOM: ColumnHints(
+        names={f'pose_pose_position_{axis}_m': f'odom_{axis}_m' for axis in 'xyz'},
     ),
     MOTOR_DUTY: ColumnHints(names={'vector_x': 'x_percent', 'vector_y': 'y_percent'}),
     SOUND: ColumnHints(

@@ -116,6 +116,12 @@ def test_exported_columns_say_what_they_mean(run, tmp_path):
     estimated = map(math.degrees, numbers('controller_state', 'position_psi_x_rad'))
     assert pitch == pytest.approx(list(estimated))
     assert set(columns('gamepad')['stick_vertical_percent']) == {'0.0'}
+    # One name never means two things: y of the map grows leftward, the position rightward.
+    odom = columns('plant_odom')
+    assert not {name for name in odom if name.startswith('position_')}
+    leftward = numbers('plant_odom', 'map_y_m')
+    assert [-y for y in leftward] == numbers('plant_odom', 'plane_position_y_m')
+    assert numbers('plant_odom', 'map_x_m') == numbers('plant_odom', 'plane_position_x_m')
 
 
 def test_derived_topics_are_exported_only_when_they_are_named(run, tmp_path):
@@ -126,6 +132,8 @@ def test_derived_topics_are_exported_only_when_they_are_named(run, tmp_path):
     assert 'plant_odom' in tables
     assert not tables & {'tf', 'tf_static', 'odom', 'imu_data', 'markers', 'robot_description'}
     assert {path.stem for path in (tmp_path / 'named').iterdir()} == {'tf', 'odom'}
+    with (tmp_path / 'named' / 'odom.csv').open(newline='') as stream:
+        assert {'odom_x_m', 'odom_y_m', 'odom_z_m'} <= set(next(csv.reader(stream)))
 
 
 def test_info_marks_derived_topics(run):
