@@ -274,9 +274,9 @@ def extract(recording: RecordingReader, progress: ProgressCallback) -> Extractio
         for row in sorted(chain.from_iterable(ours[t].tolist() for t in _EVENTS if t in ours)):
             raw = batch.message(row)
             _take_event(extraction, recording, wanted[raw.topic], raw, int(epochs[row]))
-        newest = np.maximum.accumulate(log_ns).clip(min=newest_ns)
+        newest = _newest_log_ns(log_ns, newest_ns, ours.get(ACCEPTED_PUSH))
         newest_ns = int(newest[-1])
-        ages_ms = (newest - stamps) * 1e-6
+        ages_ms = (np.maximum(newest, log_ns) - stamps) * 1e-6
         for name, topic_rows in rows.items():
             statistics[name].extend(log_ns[topic_rows], ages_ms[topic_rows])
     if not any(extraction.buffers.values()):
@@ -284,6 +284,19 @@ def extract(recording: RecordingReader, progress: ProgressCallback) -> Extractio
     extraction.runs = finder.runs()
     extraction.topic_statistics = {name: each for name, each in statistics.items() if each.count}
     return extraction
+
+
+def _newest_log_ns(
+    log_ns: NDArray[np.int64], before_ns: int, ahead: Rows | None
+) -> NDArray[np.int64]:
+    """Return the newest log time [ns] so far at each message, not counting the rows `ahead`.
+
+    A push is announced with the time of its start, which may be later than all messages around it.
+    """
+    counted = log_ns.copy()
+    if ahead is not None:
+        counted[ahead] = before_ns
+    return np.maximum.accumulate(counted).clip(min=before_ns)
 
 
 def _samples(

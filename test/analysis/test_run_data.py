@@ -8,10 +8,11 @@ from hypothesis import example, settings
 from hypothesis import strategies as st
 from laws import given, is_read_or_refused_in_one_line
 
+from ballbot_ros import simulate
 from ballbot_ros.analysis.assessment import assess
 from ballbot_ros.analysis.metrics import measure
 from ballbot_ros.analysis.run_data import read_run
-from ballbot_ros.messages.topics import CONTROLLER_STATE, MOTOR_DUTY, PLANT_IMU
+from ballbot_ros.messages.topics import ACCEPTED_PUSH, CONTROLLER_STATE, MOTOR_DUTY, PLANT_IMU
 from ballbot_ros.recording.encoding import new_message
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
@@ -51,6 +52,14 @@ def test_the_run_is_complete_and_has_its_attachments(driven_assessment):
         ('remote', 20.0),
     ]
     assert all(each.age_ms == (0.0, 0.0) for each in run.topic_statistics)
+
+
+def test_announced_pushes_do_not_age_the_messages_before_them(tmp_path):
+    path = tmp_path / 'push.mcap'
+    simulate('push').save(path)
+    ages = {each.topic: each.age_ms for each in read_run(path).topic_statistics}
+    assert ACCEPTED_PUSH.resolved() in ages
+    assert set(ages.values()) == {(0.0, 0.0)}
 
 
 def _is_true_of_the_beginning(part, whole):
