@@ -121,7 +121,7 @@ class Viewer(BallbotNode[ViewerParameters]):
         self._requests.send_queued()
         self._tuning.send_queued()
         snapshot, changed = self._newest.take()
-        activity = self._activity(has_pose=snapshot is not None)
+        activity = self._activity(snapshot)
         self._page.overlay.show(activity.overlay)
         self._take_requests(activity)
         if activity.awaits_start and self._page.overlay.is_drawn:
@@ -134,7 +134,7 @@ class Viewer(BallbotNode[ViewerParameters]):
             snapshot = snapshot._replace(state='run ended')
         self._show(snapshot, changed)
 
-    def _activity(self, *, has_pose: bool) -> RunActivity:
+    def _activity(self, robot: Snapshot | None) -> RunActivity:
         """Return what is known about the run that is shown."""
         for report in self._plant_reports.take():
             self._plant_report = report
@@ -144,9 +144,10 @@ class Viewer(BallbotNode[ViewerParameters]):
             self._requests.forget_plant()
         return RunActivity(
             session=self._newest.session,
-            has_pose=has_pose,
+            has_pose=robot is not None,
             report=self._plant_report if self._plant_report.run == run else None,
             has_lost_plant=self._requests.lost_plant,
+            is_out_of_control=robot is not None and robot.is_out_of_control,
         )
 
     def _take_requests(self, activity: RunActivity) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from ballbot_ros.controllers.interface import OperatingState
 from ballbot_ros.plant.ground_truth import Pair
 from ballbot_ros.viewer.snapshot import Snapshot
 
@@ -20,10 +19,9 @@ def drive_status(snapshot: Snapshot | None, factor: float) -> Mapping[str, str]:
     if snapshot is None:
         names = ('sim time', 'state', 'position', 'pitch', 'speed', 'sonar')
         return dict.fromkeys(names, _UNKNOWN)
-    is_fallen = snapshot.state == OperatingState.OUT_OF_CONTROL
     return {
         'sim time': f'{snapshot.time:.1f} s   {factor:.2f} × real time',
-        'state': snapshot.state + '   press r to restart' * is_fallen,
+        'state': snapshot.state + '   press r to restart' * snapshot.is_out_of_control,
         'position': _pair(snapshot.position, 100.0, 'cm'),
         'pitch': _pair(snapshot.psi, math.degrees(1.0), '°'),
         'speed': _pair(snapshot.speed, 100.0, 'cm/s'),

@@ -43,12 +43,15 @@ class RunActivity:
         The plant's newest report about that run.
     has_lost_plant : bool
         Whether there was a plant, and is none.
+    is_out_of_control : bool
+        Whether the controller has given up, as after a fall.
     """
 
     session: Session | None = None
     has_pose: bool = False
     report: PlantReport | None = None
     has_lost_plant: bool = False
+    is_out_of_control: bool = False
 
     @property
     def is_controllable(self) -> bool:
@@ -92,13 +95,20 @@ class RunActivity:
             return self._waiting_banner
         if self.has_lost_plant:
             return Banner('the plant has ended', BannerKind.BAD)
-        return _report_banner(report) if report else None
+        return (report and _report_banner(report)) or self._control_banner
 
     @property
     def _waiting_banner(self) -> Banner:
         if self.session:
             return Banner(f'starting {self.session.scenario} …', BannerKind.BUSY)
         return Banner('waiting for a run …', BannerKind.BUSY)
+
+    @property
+    def _control_banner(self) -> Banner | None:
+        if not self.is_out_of_control:
+            return None
+        hint = ('Reset, or r, begins a new run',) if self.is_controllable else ()
+        return Banner('out of control, the motors are off', BannerKind.BAD, hint)
 
     def _end_banner(self, outcome: str, reason: str) -> Banner:
         if self.session:

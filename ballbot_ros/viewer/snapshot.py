@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.analysis.table import plane_columns
+from ballbot_ros.controllers.interface import OperatingState
 from ballbot_ros.messages.conversions import NO_CONTROLLER_STATE, ControllerState
 from ballbot_ros.plant.ground_truth import Pair
 from ballbot_ros.viewer.robot import TRAIL_STEP
@@ -76,6 +77,11 @@ class Snapshot(NamedTuple):
     lcd: str = ''
     ball: tuple[float, float, float, float] | None = None
     force: Pair = (0.0, 0.0)
+
+    @property
+    def is_out_of_control(self) -> bool:
+        """Whether the controller has given up, as after a fall."""
+        return self.state == OperatingState.OUT_OF_CONTROL
 
 
 class History:

@@ -1,5 +1,7 @@
 """What the overlay says about the run on a live page."""
 
+from dataclasses import replace
+
 import pytest
 from browsing import StubRobot
 
@@ -15,6 +17,7 @@ STARTING = Session('square')
 MET = Judgement(Expectation('wall_clearance_m', minimum=0.05), 0.0851)
 MISSED = Judgement(Expectation('final_position_x_m', 1.1, 1.3, start=0.0, end=7.5), 0.3218)
 UNKNOWN = Judgement(Expectation('settling_time_s', maximum=3.0), float('nan'))
+FALLEN = 'out of control, the motors are off'
 INFO, BUSY, GOOD, BAD = BannerKind
 
 
@@ -48,6 +51,9 @@ def running(session=None, **report):
         (running(outcome='completed'), 'run completed', GOOD),
         (running(outcome='stopped'), 'run stopped', INFO),
         (running(outcome='failed', problem='wall hit'), 'run failed', BAD),
+        (replace(running(), is_out_of_control=True), FALLEN, BAD),
+        (replace(running(is_paused=True), is_out_of_control=True), 'paused', INFO),
+        (RunActivity(has_pose=True, is_out_of_control=True), FALLEN, BAD),
         (RunActivity(has_pose=True, has_lost_plant=True), 'the plant has ended', BAD),
         (ended('passed'), 'square: passed', GOOD),
         (ended('expectations not met'), 'square: expectations not met', BAD),
