@@ -87,7 +87,7 @@ _COLUMN_HINTS = {
         extra={
             'plane_position_x_m': lambda message: float(ball_position(message)[0]),
             'plane_position_y_m': lambda message: float(ball_position(message)[1]),
-        }
+        },
     ),
     ODOM: ColumnHints(
         names={f'pose_pose_position_{axis}_m': f'odom_{axis}_m' for axis in 'xyz'},

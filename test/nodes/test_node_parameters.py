@@ -426,4 +426,4 @@ class Own(Controller[Limits]):
 def test_an_unknown_name_is_refused_with_the_known_ones(make):
     result = set_one(make(CONTROLLER), 'k_y', 1.0)
     assert not result.successful
-    assert "controller has no parameter 'k_y'; did you mean k_i" in result.reason
+    assert "controller has no parameter 'k_y'; did you mean k_f or k_i?" in result.reason
