@@ -41,12 +41,13 @@ def browser_page(width: int, height: int) -> Iterator[Page]:
             browser = playwright.chromium.launch(executable_path=program, args=list(_FLAGS))
             page = browser.new_page(viewport={'width': width, 'height': height})
         except Error as error:
-            raise ViewerError(f'{program} does not start: {one_line(_reason(str(error)))}') from None
+            raise ViewerError(f'{program} does not start: {_reason(error)}') from None
         yield page
         browser.close()
 
 
-def _reason(message: str) -> str:
+def _reason(error: Exception) -> str:
     """Return the browser's first line on its standard error, or that of Playwright's message."""
+    message = str(error)
     said = re.search(r'\[err\] (.+)', message)
-    return said[1] if said else message.partition('\n')[0]
+    return one_line(said[1] if said else message.partition('\n')[0])
