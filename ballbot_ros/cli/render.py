@@ -76,12 +76,12 @@ def command(
     browser_program()
     # Imported only here: viser takes a second.
     with importing(), defer_sigint():
-        from ballbot_ros.cli.recordings import read_playback_run
+        from ballbot_ros.cli.recordings import read_playback_runs
         from ballbot_ros.viewer.render import Rendering
 
     _check_format(output, fps, size)
-    run = read_playback_run(recording)
-    ghost = read_playback_run(other) if other else None
+    run, *ghosts = read_playback_runs(recording, other)
+    ghost = ghosts[0] if ghosts else None
     run_end = max(run.end, ghost.end if ghost else 0.0)
     rendering = Rendering(run, view, ghost, size, time_stamp)
     if output.suffix == PICTURE:
