@@ -233,6 +233,19 @@ class RecordingReader:
         for raw in self.raw_messages(topics):
             yield raw.topic, raw.stamp_ns, self.decode(raw)
 
+    def typestore(self, topic: str) -> Typestore:
+        """Return the message types with which to decode a topic.
+
+        Raises
+        ------
+        RecordingError
+            If the type of the topic is unknown.
+        """
+        store = self._typestores.get(topic)
+        if store is None:
+            store = self._typestores[topic] = recorded_typestore(self._types[topic])
+        return store
+
     def decode(self, raw: RawMessage) -> Any:
         """Return a message of this recording as a rosbags object.
 
@@ -243,10 +256,7 @@ class RecordingReader:
         """
         schema = self._types[raw.topic]
         try:
-            store = self._typestores.get(raw.topic)
-            if store is None:
-                store = self._typestores[raw.topic] = recorded_typestore(schema)
-            return store.deserialize_cdr(raw.data, schema.name)
+            return self.typestore(raw.topic).deserialize_cdr(raw.data, schema.name)
         except (RecordingError, SerdeError) as error:
             raise RecordingError(
                 f'{self.path}: {raw.topic} at {raw.stamp_ns} ns is not a valid '
@@ -318,7 +328,7 @@ class RecordingReader:
             if not layout or not fits[0]:
                 first = batch.message(rows[0])
                 self.decode(first)
-                store, type_name = self._typestores[topic], self._types[topic].name
+                store, type_name = self.typestore(topic), self._types[topic].name
                 layout = self._layouts[topic] = BatchLayout.of(first.data, store, type_name)
                 fits, records = layout.read(batch, rows)
             yield rows[fits], records
