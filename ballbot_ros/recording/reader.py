@@ -25,7 +25,7 @@ from mcap.records import (
     Schema,
     Statistics,
 )
-from mcap.stream_reader import StreamReader, get_chunk_data_stream
+from mcap.stream_reader import get_chunk_data_stream
 from mcap.well_known import MessageEncoding, Profile
 from mcap.writer import MCAP0_MAGIC
 from rosbags.serde import SerdeError
@@ -37,6 +37,7 @@ from ballbot_ros.recording.batch import Batch, RawMessage, Rows
 from ballbot_ros.recording.batch_layout import BatchLayout
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.qos import QosProfile
+from ballbot_ros.recording.record_stream import RecordStream
 from ballbot_ros.recording.rosbag2 import DERIVED, TimeRange, parse_offered_qos
 from ballbot_ros.recording.schemas import recorded_typestore
 from ballbot_ros.recording.writer import INCOMPLETE, is_locked
@@ -292,7 +293,7 @@ class RecordingReader:
         channels = {number: channel.topic for number, channel in self._channels.items()}
 
         def parse(stream: IO[bytes]) -> Iterator[Batch]:
-            reader = StreamReader(stream, emit_chunks=True, validate_crcs=True)
+            reader = RecordStream(stream, emit_chunks=True, validate_crcs=True)
             for group in _grouped(reader.records):
                 if isinstance(group, bytes):
                     yield Batch.of_records(group, channels)
@@ -349,7 +350,7 @@ class RecordingReader:
         oldest_ns, newest_ns = 2**64, -1
 
         def parse(stream: IO[bytes]) -> Iterator[McapRecord]:
-            reader = StreamReader(stream, emit_chunks=not unpack, validate_crcs=True)
+            reader = RecordStream(stream, emit_chunks=not unpack, validate_crcs=True)
             for record in reader.records:
                 if isinstance(record, Footer) and not summary_holds(cast('mmap', stream), record):
                     raise McapError('the summary fails its checksum')
