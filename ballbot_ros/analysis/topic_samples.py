@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.analysis.extraction import STAMPED_TOPICS
-from ballbot_ros.analysis.recorded_runs import RecordedRun, RunFinder, samples_in
+from ballbot_ros.analysis.recorded_runs import RunFinder, samples_in
 from ballbot_ros.analysis.robot_topics import RobotTopics, robot_topics
 from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.messages.column_hints import column_hints
@@ -80,7 +80,8 @@ def read_topic(
 ) -> TopicSamples:
     """Read the messages of a topic in a run from its recording.
 
-    A stamp outside the run comes from another clock; the log time takes its place.
+    A stamp before the first tick or after the last comes from another clock; the log time takes its
+    place.
 
     Raises
     ------
@@ -101,7 +102,7 @@ def read_topic(
             epochs = _epochs(finder, robot, batch)
             if topic in (rows := batch.rows()):
                 blocks.add(batch, rows[topic], epochs)
-    return blocks.samples(run.recorded)
+    return blocks.samples(run)
 
 
 def _has_epochs(topic: Topic) -> bool:
@@ -129,10 +130,13 @@ class _Block:
     epochs: NDArray[np.intp]
     values: Floats
 
-    def of_run(self, run: RecordedRun) -> tuple[NDArray[np.int64], Floats]:
+    def of_run(self, run: RunData) -> tuple[NDArray[np.int64], Floats]:
         """Return the times [ns] and values, shapes (m,) and (m, k), of the messages in a run."""
-        times = np.where(_is_in(self.stamps, run), self.stamps, self.log_ns)
-        kept = (self.epochs == run.epoch) & _is_in(times, run)
+        start_ns, end_ns = run.recorded.start_ns, run.recorded.end_ns
+        last_ns = start_ns + round(run.end * SECOND_NS)
+        is_in_time = (self.stamps >= start_ns) & (self.stamps <= last_ns)
+        times = np.where(is_in_time, self.stamps, self.log_ns)
+        kept = (self.epochs == run.recorded.epoch) & (times >= start_ns) & (times < end_ns)
         return times[kept], self.values[kept]
 
 
@@ -168,7 +172,7 @@ class _Blocks:
         self._forms.append(TopicColumns(message, self._hints))
         return self._forms[-1]
 
-    def samples(self, run: RecordedRun) -> TopicSamples:
+    def samples(self, run: RunData) -> TopicSamples:
         """Return the samples in a run."""
         parts = [(block.columns, *block.of_run(run)) for block in self._blocks]
         parts = [part for part in parts if len(part[1])]
@@ -184,17 +188,13 @@ class _Blocks:
         order = np.argsort(times, kind='stable')
         values = np.concatenate([values for _, _, values in parts])[order]
         return TopicSamples(
-            (times[order] - run.start_ns) / SECOND_NS,
+            (times[order] - run.recorded.start_ns) / SECOND_NS,
             {column.name: values[:, number] for number, column in enumerate(_signals(columns))},
         )
 
 
 def _signals(columns: TopicColumns) -> list[Column]:
     return [column for column in columns.columns if column.is_signal]
-
-
-def _is_in(times: NDArray[np.int64], run: RecordedRun) -> NDArray[np.bool_]:
-    return (times >= run.start_ns) & (times < run.end_ns)
 
 
 def _changes(values: Floats) -> bool:

@@ -52,16 +52,15 @@ class RecordedTopics:
         RecordingError
             As :func:`~ballbot_ros.analysis.topic_samples.read_topic`.
         """
-        samples = []
-        for number, (run, names) in enumerate(self._topics_of):
-            if topic in names:
-
-                def report(done: int, total: int, number: int = number) -> None:
-                    progress(number * total + done, len(self._topics_of) * total)
-
-                samples.append(run.read_topic(topic, report))
-            else:
+        count = sum(topic in names for _, names in self._topics_of)
+        samples: list[TopicSamples] = []
+        done_runs = 0
+        for run, names in self._topics_of:
+            if topic not in names:
                 samples.append(TopicSamples(np.zeros(0), {}))
+                continue
+            samples.append(run.read_topic(topic, _part(progress, done_runs, count)))
+            done_runs += 1
         changing = dict.fromkeys(name for each in samples for name in each.changing)
         kinds = {name: topic_kind(topic, name) for name in changing}
         self._samples |= {kind: (name, samples) for name, kind in kinds.items()}
@@ -70,24 +69,27 @@ class RecordedTopics:
     def plot(self, kind: PlotKind) -> PlotData | None:
         """Return a plot of :meth:`read`; None if it is another plot.
 
-        The samples are at their own times. If two runs have samples at different times, each keeps
-        its newest value at those of the other.
+        It spans the runs, with the samples at their own times. If two runs have samples at
+        different times, each keeps its newest value at those of the other.
         """
         if kind not in self._samples:
             return None
         name, samples = self._samples[kind]
-        known = [each if name in each.columns else None for each in samples]
-        time = np.unique(np.concatenate([each.time for each in known if each]))
-        if len(samples) == 1:
-            time = samples[0].time
+        end = max(run.end for run, _ in self._topics_of)
+        time = np.unique(np.concatenate([[0.0, end], *(each.time for each in samples)]))
         table: dict[str, Floats] = {}
-        for number, each in enumerate(known):
-            columns = {name: each.newest(name, time)} if each else {}
+        for number, each in enumerate(samples):
+            columns = {name: each.newest(name, time)} if name in each.columns else {}
             table |= ghost_columns(columns) if number else columns
         if len(samples) > 1:
             kind = kind.with_ghost()
         reduced = dict(envelope(time, table, MAX_ROWS))
         return plot_data(kind, reduced.pop('time_s'), reduced)
+
+
+def _part(progress: ProgressCallback, before: int, count: int) -> ProgressCallback:
+    """Return the progress of one of `count` equal parts, with the number of those before it."""
+    return lambda done, total: progress(before * total + done, count * total)
 
 
 def _constants(samples: Sequence[TopicSamples], changing: Mapping[str, object]) -> dict[str, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -69,7 +70,10 @@ class TopicChooser:
 
 def _unchanging(constants: Mapping[str, float]) -> str:
     """Return a note about the columns that have no plot."""
-    values = ', '.join(f'{escape(name)} {value:g}' for name, value in constants.items())
+    values = ', '.join(
+        f'{escape(name)} {"–" if math.isnan(value) else format(value, "g")}'
+        for name, value in constants.items()
+    )
     return (
         '<div style="font-size:11px;line-height:1.35;opacity:0.7;margin:0 1em 0.6em;'
         f'overflow-wrap:anywhere">never changes: {values or "any number"}</div>'
