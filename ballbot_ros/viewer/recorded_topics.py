@@ -54,13 +54,13 @@ class RecordedTopics:
         """
         count = sum(topic in names for _, names in self._topics_of)
         samples: list[TopicSamples] = []
-        done_runs = 0
+        before = 0
         for run, names in self._topics_of:
-            if topic not in names:
+            if topic in names:
+                samples.append(run.read_topic(topic, _part(progress, before, count)))
+                before += 1
+            else:
                 samples.append(TopicSamples(np.zeros(0), {}))
-                continue
-            samples.append(run.read_topic(topic, _part(progress, done_runs, count)))
-            done_runs += 1
         changing = dict.fromkeys(name for each in samples for name in each.changing)
         kinds = {name: topic_kind(topic, name) for name in changing}
         self._samples |= {kind: (name, samples) for name, kind in kinds.items()}

@@ -76,5 +76,5 @@ def _unchanging(constants: Mapping[str, float]) -> str:
     )
     return (
         '<div style="font-size:11px;line-height:1.35;opacity:0.7;margin:0 1em 0.6em;'
-        f'overflow-wrap:anywhere">never changes: {values or "any number"}</div>'
+        f'overflow-wrap:anywhere">{f"never changes: {values}" if values else "no numbers"}</div>'
     )
