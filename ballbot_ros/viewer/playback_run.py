@@ -145,7 +145,13 @@ class PlaybackRun:
         return topics_with_signals(self._run.path)
 
     def read_topic(self, topic: str, progress: ProgressCallback) -> TopicSamples:
-        """Read the numbers in the messages of a recorded topic, with :func:`.read_topic`."""
+        """Read the numbers in the messages of a recorded topic.
+
+        Raises
+        ------
+        RecordingError
+            As :func:`~ballbot_ros.analysis.topic_samples.read_topic`.
+        """
         return read_topic(self._run, topic, progress)
 
     def trail(self, time: float) -> list[tuple[float, float]]:
