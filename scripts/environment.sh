@@ -38,6 +38,8 @@ stamp() {
 
 set_up() (
   log=$venv/setup.log numpy=
+  # Nothing failed: do not go on to say so.
+  trap 'echo >&2; exit 130' INT
   echo "Setting up ${venv##*/}: about a minute the first time ..." >&2
   # If two scripts start at once, the second one waits and then has nothing to do.
   cd "$project" && exec {lock}<setup.py && flock "$lock" || exit 2

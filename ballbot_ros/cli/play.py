@@ -83,7 +83,7 @@ class _Terminal:
             file = sys.stdin.fileno()
             before = termios.tcgetattr(file)
             self._restore = lambda: termios.tcsetattr(file, termios.TCSADRAIN, before)
-            tty.setcbreak(file)
+            tty.setcbreak(file, termios.TCSADRAIN)
         return self
 
     def __exit__(self, *error: object) -> None:

@@ -13,6 +13,7 @@ from typing import IO, Any, NamedTuple, TypeVar, cast
 
 from mcap.data_stream import RecordBuilder
 from mcap.exceptions import McapError
+from mcap.opcode import Opcode
 from mcap.records import (
     Attachment,
     Channel,
@@ -25,7 +26,7 @@ from mcap.records import (
     Schema,
     Statistics,
 )
-from mcap.stream_reader import get_chunk_data_stream
+from mcap.stream_reader import StreamReader, get_chunk_data_stream
 from mcap.well_known import MessageEncoding, Profile
 from mcap.writer import MCAP0_MAGIC
 from rosbags.serde import SerdeError
@@ -37,7 +38,6 @@ from ballbot_ros.recording.batch import Batch, RawMessage, Rows
 from ballbot_ros.recording.batch_layout import BatchLayout
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.qos import QosProfile
-from ballbot_ros.recording.record_stream import RecordStream
 from ballbot_ros.recording.rosbag2 import DERIVED, TimeRange, parse_offered_qos
 from ballbot_ros.recording.schemas import recorded_typestore
 from ballbot_ros.recording.writer import INCOMPLETE, is_locked
@@ -293,7 +293,7 @@ class RecordingReader:
         channels = {number: channel.topic for number, channel in self._channels.items()}
 
         def parse(stream: IO[bytes]) -> Iterator[Batch]:
-            reader = RecordStream(stream, emit_chunks=True, validate_crcs=True)
+            reader = _IndexlessReader(stream, emit_chunks=True, validate_crcs=True)
             for group in _grouped(reader.records):
                 if isinstance(group, bytes):
                     yield Batch.of_records(group, channels)
@@ -350,7 +350,7 @@ class RecordingReader:
         oldest_ns, newest_ns = 2**64, -1
 
         def parse(stream: IO[bytes]) -> Iterator[McapRecord]:
-            reader = RecordStream(stream, emit_chunks=not unpack, validate_crcs=True)
+            reader = _IndexlessReader(stream, emit_chunks=not unpack, validate_crcs=True)
             for record in reader.records:
                 if isinstance(record, Footer) and not summary_holds(cast('mmap', stream), record):
                     raise McapError('the summary fails its checksum')
@@ -408,6 +408,19 @@ class RecordingReader:
                 end = stream.tell()
                 kind = 'cut off at' if end == len(stream) else 'corrupt before'
                 self._corruption = f'{kind} byte {end}'
+
+
+class _IndexlessReader(StreamReader):
+    """Passes over the message indexes, which are not needed to read a file from start to end.
+
+    Their parsing takes longer than all other reading.
+    """
+
+    def _read_record(self, opcode: int, length: int) -> McapRecord | None:
+        if opcode == Opcode.MESSAGE_INDEX:
+            self._stream.read(length)
+            return None
+        return super()._read_record(opcode, length)
 
 
 def _grouped(records: Iterable[McapRecord]) -> Iterator[Chunk | bytes]:

@@ -37,7 +37,8 @@ class KeyPress:
         self._thread = Thread(target=self._wait, name='key press', daemon=True)
         if can_read_keys():
             self._modes = termios.tcgetattr(STDIN)
-            tty.setcbreak(STDIN)
+            # Not the default, which would drop a key that was pressed a moment before.
+            tty.setcbreak(STDIN, termios.TCSADRAIN)
             self._thread.start()
 
     def _wait(self) -> None:

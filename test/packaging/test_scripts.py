@@ -172,6 +172,23 @@ def test_a_failed_installation_is_explained_and_repeated(machine):
     assert machine.programs_called() == ['venv', 'pip'] * 2
 
 
+def test_ctrl_c_during_the_installation_is_no_failure_of_it(machine):
+    # pip catches the interrupt, and ends with a status of its own.
+    machine.pip(
+        "write('w', machine + '/installs')\n"
+        'try:\n    time.sleep(600)\n'
+        "except KeyboardInterrupt:\n    sys.exit('ERROR: Operation cancelled by user')"
+    )
+    process = machine.start('run')
+    wait_for((machine.folder / 'installs').exists, what='the installation')
+    os.killpg(process.pid, signal.SIGINT)
+    output, messages = process.communicate(timeout=LAST_RESORT_S)
+    assert (process.returncode, output) == (130, '')
+    assert [line for line in messages.splitlines() if line] == [messages.splitlines()[0]]
+    machine.pip('')
+    machine.run('run')
+
+
 def test_the_scripts_leave_the_environment_of_someone_else_alone(machine):
     machine.venv.mkdir()
     (machine.venv / 'precious').touch()

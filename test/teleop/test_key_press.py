@@ -65,6 +65,20 @@ def test_the_first_key_is_reported_and_the_terminal_restored(start):
     assert process.wait(LAST_RESORT_S) == 0
 
 
+def test_a_key_that_was_pressed_a_moment_before_is_not_lost(start):
+    program = """
+import time
+from ballbot_ros.teleop.key_press import KeyPress
+print('ready', flush=True)
+key_press = KeyPress(lambda: print('pressed', flush=True))
+time.sleep(600)
+"""
+    terminal = Terminal()
+    terminal.press(b'x')
+    process = start(program, terminal.side, preexec_fn=_take_terminal)
+    assert process.stdout.readline() == 'pressed\n'
+
+
 def test_ctrl_c_still_interrupts_and_the_terminal_is_restored(start):
     terminal = Terminal()
     settings = termios.tcgetattr(terminal.side)
