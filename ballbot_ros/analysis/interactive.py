@@ -31,7 +31,16 @@ from ballbot_ros.analysis.drawing import (
 )
 from ballbot_ros.analysis.interval import Interval, IntervalKind
 from ballbot_ros.analysis.packed_numbers import PackedNumbers
-from ballbot_ros.analysis.panel import ESTIMATED, POINTS, READING, ROLES, TRUE, Curve, Panel
+from ballbot_ros.analysis.panel import (
+    ESTIMATED,
+    NO_ECHO,
+    POINTS,
+    READING,
+    ROLES,
+    TRUE,
+    Curve,
+    Panel,
+)
 from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.analysis.run_figures import FigureContent, track_marks
 from ballbot_ros.analysis.style import BLUE, GRAY, INK, ON_DARK, ORANGE, PAPER
@@ -278,6 +287,7 @@ def _curve_trace(
     few = _few_rows(table['time_s'], values, is_points=line.dash in POINTS)
     name = line.label
     words = f'{panel.quantity} {curve.plane} {"" if curve.role is TRUE else curve.role.name}'
+    value = '' if curve.role is NO_ECHO else f': %{{y:.2~f}} {panel.unit}'
     trace = {
         'type': 'scatter',
         'packed': {'x': numbers.add(few['time_s']), 'y': numbers.add(few['y'])},
@@ -285,7 +295,7 @@ def _curve_trace(
         'legendrank': 1000 + ROLES.index(curve.role),
         'showlegend': bool(curve.plane) and name not in shown,
         'visible': 'legendonly' if curve.role in _HIDDEN_AT_FIRST else True,
-        'hovertemplate': f'{" ".join(words.split())}: %{{y:.2~f}} {panel.unit}<extra></extra>',
+        'hovertemplate': f'{" ".join(words.split())}{value}<extra></extra>',
         **_look(line.color, line.width, line.dash),
     }  # fmt: skip
     shown.add(name)

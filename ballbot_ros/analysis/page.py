@@ -68,6 +68,8 @@ def check_folder(folder: Path) -> None:
     """Raise ReportError unless `folder` is empty or does not exist: nothing is overwritten."""
     try:
         taken = folder.exists() and any(folder.iterdir())
+    except NotADirectoryError:
+        raise ReportError(f'{folder}: not a folder; choose another --output') from None
     except OSError as error:
         raise ReportError(f'{folder}: {error.strerror}') from None
     if taken:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 BLUE, ORANGE, GRAY = '#0072B2', '#D55E00', '#666666'
 GREEN, SKY, YELLOW, PURPLE = '#009E73', '#56B4E9', '#F0E442', '#CC79A7'
 
-DARKER: Mapping[str, str] = {BLUE: '#002F4A', ORANGE: '#6B2E00'}
+DARKER: Mapping[str, str] = {BLUE: '#003A5C', ORANGE: '#7D2F00'}
 """The colours of thin curves over the wide ones of the planes."""
 
 INK, PAPER = '#1A1A1A', '#FFFFFF'
@@ -30,8 +30,8 @@ ON_DARK: Mapping[str, str] = {
     GRAY: '#A0A4A8',
     GREEN: '#2FC79A',
     PURPLE: '#E29AC2',
-    DARKER[BLUE]: '#CDEBFF',
-    DARKER[ORANGE]: '#FFDCC2',
+    DARKER[BLUE]: '#B5E3FF',
+    DARKER[ORANGE]: '#FFD166',
 }
 """What stands for a colour on a dark page; other colours stay."""
 

@@ -11,6 +11,7 @@ from rich.console import Console
 from ballbot_ros.cli.file_progress import file_progress
 from ballbot_ros.cli.options import split_at_commas
 from ballbot_ros.cli.path_types import PATH, RECORDING
+from ballbot_ros.cli.value_types import Choice
 from ballbot_ros.messages.column_hints import column_hints
 from ballbot_ros.messages.topics import OPERATING_STATE
 from ballbot_ros.recording.errors import RecordingError
@@ -23,7 +24,7 @@ from ballbot_ros.timing import TICK_NS
 @click.command('export')
 @click.argument('file', type=RECORDING)
 @click.option(
-    '--to', 'file_format', type=click.Choice(['csv', 'parquet']), required=True, help='File format.'
+    '--to', 'file_format', type=Choice(['csv', 'parquet']), required=True, help='File format.'
 )
 @click.option(
     '--output', type=PATH, help='Folder for the tables.  [default: FILE_csv or FILE_parquet]'
@@ -61,24 +62,18 @@ def command(
             exporter.write_topics()
         if reader.damage:
             console.print(f'{file}: {reader.damage}; the tables end there')
+    if not exporter.files:
+        raise RecordingError(f'{file}: no messages to export')
     for table in exporter.files:
         print(table)
-    if not exporter.files:
-        console.print(f'{file}: no messages to export')
 
 
 def _chosen(reader: RecordingReader, topics: Sequence[str], console: Console) -> list[str]:
-    known = reader.topics()
-    for topic in topics:
-        if topic not in known:
-            raise RecordingError(
-                f'{reader.path}: topic {topic!r} not found, only '
-                f'{", ".join(sorted(known)) or "none"}'
-            )
+    reader.check_topics(topics)
     unreadable = reader.unreadable()
     for topic in unreadable:
         if topic in topics:
             raise RecordingError(f'{reader.path}: {topic}: {unreadable[topic]}')
         if not topics:
             console.print(f'{reader.path}: {topic} skipped: {unreadable[topic]}')
-    return list(topics) or sorted(known.keys() - unreadable.keys() - reader.derived())
+    return list(topics) or sorted(reader.topics().keys() - unreadable.keys() - reader.derived())

@@ -9,11 +9,28 @@ from pathlib import Path
 import click
 
 
-class _File(click.Path):
+class _Path(click.Path):
+    """A path; rejects an empty word, as of an unset variable, which a Path takes for ``.``."""
+
+    def __init__(self) -> None:
+        super().__init__(path_type=Path)
+
+    def convert(
+        self,
+        value: str | os.PathLike[str],
+        param: click.Parameter | None,
+        ctx: click.Context | None,
+    ) -> str | bytes | os.PathLike[str]:
+        if not str(value):
+            self.fail('names nothing', param, ctx)
+        return super().convert(value, param, ctx)
+
+
+class _File(_Path):
     """A file path; rejects an argument that can only mean a folder, and says what is `wanted`."""
 
     def __init__(self, is_folder: Callable[[str], bool], wanted: str) -> None:
-        super().__init__(path_type=Path)
+        super().__init__()
         self._is_folder, self._wanted = is_folder, wanted
 
     def convert(
@@ -22,12 +39,12 @@ class _File(click.Path):
         param: click.Parameter | None,
         ctx: click.Context | None,
     ) -> str | bytes | os.PathLike[str]:
-        if self._is_folder(str(value)):
+        if str(value) and self._is_folder(str(value)):
             self.fail(f'{value}: is a folder; name {self._wanted}', param, ctx)
         return super().convert(value, param, ctx)
 
 
-PATH = click.Path(path_type=Path)
+PATH = _Path()
 """A file to read, or a folder."""
 
 RECORDING = _File(lambda value: not Path(value).name, 'a recording')

@@ -11,6 +11,7 @@ from rich.table import Table
 
 from ballbot_ros.analysis.metrics import number
 from ballbot_ros.cli.study_progress import share_text
+from ballbot_ros.scenario.scenario import bounds_text
 from ballbot_ros.studies.columns import MeasureColumn
 from ballbot_ros.studies.study_data import QUANTILES, MeasureSummary, StudyData, StudySummary
 
@@ -34,7 +35,11 @@ def print_summary(data: StudyData) -> None:
     worst.add_column('worst values, and the numbers of their runs')
     for each in summary.measures:
         quantiles.add_row(_name(each.column), *(f'{value:.3g}' for value in each.quantiles))
-        worst.add_row(each.column.name, bounds_text(each.column), _worst_runs(each))
+        worst.add_row(
+            each.column.name,
+            bounds_text(each.column.minimum, each.column.maximum),
+            _worst_runs(each),
+        )
     # A number or a name that is cut off would be of no use.
     unlimited = console.options.update(max_width=_UNLIMITED)
     console.width = max(
@@ -81,13 +86,6 @@ def _worst_runs(summary: MeasureSummary) -> str:
     runs = ', '.join(f'{each.value:.3g} ({each.number})' for each in summary.worst)
     missing = f'without a value: {summary.missing:,}' if summary.missing else ''
     return '; '.join(filter(None, (runs, missing)))
-
-
-def bounds_text(column: MeasureColumn) -> str:
-    """Return the bounds that a study expects, as text."""
-    parts = [f'≥ {column.minimum:g}'] if column.minimum is not None else []
-    parts += [f'≤ {column.maximum:g}'] if column.maximum is not None else []
-    return ' and '.join(parts)
 
 
 def print_json(data: StudyData) -> None:

@@ -122,12 +122,15 @@ class Exporter:
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
+        is_new = not self.folder.exists()
         try:
             yield
         except BaseException as error:
             # Remove the tables: an incomplete one looks like a complete one.
             for file in self.files:
                 file.unlink(missing_ok=True)
+            if is_new and self.folder.is_dir() and not any(self.folder.iterdir()):
+                self.folder.rmdir()
             if isinstance(error, OSError):
                 raise RecordingError(f'{self.folder}: {error.strerror}') from None
             raise

@@ -286,12 +286,7 @@ class RecordingReader:
         RecordingError
             If a topic is not in the file.
         """
-        known = self.topics().keys()
-        for topic in topics or ():
-            if topic not in known:
-                names = ', '.join(sorted(known)) or 'none'
-                hint = did_you_mean(topic, known)
-                raise RecordingError(f'{self.path}: topic {topic!r} not found{hint}, only {names}')
+        self.check_topics(topics or ())
         channels = {number: channel.topic for number, channel in self._channels.items()}
 
         def parse(stream: IO[bytes]) -> Iterator[Batch]:
@@ -309,6 +304,15 @@ class RecordingReader:
                 selected = selected.of_topics(topics)
             if len(selected):
                 yield selected
+
+    def check_topics(self, topics: Iterable[str]) -> None:
+        """Raise RecordingError for the first of `topics` that is not in the file."""
+        known = self.topics().keys()
+        for topic in topics:
+            if topic not in known:
+                names = ', '.join(sorted(known)) or 'none'
+                hint = did_you_mean(topic, known)
+                raise RecordingError(f'{self.path}: topic {topic!r} not found{hint}, only {names}')
 
     def records(self, topic: str, batch: Batch, rows: Rows) -> Iterator[tuple[Rows, Any]]:
         """Iterate over some messages of a topic in a batch, grouped by their form.

@@ -71,7 +71,7 @@ class RecordingWriter:
         try:
             self._stream = self.path.open('xb')
         except FileExistsError:
-            raise RecordingError(f'{self.path}: already exists') from None
+            raise RecordingError(f'{self.path}: already exists; choose another file') from None
         except OSError as error:
             raise RecordingError(f'{self.path}: {error.strerror}') from None
         with suppress(OSError):  # Some network file systems do not support locks.

@@ -52,6 +52,8 @@ def _make_folder(folder: Path) -> None:
         probe = folder / '.ballbot_probe'
         probe.touch()
         probe.unlink()
+    except (FileExistsError, NotADirectoryError):
+        raise BallbotError(f'--output {folder}: not a folder; choose another --output') from None
     except OSError as error:
         raise BallbotError(f'--output {folder}: {error.strerror}') from None
 

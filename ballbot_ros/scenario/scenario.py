@@ -66,12 +66,16 @@ class Expectation:
 
     def __str__(self) -> str:
         """Return the bounds as text."""
-        parts = []
-        if self.minimum is not None:
-            parts.append(f'≥ {self.minimum:g}')
-        if self.maximum is not None:
-            parts.append(f'≤ {self.maximum:g}')
-        return ' and '.join(parts)
+        return bounds_text(self.minimum, self.maximum)
+
+
+def bounds_text(minimum: float | None, maximum: float | None) -> str:
+    """Return bounds as text, as in ``≥ 1``, ``≤ 2`` or ``1 … 2``; '' without a bound."""
+    if minimum is not None and maximum is not None:
+        return f'{minimum:g} … {maximum:g}'
+    if minimum is not None:
+        return f'≥ {minimum:g}'
+    return '' if maximum is None else f'≤ {maximum:g}'
 
 
 PUSH_DIRECTIONS = {

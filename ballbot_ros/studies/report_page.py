@@ -19,6 +19,7 @@ from ballbot_ros.analysis.run_figures import RenderedFigure
 from ballbot_ros.analysis.style import png_of
 from ballbot_ros.analysis.table import Table, csv_of
 from ballbot_ros.errors import BallbotError, one_line
+from ballbot_ros.scenario.scenario import bounds_text
 from ballbot_ros.studies.axes import Axis
 from ballbot_ros.studies.charts import (
     Histogram,
@@ -376,9 +377,7 @@ def _outcome(summary: StudySummary) -> str:
 
 
 def _bounds(column: MeasureColumn) -> str:
-    parts = [f'≥ {column.minimum:g}'] if column.minimum is not None else []
-    parts += [f'≤ {column.maximum:g}'] if column.maximum is not None else []
-    return ' and '.join(parts).replace('-', '−')
+    return bounds_text(column.minimum, column.maximum).replace('-', '−')
 
 
 def _plus_minus(value: float, half: float) -> str:

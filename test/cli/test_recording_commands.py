@@ -175,6 +175,32 @@ def test_keys_that_arrive_together_are_separated():
             assert parse_keys(f'x{sent}.') == ['x', sent, '.']
 
 
+@pytest.mark.parametrize(
+    ('words', 'message'),
+    [
+        (['--to', 'cvs'], "'csv', 'parquet' (did you mean csv?)"),
+        (['--to', 'csv', '--topics', '/motor_dty'], "'/motor_dty' not found (did you mean "),
+        (['--to', 'csv', '--output', ''], "'--output': names nothing"),
+        (['--to', 'csv', '--output', '{file}'], ': not a folder; choose another --output'),
+    ],
+)
+def test_a_mistake_of_export_is_named(command, run, tmp_path, monkeypatch, words, message):
+    monkeypatch.chdir(tmp_path)
+    status, output, errors = command('export', run, *(word.format(file=run) for word in words))
+    assert (status, output) == (2, '')
+    assert message in errors.splitlines()[-1]
+    assert list(tmp_path.iterdir()) == []
+    assert list(run.parent.glob('*_csv')) == []
+
+
+def test_a_file_without_messages_is_not_exported(command, run, tmp_path):
+    path = tmp_path / 'beginning.mcap'
+    path.write_bytes(run.read_bytes()[:20])
+    status, output, errors = command('export', '--to', 'csv', path)
+    assert (status, output) == (2, '')
+    assert errors.splitlines()[-1] == f'error: {path}: no messages to export'
+
+
 @pytest.mark.parametrize('words', [['info'], ['repair'], ['export', '--to', 'csv'], ['play']])
 @pytest.mark.parametrize('content', [None, b'', b'SQLite format 3\0'])
 def test_a_file_that_is_not_a_recording_is_one_line(command, words, content, tmp_path):

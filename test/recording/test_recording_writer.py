@@ -400,7 +400,7 @@ def test_an_existing_file_is_not_touched(tmp_path):
     path.write_bytes(b'old')
     with pytest.raises(RecordingError) as error:
         RecordingWriter(path)
-    assert str(error.value) == f'{path}: already exists'
+    assert str(error.value) == f'{path}: already exists; choose another file'
     assert path.read_bytes() == b'old'
 
 

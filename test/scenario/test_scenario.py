@@ -28,7 +28,7 @@ def test_an_expectation_holds_within_its_bounds_and_never_for_nan(
 
 
 def test_the_text_of_an_expectation_has_its_bounds():
-    assert str(Expectation('x', 1.0, 2.5)) == '≥ 1 and ≤ 2.5'
+    assert str(Expectation('x', 1.0, 2.5)) == '1 … 2.5'
     assert str(Expectation('x', maximum=2.5)) == '≤ 2.5'
     assert str(Expectation('x', minimum=0.0)) == '≥ 0'
 

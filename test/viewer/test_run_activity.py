@@ -77,7 +77,7 @@ def test_the_details_of_a_result_are_what_was_not_met():
         'square: expectations not met',
         BAD,
         (
-            'final x from start 0.322 m, 0 s to 7.5 s: expected ≥ 1.1 and ≤ 1.3',
+            'final x from start 0.322 m, 0 s to 7.5 s: expected 1.1 … 1.3',
             'settling time –: expected ≤ 3',
         ),
         REPORT,
