@@ -90,6 +90,8 @@ class RunData:
     ----------
     number, count : int
         Number of the run in the file, from 1, and number of runs.
+    recorded : RecordedRun
+        Where the run is in the file.
     trajectory : Trajectory
         The ticks with a sample of each of the three topics (true pitch, true position, duty) that
         was recorded; the columns of a topic that was not recorded are NaN.
@@ -126,6 +128,7 @@ class RunData:
     path: Path
     number: int
     count: int
+    recorded: RecordedRun
     trajectory: Trajectory
     series: Mapping[Topic, Series]
     states: tuple[Interval, ...]
@@ -265,6 +268,7 @@ def read_run(
         path=Path(path),
         number=number,
         count=len(runs),
+        recorded=run,
         trajectory=trajectory,
         series=series,
         states=_states(extraction, run, last),

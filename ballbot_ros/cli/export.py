@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import click
 from rich.console import Console
@@ -13,91 +11,13 @@ from rich.console import Console
 from ballbot_ros.cli.file_progress import file_progress
 from ballbot_ros.cli.options import split_at_commas
 from ballbot_ros.cli.path_types import PATH, RECORDING
-from ballbot_ros.messages.conversions import ball_position, body_pitch
-from ballbot_ros.messages.topics import (
-    CONTROLLER_STATE,
-    GAMEPAD_JOY,
-    GYRO_IMU,
-    JOINT_STATES,
-    MOTOR_DUTY,
-    ODOM,
-    OPERATING_STATE,
-    PLANT_IMU,
-    PLANT_ODOM,
-    SOUND,
-)
-from ballbot_ros.recording.columns import ColumnHints
+from ballbot_ros.messages.column_hints import column_hints
+from ballbot_ros.messages.topics import OPERATING_STATE
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.export import Exporter
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.tables import load_pyarrow
 from ballbot_ros.timing import TICK_NS
-
-_Read = Callable[[Any], float]
-
-
-def _joint(name: str) -> _Read:
-    """Return what reads the position [deg] of a joint; NaN if the message does not have it."""
-
-    def position(message: Any) -> float:
-        positions = dict(zip(message.name, message.position, strict=False))
-        return math.degrees(positions.get(name, math.nan))
-
-    return position
-
-
-def _axis(number: int) -> _Read:
-    """Return what reads an axis [%]; NaN if the message does not have it."""
-
-    def percent(message: Any) -> float:
-        axes = message.axes
-        return 100.0 * float(axes[number]) if number < len(axes) else math.nan
-
-    return percent
-
-
-_COLUMN_HINTS = {
-    GYRO_IMU: ColumnHints(
-        extra={
-            'reading_x_deg_per_s': lambda message: math.degrees(message.angular_velocity.y),
-            'reading_y_deg_per_s': lambda message: math.degrees(message.angular_velocity.x),
-        }
-    ),
-    JOINT_STATES: ColumnHints(
-        extra={f'encoder_{axis}_deg': _joint(f'motor_{axis}') for axis in 'xy'}
-    ),
-    GAMEPAD_JOY: ColumnHints(
-        extra={'stick_vertical_percent': _axis(0), 'stick_horizontal_percent': _axis(1)}
-    ),
-    CONTROLLER_STATE: ColumnHints(
-        extra={
-            **{f'estimated_pitch_{axis}_deg': _joint(f'psi_{axis}') for axis in 'xy'},
-            **{f'estimated_ball_angle_{axis}_deg': _joint(f'theta_{axis}') for axis in 'xy'},
-            **{f'reference_ball_angle_{axis}_deg': _joint(f'theta_ref_{axis}') for axis in 'xy'},
-        }
-    ),
-    PLANT_IMU: ColumnHints(
-        extra={
-            'pitch_x_rad': lambda message: body_pitch(message)[0],
-            'pitch_y_rad': lambda message: body_pitch(message)[1],
-        }
-    ),
-    PLANT_ODOM: ColumnHints(
-        names={f'pose_pose_position_{axis}_m': f'map_{axis}_m' for axis in 'xyz'},
-        extra={
-            'plane_position_x_m': lambda message: float(ball_position(message)[0]),
-            'plane_position_y_m': lambda message: float(ball_position(message)[1]),
-        },
-    ),
-    ODOM: ColumnHints(
-        names={f'pose_pose_position_{axis}_m': f'odom_{axis}_m' for axis in 'xyz'},
-    ),
-    MOTOR_DUTY: ColumnHints(names={'vector_x': 'x_percent', 'vector_y': 'y_percent'}),
-    SOUND: ColumnHints(
-        names={'vector_x': 'tone_Hz', 'vector_y': 'duration_ms', 'vector_z': 'volume_percent'}
-    ),
-}
-"""Knowledge from docs/frames.md about these topics beyond their types."""
 
 
 @click.command('export')
@@ -132,7 +52,7 @@ def command(
             folder,
             file_format,
             _chosen(reader, topics, console),
-            {(topic.resolved(), topic.type_name): hints for topic, hints in _COLUMN_HINTS.items()},
+            column_hints(),
             progress,
         )
         if joined:

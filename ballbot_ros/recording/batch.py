@@ -32,6 +32,9 @@ MESSAGE_HEADER = np.dtype(
     ]
 )
 _MAX_INT64_NS = 2**63 - 1
+_SECOND_NS = 10**9
+_STAMP = np.dtype([('encoding', 'u1', 4), ('sec', '<i4'), ('nanosec', '<u4')])
+"""Begin of a message in CDR whose first field is a header or a time."""
 
 
 class RawMessage(NamedTuple):
@@ -103,6 +106,16 @@ class Batch:
     def log_ns(self) -> NDArray[np.int64]:
         """The log times [ns], limited to the largest int64 (year 2262)."""
         return np.asarray(np.minimum(self.headers['log_ns'], _MAX_INT64_NS), np.int64)
+
+    def stamps_ns(self, rows: Rows) -> NDArray[np.int64]:
+        """Return the stamps [ns] of messages that begin with a header or a time."""
+        begins = read_structs(self.data, self.starts[rows], _STAMP)
+        is_big_endian = begins['encoding'][:, 1] % 2 == 0
+        sec, nanosec = (
+            np.where(is_big_endian, begins[name].byteswap(), begins[name])
+            for name in ('sec', 'nanosec')
+        )
+        return np.asarray(sec.astype(np.int64) * _SECOND_NS + nanosec)
 
     def select(self, rows: Rows | NDArray[np.bool_]) -> Batch:
         """Return some of the messages, by row numbers or a mask."""

@@ -1,20 +1,29 @@
-"""Messages as rows of a table: one column per number, with its SI unit in the name."""
+"""Messages as rows of a table: one column per number, with its SI unit in the name.
+
+The values are read from a message, or from many at once: from a record array, in which
+:meth:`~ballbot_ros.recording.reader.RecordingReader.records` returns them.
+"""
 
 from __future__ import annotations
 
 import json
+import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any, NamedTuple
 
 import numpy as np
+from rosbags.interfaces import Nodetype
+from rosbags.typesys.store import Typestore
 
 from ballbot_ros.recording.errors import RecordingError
 
 Value = bool | int | float | str
 Get = Callable[[Any], Any]
-Read = Callable[[Any], Value]
+Read = Callable[[Any], Any]
+"""Returns the value of a message, or the values of a record array as an array."""
+
 Path = tuple[str, ...]
 Leaf = tuple[Path, str, Read]
 """Path of field names to a value, its unit, and the function that reads it from a message."""
@@ -50,17 +59,42 @@ _LISTS: dict[str, dict[str, str]] = {
 """Lists with a column for each element, and its unit, by type."""
 
 _TIMES = ('builtin_interfaces/msg/Time', 'builtin_interfaces/msg/Duration')
+_HEADER = 'std_msgs/msg/Header'
+
+OWN_STAMP = 'stamp_s'
+"""Column with the stamp of a message's header."""
 
 _CONTAINERS = {'header', 'pose', 'twist', 'accel', 'wrench', 'transform', 'vector', 'quaternion'}
 """Field names that add nothing to the names of their parts."""
 
 
 class Column(NamedTuple):
-    """A column's name, the function that reads its value from a message, and its Python type."""
+    """A column's name, the Python type of its values, and the function that reads them."""
 
     name: str
     kind: type
     read: Read
+
+    @property
+    def is_signal(self) -> bool:
+        """Whether it has numbers other than the message's own stamp."""
+        return self.kind is not str and self.name != OWN_STAMP
+
+
+class ComputedColumn(NamedTuple):
+    """A column that is computed from others.
+
+    Attributes
+    ----------
+    sources : tuple of str
+        The other columns by field path and unit, such as ``orientation_w``. If a message lacks one
+        of them, the value is NaN.
+    compute : callable
+        Returns the value for those of the sources, numbers or arrays of float64.
+    """
+
+    sources: tuple[str, ...]
+    compute: Callable[..., Any]
 
 
 @dataclass(frozen=True)
@@ -71,12 +105,12 @@ class ColumnHints:
     ----------
     names : mapping of str to str
         Column names by field path, such as ``vector_x``.
-    extra : mapping of str to callable
-        Additional columns: name, and the function that computes the value from a message.
+    extra : mapping of str to ComputedColumn
+        Additional columns by name.
     """
 
     names: Mapping[str, str] = field(default_factory=dict)
-    extra: Mapping[str, Read] = field(default_factory=dict)
+    extra: Mapping[str, ComputedColumn] = field(default_factory=dict)
 
 
 @dataclass
@@ -111,9 +145,20 @@ class TopicColumns:
             )
             for full, short, read in found
         ]
+        reads = {full: read for full, _, read in found}
         self.columns += [
-            Column(name, type(read(self.first)), read) for name, read in self.hints.extra.items()
+            Column(name, float, _computed(computed, reads))
+            for name, computed in self.hints.extra.items()
         ]
+
+    @property
+    def has_header(self) -> bool:
+        """Whether the messages have a header, which stamps them."""
+        return _type_name(getattr(self.first, 'header', None)) == _HEADER
+
+    def fits(self, message: Any) -> bool:
+        """Return whether the columns mean the same in a message as in the first one."""
+        return bool(_shape(message) == self._shape)
 
     def row(self, message: Any) -> list[Value]:
         """Return the values of a message.
@@ -123,11 +168,39 @@ class TopicColumns:
         RecordingError
             If its joints, or its numbers of axes and buttons, differ from the first message.
         """
-        if _shape(message) != self._shape:
+        if not self.fits(message):
             raise RecordingError(
                 'the names or the number of its elements differ from the first message'
             )
         return [column.read(message) for column in self.columns]
+
+
+def has_signals(type_name: str, store: Typestore) -> bool:
+    """Return whether messages of a type in `store` can have columns that are signals."""
+    if type_name in (_HEADER, *_LISTS, *_TIMES):
+        return type_name != _HEADER
+    _, fields_of_type = store.fielddefs[type_name]
+    return any(_may_be_signal(description, store) for _, description in fields_of_type)
+
+
+def _may_be_signal(description: Any, store: Typestore) -> bool:
+    """Return whether a field of this description can have numbers; lists are text."""
+    node, detail = description
+    if node == Nodetype.NAME:
+        return has_signals(detail, store)
+    return bool(node == Nodetype.BASE and detail[0] != 'string')
+
+
+def _computed(column: ComputedColumn, reads: Mapping[str, Read]) -> Read:
+    """Return the function that reads a computed column; `reads` has those of the fields."""
+    if not reads.keys() >= set(column.sources):
+        return lambda message: math.nan
+    sources = [reads[source] for source in column.sources]
+
+    def read(message: Any) -> Any:
+        return _plain(column.compute(*(np.float64(source(message)) for source in sources)))
+
+    return read
 
 
 def _says_something(word: str) -> bool:
@@ -169,12 +242,17 @@ def _names(message: Any) -> list[str]:
 
 
 def _field(get: Get, name: str) -> Get:
-    return lambda message: getattr(get(message), name)
+    return lambda message: _part(get(message), name)
+
+
+def _part(value: Any, name: str) -> Any:
+    # A field of a record array may have the name of an attribute of arrays, such as `data`.
+    return value[name] if isinstance(value, np.ndarray) else getattr(value, name)
 
 
 def _elements(names: Iterable[str], path: Path, unit: str, get: Get) -> list[Leaf]:
     def element(number: int) -> Read:
-        return lambda message: _plain(get(message)[number])
+        return lambda message: _plain(get(message).T[number])
 
     return [((*path, name), unit, element(number)) for number, name in enumerate(names)]
 
@@ -192,13 +270,13 @@ def _fields(value: Any) -> list[str]:
     return [each.name for each in fields(value) if each.name not in vars(type(value))]
 
 
-def _seconds(time: Any) -> float:
-    return (int(time.sec) * 10**9 + int(time.nanosec)) / 1e9
+def _seconds(time: Any) -> Any:
+    return _plain((np.int64(_part(time, 'sec')) * 10**9 + _part(time, 'nanosec')) / 1e9)
 
 
-def _plain(value: Any) -> Value:
-    plain: Value = value.item() if isinstance(value, np.generic) else value
-    return plain
+def _plain(value: Any) -> Any:
+    """Return numbers of numpy as those of Python, and anything else as it is."""
+    return value.item() if isinstance(value, np.generic) else value
 
 
 def _text(value: Any) -> str:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ballbot_ros.progress import ProgressCallback
-from ballbot_ros.recording.columns import ColumnHints, TopicColumns, Value
+from ballbot_ros.recording.columns import OWN_STAMP, ColumnHints, TopicColumns, Value
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.tables import FORMATS, Table
@@ -24,7 +24,6 @@ MAX_GAP_S = 3600
 """Gap between stamps from which another clock is assumed, not a pause of all topics [s]."""
 
 _SECOND_NS = 10**9
-_OWN_STAMP = 'stamp_s'
 
 
 @dataclass
@@ -95,7 +94,7 @@ class Exporter:
             each.columns = [
                 column
                 for column in each.columns
-                if column.name != _OWN_STAMP and (column.kind is not str or topic in texts)
+                if column.name != OWN_STAMP and (column.kind is not str or topic in texts)
             ]
         named = [
             (f'{_file_name(topic)}_{column.name}', column.kind)

@@ -13,6 +13,7 @@ from typing import IO, Any, NamedTuple, TypeVar, cast
 
 from mcap.data_stream import RecordBuilder
 from mcap.exceptions import McapError
+from mcap.opcode import Opcode
 from mcap.records import (
     Attachment,
     Channel,
@@ -233,6 +234,19 @@ class RecordingReader:
         for raw in self.raw_messages(topics):
             yield raw.topic, raw.stamp_ns, self.decode(raw)
 
+    def typestore(self, topic: str) -> Typestore:
+        """Return the message types with which to decode a topic.
+
+        Raises
+        ------
+        RecordingError
+            If the type of the topic is unknown.
+        """
+        store = self._typestores.get(topic)
+        if store is None:
+            store = self._typestores[topic] = recorded_typestore(self._types[topic])
+        return store
+
     def decode(self, raw: RawMessage) -> Any:
         """Return a message of this recording as a rosbags object.
 
@@ -243,10 +257,7 @@ class RecordingReader:
         """
         schema = self._types[raw.topic]
         try:
-            store = self._typestores.get(raw.topic)
-            if store is None:
-                store = self._typestores[raw.topic] = recorded_typestore(schema)
-            return store.deserialize_cdr(raw.data, schema.name)
+            return self.typestore(raw.topic).deserialize_cdr(raw.data, schema.name)
         except (RecordingError, SerdeError) as error:
             raise RecordingError(
                 f'{self.path}: {raw.topic} at {raw.stamp_ns} ns is not a valid '
@@ -282,7 +293,7 @@ class RecordingReader:
         channels = {number: channel.topic for number, channel in self._channels.items()}
 
         def parse(stream: IO[bytes]) -> Iterator[Batch]:
-            reader = StreamReader(stream, emit_chunks=True, validate_crcs=True)
+            reader = _IndexlessReader(stream, emit_chunks=True, validate_crcs=True)
             for group in _grouped(reader.records):
                 if isinstance(group, bytes):
                     yield Batch.of_records(group, channels)
@@ -318,7 +329,7 @@ class RecordingReader:
             if not layout or not fits[0]:
                 first = batch.message(rows[0])
                 self.decode(first)
-                store, type_name = self._typestores[topic], self._types[topic].name
+                store, type_name = self.typestore(topic), self._types[topic].name
                 layout = self._layouts[topic] = BatchLayout.of(first.data, store, type_name)
                 fits, records = layout.read(batch, rows)
             yield rows[fits], records
@@ -339,7 +350,7 @@ class RecordingReader:
         oldest_ns, newest_ns = 2**64, -1
 
         def parse(stream: IO[bytes]) -> Iterator[McapRecord]:
-            reader = StreamReader(stream, emit_chunks=not unpack, validate_crcs=True)
+            reader = _IndexlessReader(stream, emit_chunks=not unpack, validate_crcs=True)
             for record in reader.records:
                 if isinstance(record, Footer) and not summary_holds(cast('mmap', stream), record):
                     raise McapError('the summary fails its checksum')
@@ -397,6 +408,19 @@ class RecordingReader:
                 end = stream.tell()
                 kind = 'cut off at' if end == len(stream) else 'corrupt before'
                 self._corruption = f'{kind} byte {end}'
+
+
+class _IndexlessReader(StreamReader):
+    """Passes over the message indexes, which are not needed to read a file from start to end.
+
+    Their parsing takes longer than all other reading.
+    """
+
+    def _read_record(self, opcode: int, length: int) -> McapRecord | None:
+        if opcode == Opcode.MESSAGE_INDEX:
+            self._stream.read(length)
+            return None
+        return super()._read_record(opcode, length)
 
 
 def _grouped(records: Iterable[McapRecord]) -> Iterator[Chunk | bytes]:

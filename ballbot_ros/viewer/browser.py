@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
+from ballbot_ros.errors import one_line
 from ballbot_ros.viewer.errors import ViewerError, importing
 
 if TYPE_CHECKING:
@@ -32,11 +34,22 @@ def browser_program() -> str:
 
 @contextmanager
 def browser_page(width: int, height: int) -> Iterator[Page]:
-    """Open a page of this size [px]; raise ViewerError without Chromium or Playwright."""
+    """Open a page of this size [px]; ViewerError without Playwright or a browser that starts."""
     program = browser_program()
     with importing():
-        from playwright.sync_api import sync_playwright
+        from playwright.sync_api import Error, sync_playwright
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=program, args=list(_FLAGS))
-        yield browser.new_page(viewport={'width': width, 'height': height})
+        try:
+            browser = playwright.chromium.launch(executable_path=program, args=list(_FLAGS))
+            page = browser.new_page(viewport={'width': width, 'height': height})
+        except Error as error:
+            raise ViewerError(f'{program} does not start: {_reason(error)}') from None
+        yield page
         browser.close()
+
+
+def _reason(error: Exception) -> str:
+    """Return the browser's first line on its standard error, or that of Playwright's message."""
+    message = str(error)
+    said = re.search(r'\[err\] (.+)', message)
+    return one_line(said[1] if said else message.partition('\n')[0])

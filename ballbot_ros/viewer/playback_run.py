@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ballbot_ros.analysis.recorded_pushes import RecordedPush
 from ballbot_ros.analysis.run_data import RunData, Series, read_run
 from ballbot_ros.analysis.signals import signals_of
+from ballbot_ros.analysis.topic_samples import TopicSamples, read_topic, topics_with_signals
 from ballbot_ros.brick.brick import Tone
 from ballbot_ros.messages.topics import BATTERY_STATE, PLANT_IMU, PLANT_ODOM, SONAR_RANGE
 from ballbot_ros.parameters import Dimensions
@@ -138,6 +139,20 @@ class PlaybackRun:
             name: np.pad(values.astype(np.float64), (0, ticks - own), constant_values=np.nan)
             for name, values in table.items()
         }
+
+    def topics(self) -> list[str]:
+        """Return the recorded topics whose messages can have numbers."""
+        return topics_with_signals(self._run.path)
+
+    def read_topic(self, topic: str, progress: ProgressCallback) -> TopicSamples:
+        """Read the numbers in the messages of a recorded topic.
+
+        Raises
+        ------
+        RecordingError
+            As :func:`~ballbot_ros.analysis.topic_samples.read_topic`.
+        """
+        return read_topic(self._run, topic, progress)
 
     def trail(self, time: float) -> list[tuple[float, float]]:
         """Return the trail from the start to `time`, x and y in ``map`` [m]."""

@@ -23,7 +23,8 @@ _GHOST_PREFIX = 'ghost_'
 class Curve:
     """A curve: a column of a table of signals, its name in the legend, and its line.
 
-    `width` is in pixels, `dash` the lengths of strokes and gaps in pixels.
+    `width` is in pixels, `dash` the lengths of strokes and gaps in pixels. With `has_points`, its
+    samples are points wherever there is room for them.
     """
 
     column: str
@@ -31,6 +32,7 @@ class Curve:
     colour: str
     width: float = 1.5
     dash: tuple[float, ...] = ()
+    has_points: bool = False
 
 
 @dataclass(frozen=True)
@@ -111,13 +113,24 @@ def offered_kinds(names: Iterable[str]) -> list[PlotKind]:
     return [kind for kind in PLOT_KINDS if kind.columns & known]
 
 
+def topic_kind(topic: str, column: str) -> PlotKind:
+    """Return the plot of a column of a recorded topic."""
+    return PlotKind(f'{topic} {column}', (Curve(column, 'value', BLUE, has_points=True),))
+
+
 def _has_values(values: Floats) -> bool:
     return not np.isnan(values).all()
 
 
 def _ghost_of(curve: Curve) -> Curve:
     colour = GHOST_LIGHT if curve.colour == ORANGE else GHOST
-    return Curve(_GHOST_PREFIX + curve.column, f'ghost {curve.label}', _hex(colour), 1.0)
+    return replace(
+        curve,
+        column=_GHOST_PREFIX + curve.column,
+        label=f'ghost {curve.label}',
+        colour=_hex(colour),
+        width=1.0,
+    )
 
 
 def _hex(colour: Colour) -> str:

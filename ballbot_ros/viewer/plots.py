@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -32,7 +32,13 @@ _STYLE = """<style>
 
 
 class Plots:
-    """The chosen plots, in the order of `kinds`."""
+    """The chosen plots, in the order of `kinds`.
+
+    Attributes
+    ----------
+    chooser : viser.GuiFolderHandle
+        The folder in which they are chosen.
+    """
 
     def __init__(self, gui: viser.GuiApi, kinds: Sequence[PlotKind]) -> None:
         self._gui = gui
@@ -40,10 +46,18 @@ class Plots:
         self._folder = gui.add_folder('Plots', order=20.0)
         with self._folder:
             gui.add_html(_STYLE, order=-1.0)
-        with gui.add_folder(CHOOSER, order=21.0, expand_by_default=False):
-            self._choices: dict[PlotKind, Any] = {
-                kind: gui.add_checkbox(kind.label, kind.is_default) for kind in kinds
-            }
+        self.chooser = gui.add_folder(CHOOSER, order=21.0, expand_by_default=False)
+        self._choices: Mapping[PlotKind, Any] = {}
+        with self.chooser:
+            self.offer({kind.label: kind for kind in kinds})
+
+    def offer(self, kinds: Mapping[str, PlotKind]) -> None:
+        """Add further plots to choose from, by label, in the current folder of the page."""
+        choices = {
+            kind: self._gui.add_checkbox(label, kind.is_default) for label, kind in kinds.items()
+        }
+        # Not in place: another thread may be showing the chosen plots.
+        self._choices = {**self._choices, **choices}
 
     def update(self, source: Callable[[PlotKind], PlotData]) -> None:
         """Add plots that were chosen, with what `source` returns, and remove the others."""
@@ -115,7 +129,7 @@ def _with_gaps(values: Floats) -> Floats | list[float | None]:
 def _series(curve: Curve) -> uplot.Series:
     return uplot.Series(
         label=curve.label, stroke=curve.colour, width=curve.width, dash=curve.dash,
-        points={'show': False},
+        points={} if curve.has_points else {'show': False},
     )  # fmt: skip
 
 

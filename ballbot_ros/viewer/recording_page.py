@@ -18,9 +18,12 @@ from ballbot_ros.viewer.page import Page
 from ballbot_ros.viewer.panel import PERIOD, Panel
 from ballbot_ros.viewer.playback_clock import PlaybackClock
 from ballbot_ros.viewer.playback_run import PlaybackRun
+from ballbot_ros.viewer.plot_kinds import PlotData, PlotKind
 from ballbot_ros.viewer.plots import Plots
 from ballbot_ros.viewer.recorded_plots import recorded_kinds, recorded_plot
 from ballbot_ros.viewer.recorded_robots import RecordedRobots
+from ballbot_ros.viewer.recorded_topics import RecordedTopics
+from ballbot_ros.viewer.topic_chooser import TopicChooser
 
 _RATE_LABELS = {f'{rate:g}×': rate for rate in RATES}
 _RATES_WITH_TONES = (0.5, 1.0, 2.0)
@@ -77,6 +80,8 @@ class RecordingPage:
         self._timeline = Timeline(self.clock.end, runs[0].marks)
         self._panel = Panel(page.server.gui)
         self._plots = Plots(page.server.gui, recorded_kinds(runs))
+        self._topics = RecordedTopics(runs)
+        TopicChooser(page.server.gui, self._plots, self._topics, page.notify)
         self._robots = RecordedRobots(page.scene, runs)
         page.show_floor(runs[0].floor_map, runs[0].start)
         self._updates = 0
@@ -101,4 +106,7 @@ class RecordingPage:
         if panel:
             self._robots.show_trails(time)
             self._panel.show(snapshot)
-            self._plots.update(lambda kind: recorded_plot(kind, self._runs))
+            self._plots.update(self._plot)
+
+    def _plot(self, kind: PlotKind) -> PlotData:
+        return self._topics.plot(kind) or recorded_plot(kind, self._runs)

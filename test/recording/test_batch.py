@@ -145,7 +145,9 @@ def test_each_message_has_its_own_byte_order(tmp_path):
     little = b'\0\1\0\0' + struct.pack('<iII4s', 3, 4, 4, b'map\0')
     with RecordingReader(write(tmp_path / 'order.mcap', HEADER, [big, little, big])) as reader:
         found = [records.stamp.sec.tolist() for records, _ in all_records(reader, '/topic')]
+        stamps = [batch.stamps_ns(np.arange(len(batch))).tolist() for batch in reader.batches()]
     assert found == [[1, 1], [3]]
+    assert stamps == [[1_000_000_002, 3_000_000_004, 1_000_000_002]]
 
 
 def test_a_malformed_message_is_found_among_others(tmp_path):

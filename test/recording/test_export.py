@@ -12,7 +12,7 @@ import pytest
 from recorded_bytes import UNCOMPRESSED, flip, write_foreign
 
 from ballbot_ros.recording import tables
-from ballbot_ros.recording.columns import ColumnHints, TopicColumns
+from ballbot_ros.recording.columns import ColumnHints, ComputedColumn, TopicColumns
 from ballbot_ros.recording.encoding import encoder, new_message
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.export import Exporter
@@ -103,10 +103,13 @@ def test_knowledge_about_a_topic_is_added(recording):
     recording.add('/imu', IMU, 10**9, angular_velocity__y=0.5)
     hints = ColumnHints(
         names={'angular_velocity_y_rad_per_s': 'pitch_rate_rad_per_s'},
-        extra={'double': lambda message: 2 * float(message.angular_velocity.y)},
+        extra={
+            'double': ComputedColumn(('angular_velocity_y_rad_per_s',), lambda rate: 2 * rate),
+            'missing': ComputedColumn(('other',), lambda other: other),
+        },
     )
     (row,) = rows(export(recording, hints={('/imu', IMU): hints})['imu'])
-    assert (row['pitch_rate_rad_per_s'], row['double']) == ('0.5', '1.0')
+    assert (row['pitch_rate_rad_per_s'], row['double'], row['missing']) == ('0.5', '1.0', 'nan')
 
 
 def test_colliding_names_are_made_unique(recording):

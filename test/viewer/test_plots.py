@@ -1,5 +1,7 @@
 """The plots in a browser: choice, zoom and linked cursor."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -7,12 +9,14 @@ pytestmark = [pytest.mark.slow, pytest.mark.usefixtures('needs_browser')]
 
 from browsing import browsing, wait_until  # noqa: E402
 
+import ballbot_ros as bb  # noqa: E402
 from ballbot_ros.viewer.page import Page  # noqa: E402
 from ballbot_ros.viewer.playback_run import PlaybackRun  # noqa: E402
 from ballbot_ros.viewer.plot_kinds import PLOT_KINDS, plot_data  # noqa: E402
 from ballbot_ros.viewer.plots import CHOOSER, Plots  # noqa: E402
 from ballbot_ros.viewer.recording_page import RecordingPage  # noqa: E402
 
+IMU = '/plant/imu'
 DEFAULT = ['body pitch [°]', 'position [cm]', 'duty [%]', 'sonar [cm]']
 
 
@@ -25,6 +29,13 @@ class ShownPlots:
 
     def titles(self):
         return self.page.locator('.u-title').all_inner_texts()
+
+    def enlarge(self, title):
+        """Open the enlarged plot of a title; return its line at the position of playback."""
+        plot = self.page.locator('.uplot-container', has_text=title)
+        plot.hover()
+        plot.get_by_role('button').click()
+        return self.page.locator('.mantine-Modal-root .playhead')
 
     def values(self, number):
         """Return the values in the legend of a plot, the time first; '' for none."""
@@ -101,7 +112,7 @@ def test_plots_of_a_recorded_run_share_cursor_and_zoom(recording_page):
         assert browser.errors == []
 
 
-def test_plots_can_be_chosen(recording_page):
+def test_plots_can_be_chosen_and_enlarged(recording_page, recording):
     shown, page = recording_page
     with browsing(page.address) as browser:
         plots = ShownPlots(browser)
@@ -117,7 +128,40 @@ def test_plots_can_be_chosen(recording_page):
         wait_until(is_changed, browser)
         wait_until(lambda: plots.time_at(3, 0.5) is not None, browser)
         assert plots.values(3)[1:] == ['8', '8']
+
+        browser.press(IMU)
+        browser.wait_for_text('never changes: angular_velocity_z_rad_per_s 0, ')
+        assert browser.page.get_by_label('angular_velocity_z_rad_per_s').count() == 0
+        browser.page.get_by_label('pitch_y_rad').click()
+        title = f'{IMU} pitch_y_rad'
+
+        def is_added():
+            shown.show(5.0, panel=True)
+            return plots.titles()[4:] == [title]
+
+        wait_until(is_added, browser)
+        wait_until(lambda: plots.time_at(4, 0.5) is not None, browser)
+        time, *values = plots.values(4)
+        pitch = bb.open(recording).frame()['pitch_y_deg']
+        expected = math.radians(pitch.iloc[pitch.index.get_indexer([float(time)], 'nearest')[0]])
+        assert [float(each) for each in values] == pytest.approx([abs(expected)] * 2, rel=0.01)
+        assert plots.shows(4, 0.0, 10.0)
+
+        playhead = plots.enlarge(title)
+        shown.update(0.0)
+        playhead.wait_for()
+        width = browser.page.locator('.mantine-Modal-root .u-over').bounding_box()['width']
+        for time in (5.0, 7.5):
+            shown.clock.seek(time)
+            shown.update(0.0)
+            expected = pytest.approx(width * time / 10.0, abs=2)
+            wait_until(lambda expected=expected: place(playhead) == expected, browser)
         assert browser.errors == []
+
+
+def place(playhead):
+    """Return the distance of a playhead from the left end of its plot [px]."""
+    return float(playhead.evaluate('line => new DOMMatrix(line.style.transform).e'))
 
 
 def test_the_zoom_of_a_live_run_moves_with_it(recording):

@@ -1,8 +1,10 @@
 // The overlay on viser's scene: banner, transport bar, time line and stick.
 
 import { Banner } from './banner.js';
+import { charts } from './charts.js';
 import { Driving } from './driving.js';
 import { element } from './element.js';
+import { showSmallValues } from './legend.js';
 import { Link } from './link.js';
 import { Playhead } from './playhead.js';
 import { followScene, whenDrawn } from './scene.js';
@@ -35,6 +37,14 @@ link.on('time', (time) => {
   playhead.moveTo(time);
 });
 
+function drawCharts() {
+  for (const chart of charts()) {
+    showSmallValues(chart);
+    playhead.draw(chart);
+  }
+  requestAnimationFrame(drawCharts);
+}
+
 // The chooser of the view keeps the focus after a choice, and with it the keys.
 addEventListener('click', ({ target }) => {
   if (target.closest?.('[role="option"]')) setTimeout(() => document.activeElement.blur());
@@ -42,4 +52,5 @@ addEventListener('click', ({ target }) => {
 
 document.body.append(root);
 followScene(root);
+drawCharts();
 link.connect();

@@ -1,0 +1,201 @@
+"""The numbers of any recorded topic in a run, as columns that change."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot_ros.analysis.extraction import STAMPED_TOPICS
+from ballbot_ros.analysis.recorded_runs import RunFinder, samples_in
+from ballbot_ros.analysis.robot_topics import RobotTopics, robot_topics
+from ballbot_ros.analysis.run_data import RunData
+from ballbot_ros.messages.column_hints import column_hints
+from ballbot_ros.messages.topics import RUN, Topic
+from ballbot_ros.progress import ProgressCallback
+from ballbot_ros.recording.batch import Batch, Rows
+from ballbot_ros.recording.columns import Column, ColumnHints, TopicColumns, has_signals
+from ballbot_ros.recording.errors import RecordingError
+from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.timing import SECOND_NS
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class TopicSamples:
+    """The numbers in the messages of a topic in a run.
+
+    Attributes
+    ----------
+    time : ndarray, shape (n,)
+        Time since the start of the run [s], not decreasing: by the stamps of the headers, or else
+        the log times.
+    columns : mapping of str to ndarray
+        The columns of `ballbot export` that have numbers, each of shape (n,).
+    """
+
+    time: Floats
+    columns: Mapping[str, Floats]
+
+    @property
+    def changing(self) -> tuple[str, ...]:
+        """The names of the columns with at least two different values."""
+        return tuple(name for name, values in self.columns.items() if _changes(values))
+
+    def newest(self, name: str, time: Floats) -> Floats:
+        """Return the newest value of a column at each `time` [s]; NaN outside the samples."""
+        if np.array_equal(time, self.time):
+            return self.columns[name]
+        rows = np.searchsorted(self.time, time, 'right') - 1
+        is_inside = (rows >= 0) & (time <= self.time[-1])
+        return np.where(is_inside, self.columns[name][rows], np.nan)
+
+
+def topics_with_signals(path: Path) -> list[str]:
+    """Return the readable topics of a recording whose messages can have numbers, by name.
+
+    Raises
+    ------
+    RecordingError
+        If the file can't be read.
+    """
+    with RecordingReader(path) as reader:
+        unreadable = reader.unreadable()
+        return sorted(
+            name
+            for name, topic in reader.topics().items()
+            if topic.message_count
+            and name not in unreadable
+            and has_signals(topic.type_name, reader.typestore(name))
+        )
+
+
+def read_topic(
+    run: RunData, topic: str, progress: ProgressCallback = lambda done, total: None
+) -> TopicSamples:
+    """Read the messages of a topic in a run from its recording.
+
+    A stamp before the first tick or after the last comes from another clock; the log time takes its
+    place.
+
+    Raises
+    ------
+    RecordingError
+        If the file can't be read, a message does not match its type, or the elements of its lists
+        change during the run.
+    """
+    with RecordingReader(run.path) as reader:
+        robot = robot_topics(reader)
+        blocks = _Blocks(reader, topic, column_hints(robot.namespace))
+        finder = RunFinder(reader)
+        topics = reader.topics()
+        names = {topic, *(name for name, each in robot.well_typed.items() if _has_epochs(each))}
+        done, total = 0, sum(topics[name].message_count for name in names)
+        for batch in reader.batches(names):
+            progress(done, total)
+            done += len(batch)
+            epochs = _epochs(finder, robot, batch)
+            if topic in (rows := batch.rows()):
+                blocks.add(batch, rows[topic], epochs)
+    return blocks.samples(run)
+
+
+def _has_epochs(topic: Topic) -> bool:
+    return topic in STAMPED_TOPICS or topic is RUN
+
+
+def _epochs(finder: RunFinder, robot: RobotTopics, batch: Batch) -> NDArray[np.intp]:
+    """Return the epoch of each message, found as for the run itself."""
+    known = robot.well_typed
+    ours = {known[name]: rows for name, rows in batch.rows().items() if name in known}
+    samples = samples_in(batch, {topic: ours[topic] for topic in STAMPED_TOPICS if topic in ours})
+    stamps = batch.log_ns.copy()
+    for rows in samples.values():
+        stamps[rows] = batch.stamps_ns(rows)
+    return finder.process(batch, ours, samples, stamps).epochs
+
+
+@dataclass(frozen=True)
+class _Block:
+    """Messages with the same columns: their stamps and log times [ns], epochs and values."""
+
+    columns: TopicColumns
+    stamps: NDArray[np.int64]
+    log_ns: NDArray[np.int64]
+    epochs: NDArray[np.intp]
+    values: Floats
+
+    def of_run(self, run: RunData) -> tuple[NDArray[np.int64], Floats]:
+        """Return the times [ns] and values, shapes (m,) and (m, k), of the messages in a run."""
+        start_ns, end_ns = run.recorded.start_ns, run.recorded.end_ns
+        last_ns = start_ns + round(run.end * SECOND_NS)
+        is_in_time = (self.stamps >= start_ns) & (self.stamps <= last_ns)
+        times = np.where(is_in_time, self.stamps, self.log_ns)
+        kept = (self.epochs == run.recorded.epoch) & (times >= start_ns) & (times < end_ns)
+        return times[kept], self.values[kept]
+
+
+class _Blocks:
+    """The messages of a topic, read block by block."""
+
+    def __init__(
+        self, reader: RecordingReader, topic: str, hints: Mapping[tuple[str, str], ColumnHints]
+    ) -> None:
+        self._reader, self._topic = reader, topic
+        type_name = reader.topics()[topic].type_name
+        self._hints = hints.get((topic, type_name), ColumnHints())
+        self._forms: list[TopicColumns] = []
+        self._blocks: list[_Block] = []
+
+    def add(self, batch: Batch, rows: Rows, epochs: NDArray[np.intp]) -> None:
+        """Read the messages of a batch."""
+        for some, messages in self._reader.records(self._topic, batch, rows):
+            columns = self._columns(self._reader.decode(batch.message(some[0])))
+            signals = _signals(columns)
+            values = np.empty((len(some), len(signals)))
+            for number, column in enumerate(signals):
+                values[:, number] = column.read(messages)
+            log_ns = batch.log_ns[some]
+            stamps = batch.stamps_ns(some) if columns.has_header else log_ns
+            self._blocks.append(_Block(columns, stamps, log_ns, epochs[some], values))
+
+    def _columns(self, message: Any) -> TopicColumns:
+        """Return the columns that fit a message."""
+        for columns in reversed(self._forms):
+            if columns.fits(message):
+                return columns
+        self._forms.append(TopicColumns(message, self._hints))
+        return self._forms[-1]
+
+    def samples(self, run: RunData) -> TopicSamples:
+        """Return the samples in a run."""
+        parts = [(block.columns, *block.of_run(run)) for block in self._blocks]
+        parts = [part for part in parts if len(part[1])]
+        if not parts:
+            return TopicSamples(np.zeros(0), {})
+        columns = parts[0][0]
+        if any(other is not columns for other, _, _ in parts):
+            raise RecordingError(
+                f'{self._reader.path}: {self._topic}: the names or the number of its elements '
+                'change during the run'
+            )
+        times = np.concatenate([times for _, times, _ in parts])
+        order = np.argsort(times, kind='stable')
+        values = np.concatenate([values for _, _, values in parts])[order]
+        return TopicSamples(
+            (times[order] - run.recorded.start_ns) / SECOND_NS,
+            {column.name: values[:, number] for number, column in enumerate(_signals(columns))},
+        )
+
+
+def _signals(columns: TopicColumns) -> list[Column]:
+    return [column for column in columns.columns if column.is_signal]
+
+
+def _changes(values: Floats) -> bool:
+    return not np.array_equal(values[1:], values[:-1], equal_nan=True)
