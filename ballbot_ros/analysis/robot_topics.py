@@ -54,8 +54,9 @@ def robot_topics(reader: RecordingReader) -> RobotTopics:
     if namespace is None:
         namespace = robot_namespace(reader, IDENTIFYING_TOPICS)
     if namespace is None:
+        damage = f'{reader.damage}, and the rest is ' if reader.damage else ''
         raise RecordingError(
-            f'{reader.path}: not a recording of a ballbot: it has none of the topics '
+            f'{reader.path}: {damage}not a recording of a ballbot: it has none of the topics '
             f'{", ".join(mark.resolved() for mark in IDENTIFYING_TOPICS)}'
         )
     ours = {topic.resolved(namespace): topic for topic in TOPICS}

@@ -11,6 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from ballbot_ros.cli.path_types import PATH
+from ballbot_ros.cli.value_types import Choice
 from ballbot_ros.codegen.application import STACK_BYTES, write_application
 from ballbot_ros.codegen.c_parameters import parameter_hash
 from ballbot_ros.codegen.errors import CodegenError
@@ -139,7 +140,7 @@ def _time(instructions: int) -> tuple[str, str, str]:
 )
 @click.option(
     '--mode',
-    type=click.Choice(['remote', 'autonomous']),
+    type=Choice(['remote', 'autonomous']),
     help="With --output: drive mode.  [default: the parameter file's, or remote]",
 )
 @click.option(

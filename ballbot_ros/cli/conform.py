@@ -12,6 +12,7 @@ import click
 from rich.console import Console
 from rich.text import Text
 
+from ballbot_ros.cli.value_types import Choice
 from ballbot_ros.parameters import ROLES
 from ballbot_ros.standard_streams import stdout_to_stderr
 
@@ -20,7 +21,7 @@ if TYPE_CHECKING:  # importing it takes a while
 
 
 @click.command('conform')
-@click.argument('role', type=click.Choice(ROLES), metavar='ROLE')
+@click.argument('role', type=Choice(ROLES), metavar='ROLE')
 @click.argument('command_line', nargs=-1, type=click.UNPROCESSED, metavar='[-- COMMAND…]')
 @click.option('--json', 'as_json', is_flag=True, help='Print one JSON object.')
 def command(role: str, command_line: tuple[str, ...], as_json: bool) -> int:

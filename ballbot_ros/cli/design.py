@@ -18,6 +18,7 @@ from ballbot_ros.cli.redesign import (
     format_gains,
     positive_weight,
 )
+from ballbot_ros.cli.value_types import Choice
 from ballbot_ros.cli.written_file import command_line, heading, write_file
 from ballbot_ros.codegen.implementation import compose_controller
 from ballbot_ros.parameters import CONTROLLER, ParameterSet
@@ -36,7 +37,7 @@ from ballbot_ros.standard_streams import stdout_to_stderr
 @set_option
 @click.option(
     '--method',
-    type=click.Choice([str(each) for each in Method]),
+    type=Choice([str(each) for each in Method]),
     help='Design other gains: lqr for the ideal loop; dlqr or place for the loop as it runs, with '
     'its filters and dead times; lqg for the controller of this name.',
 )

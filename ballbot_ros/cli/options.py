@@ -5,6 +5,7 @@ from __future__ import annotations
 import click
 
 from ballbot_ros.cli.page_opening import PageOptions
+from ballbot_ros.cli.value_types import Choice
 from ballbot_ros.run.processes import Processes
 
 set_option = click.option(
@@ -28,7 +29,7 @@ controller_option = click.option(
 
 processes_option = click.option(
     '--processes',
-    type=click.Choice([each.value for each in Processes]),
+    type=Choice([each.value for each in Processes]),
     default=Processes.SEPARATE.value,
     show_default=True,
     help='One process per node; all nodes in one process; or no nodes, the same loop without ROS.',

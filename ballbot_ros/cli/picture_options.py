@@ -7,6 +7,7 @@ import re
 
 import click
 
+from ballbot_ros.suggestions import did_you_mean
 from ballbot_ros.viewer.views import CHASER_1, VIEWS, FreeView, View
 
 MIN_SIDE, MAX_SIDE = 64, 4096
@@ -38,7 +39,7 @@ def parse_view(context: click.Context, parameter: click.Parameter, value: str) -
     if len(points) != 2 or None in points:
         raise click.BadParameter(
             f'{value!r} is neither one of {", ".join(VIEWS)} nor a camera and the point it looks '
-            'at, x,y,z:x,y,z in map [m], such as 1,-1,0.5:0,0,0.1',
+            f'at, x,y,z:x,y,z in map [m], such as 1,-1,0.5:0,0,0.1{did_you_mean(value, VIEWS)}',
             context,
             parameter,
         )

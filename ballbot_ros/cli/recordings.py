@@ -5,11 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import click
+import numpy as np
 
 from ballbot_ros.analysis.assessment import Assessment, assess
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.cli.file_progress import file_progress
 from ballbot_ros.viewer.playback_run import PlaybackRun
+from ballbot_ros.world.floor_map import FloorMap
 
 
 def read_and_assess(path: Path, number: int | None = None) -> Assessment:
@@ -27,3 +29,17 @@ def read_playback_run(path: Path) -> PlaybackRun:
     if run.damage:
         click.echo(f'{path}: {run.damage}; the run is shown up to {run.end:.3f} s', err=True)
     return run
+
+
+def read_playback_runs(path: Path, other: Path | None) -> list[PlaybackRun]:
+    """Read a run and, if there is one, its ghost; warn if they are on different maps."""
+    runs = [read_playback_run(each) for each in (path, other) if each]
+    if len(runs) > 1 and not _same_map(runs[0].floor_map, runs[1].floor_map):
+        click.echo(f'note: {other} is on another map; the map shown is that of {path}', err=True)
+    return runs
+
+
+def _same_map(a: FloorMap | None, b: FloorMap | None) -> bool:
+    if a is None or b is None:
+        return a is b
+    return np.array_equal(a.cells, b.cells)

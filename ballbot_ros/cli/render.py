@@ -10,6 +10,7 @@ import click
 from ballbot_ros.cli.file_progress import file_progress
 from ballbot_ros.cli.path_types import NEW_FILE, RECORDING
 from ballbot_ros.cli.picture_options import size_option, view_option
+from ballbot_ros.cli.value_types import FloatRange
 from ballbot_ros.stop_request import defer_sigint
 from ballbot_ros.timing import TICK_S
 from ballbot_ros.viewer.address import require_viser
@@ -38,16 +39,14 @@ FILM_FPS = {'.mp4': 20, '.webp': 20, '.gif': 10}
 @click.option(
     '--time',
     'moment',
-    type=click.FloatRange(0.0),
+    type=FloatRange(0.0),
     help='Time of a picture from the start of the run [s].  [default: the end]',
 )
-@click.option(
-    '--start', type=click.FloatRange(0.0), help='Start of a film [s].  [default: the start]'
-)
-@click.option('--end', type=click.FloatRange(0.0), help='End of a film [s].  [default: the end]')
+@click.option('--start', type=FloatRange(0.0), help='Start of a film [s].  [default: the start]')
+@click.option('--end', type=FloatRange(0.0), help='End of a film [s].  [default: the end]')
 @click.option(
     '--rate',
-    type=click.FloatRange(0.01, 100.0),
+    type=FloatRange(0.01, 100.0),
     help='Seconds of the run per second of the film; 0.25 is slow motion.  [default: 1]',
 )
 @click.option(
@@ -77,12 +76,12 @@ def command(
     browser_program()
     # Imported only here: viser takes a second.
     with importing(), defer_sigint():
-        from ballbot_ros.cli.recordings import read_playback_run
+        from ballbot_ros.cli.recordings import read_playback_runs
         from ballbot_ros.viewer.render import Rendering
 
     _check_format(output, fps, size)
-    run = read_playback_run(recording)
-    ghost = read_playback_run(other) if other else None
+    run, *ghosts = read_playback_runs(recording, other)
+    ghost = ghosts[0] if ghosts else None
     run_end = max(run.end, ghost.end if ghost else 0.0)
     rendering = Rendering(run, view, ghost, size, time_stamp)
     if output.suffix == PICTURE:

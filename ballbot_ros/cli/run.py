@@ -16,6 +16,7 @@ from ballbot_ros.cli.options import (
     set_option,
 )
 from ballbot_ros.cli.path_types import PATH
+from ballbot_ros.cli.value_types import Choice, FloatRange
 from ballbot_ros.parameters import ROLES
 from ballbot_ros.run.fork_client import ForkClient
 from ballbot_ros.run.processes import Processes
@@ -26,7 +27,7 @@ from ballbot_ros.run.processes import Processes
 @processes_option
 @click.option(
     '--real-time-factor',
-    type=click.FloatRange(0.0, 1000.0),
+    type=FloatRange(0.0, 1000.0),
     help='Pace against the wall clock: 1 real time, 0.1 slow motion, 0 as fast as possible.  '
     '[default: 0, unless the scenario sets it]',
 )
@@ -48,7 +49,7 @@ from ballbot_ros.run.processes import Processes
 @controller_option
 @click.option(
     '--external',
-    type=click.Choice(ROLES),
+    type=Choice(ROLES),
     multiple=True,
     help='Start no node for this role, and wait for yours; can be repeated.',
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,6 +12,7 @@ import click
 from ballbot_ros.cli.options import processes_option
 from ballbot_ros.cli.path_types import PATH
 from ballbot_ros.run.processes import Processes
+from ballbot_ros.suggestions import similar
 
 if TYPE_CHECKING:
     from ballbot_ros.run.spec import RunSpec
@@ -22,8 +24,16 @@ class _StudyGroup(click.Group):
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         if args and args[0] not in self.commands and args[0] not in ctx.help_option_names:
+            _check_study(args, self.commands)
             args = ['run', *args]
         return super().parse_args(ctx, args)
+
+
+def _check_study(words: list[str], commands: Collection[str]) -> None:
+    """Raise UsageError for a word that is followed by another one and is like a command."""
+    takes_argument = len(words) > 1 and not words[1].startswith('-')
+    if takes_argument and (found := similar(words[0], commands)):
+        raise click.UsageError(f'no command or study {words[0]!r}: did you mean study {found}?')
 
 
 @click.group('study', cls=_StudyGroup, invoke_without_command=True)

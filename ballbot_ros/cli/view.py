@@ -45,11 +45,11 @@ def command(recording: Path, other: Path | None, host: str, port: int, *, no_bro
     at the end, + and - change the speed.
     """
     # Imported only here: it takes half a second.
-    from ballbot_ros.cli.recordings import read_playback_run
+    from ballbot_ros.cli.recordings import read_playback_runs
 
     require_viser()
     check_address(host, port)
-    runs = [read_playback_run(path) for path in (recording, other) if path]
+    runs = read_playback_runs(recording, other)
     # Imported only here: viser takes a second.
     with defer_sigint():
         from ballbot_ros.viewer.page import UPDATE_S, Page

@@ -41,6 +41,7 @@ from ballbot_ros.recording.qos import QosProfile
 from ballbot_ros.recording.rosbag2 import DERIVED, TimeRange, parse_offered_qos
 from ballbot_ros.recording.schemas import recorded_typestore
 from ballbot_ros.recording.writer import INCOMPLETE, is_locked
+from ballbot_ros.suggestions import did_you_mean
 
 DAMAGE = (McapError, struct.error, ValueError, OverflowError, RuntimeError, MemoryError, ZstdError)
 """Errors of mcap, lz4 and zstandard for corrupt bytes."""
@@ -289,7 +290,8 @@ class RecordingReader:
         for topic in topics or ():
             if topic not in known:
                 names = ', '.join(sorted(known)) or 'none'
-                raise RecordingError(f'{self.path}: topic {topic!r} not found, only {names}')
+                hint = did_you_mean(topic, known)
+                raise RecordingError(f'{self.path}: topic {topic!r} not found{hint}, only {names}')
         channels = {number: channel.topic for number, channel in self._channels.items()}
 
         def parse(stream: IO[bytes]) -> Iterator[Batch]:

@@ -268,6 +268,14 @@ def test_a_foreign_file_is_one_line(short, copy, kept, words):
     assert '\n' not in str(refused.value)
 
 
+def test_a_file_that_is_cut_near_its_start_is_said_to_be_cut(short, tmp_path):
+    path = tmp_path / 'cut.mcap'
+    path.write_bytes(short[0].read_bytes()[:20])
+    told = 'cut.mcap: cut off at byte 20, and the rest is not a recording of a ballbot: it has none'
+    with pytest.raises(RecordingError, match=told):
+        read_run(path)
+
+
 def test_a_run_without_ticks_is_one_line(short, copy):
     path = copy(short[0], edit=lambda raw, _: raw.data if raw.topic == '/plant/run' else None)
     with pytest.raises(RecordingError, match='nothing to report'):

@@ -85,6 +85,13 @@ def test_completion(before, incomplete, found):
         (['stationary', '--set', 'controler.a_b=0'], "'controler' (did you mean controller?)"),
         (['map', 'trak'], "unknown map 'trak' (did you mean track?); shipped: corridor"),
         (['study', 'robustnes'], "'robustnes' (did you mean robustness?); shipped: basin"),
+        (['study', 'reprt', 'studies/basin'], "study 'reprt': did you mean study report?"),
+        (['run', 'push', '--external', 'gyro_drivr'], "'recorder' (did you mean gyro_driver?)"),
+        (['run', 'push', '--processes', 'on'], "'none' (did you mean one?)"),
+        (['conform', 'sonar_drivr'], "'recorder' (did you mean sonar_driver?)"),
+        (['design', '--method', 'plce'], "'lqg' (did you mean place?)"),
+        (['codegen', '--mode', 'remot'], "'autonomous' (did you mean remote?)"),
+        (['render', __file__, '--output', 'x.png', '--view', 'chasr1'], 'you mean chaser1 or'),
         (['--output', 'x'], '--output: name the command first, as in `ballbot run --output`'),
         (['--nosuch'], "No such option '--nosuch'."),
     ],
@@ -96,3 +103,18 @@ def test_a_wrong_word_gets_a_suggestion(words, told, capsys, monkeypatch):
     shown = capsys.readouterr().err
     assert told in shown
     assert shown.count('\n') == 1
+
+
+@pytest.mark.parametrize(
+    'words',
+    [
+        ['run', 'push', '--real-time-factor', 'nan'],
+        *(['render', __file__, '--output', 'x.mp4', name, 'nan'] for name in ('--rate', '--start')),
+    ],
+    ids=' '.join,
+)
+def test_an_option_that_takes_a_number_refuses_nan(words, capsys, monkeypatch):
+    monkeypatch.setattr(sys, 'argv', ['ballbot', *words])
+    assert invoke(ballbot, 'ballbot') == 2
+    shown = capsys.readouterr().err
+    assert shown == f"error: Invalid value for '{words[-2]}': 'nan' is not a number\n"

@@ -212,6 +212,12 @@ def test_an_unknown_topic_is_an_error(recording):
                 next(read(['/gyro']))
 
 
+def test_a_misspelt_topic_gets_a_suggestion(recording):
+    told = r"topic '/odometrie' not found \(did you mean /odometry\?\), only /batt"
+    with RecordingReader(recording) as reader, pytest.raises(RecordingError, match=told):
+        next(reader.messages(['/odometrie']))
+
+
 def test_messages_that_cannot_be_decoded_can_be_read_raw(tmp_path):
     path = tmp_path / 'foreign.mcap'
     for contents, options, reason in (

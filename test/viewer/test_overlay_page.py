@@ -179,15 +179,23 @@ def test_the_page_follows_the_browser_s_colour_scheme_and_keeps_its_token(
         browser.page.reload()
         for selector in ('.transport', 'table'):
             browser.page.locator(selector).first.wait_for()
-            colour = browser.page.locator(selector).first.evaluate(
-                'node => getComputedStyle(node).color.match(/[0-9]+/g).slice(0, 3).map(Number)'
+            # The page takes a moment to apply the scheme.
+            wait_until(
+                lambda selector=selector: _is_bright(browser, selector) is text_is_bright, browser
             )
-            assert (sum(colour) > 3 * 128) is text_is_bright
         browser.press('Step')
         requests.wait_for(Press('step'))
         browser.page.reload()
         browser.press('Step')
         requests.wait_for(Press('step'))
+
+
+def _is_bright(browser, selector):
+    """Return whether the text of a node is bright."""
+    colour = browser.page.locator(selector).first.evaluate(
+        'node => getComputedStyle(node).color.match(/[0-9]+/g).slice(0, 3).map(Number)'
+    )
+    return sum(colour) > 3 * 128
 
 
 def test_on_a_phone_nothing_is_beyond_the_edge(page):
