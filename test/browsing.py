@@ -16,6 +16,30 @@ from ballbot_ros.viewer.browser import browser_page
 SIZE = (760, 520)
 """Size of a page [px]."""
 
+# Without a graphics card a moving scene takes all processors. The page does everything for each
+# frame except the drawing itself, which waits until a test looks at a picture.
+_DRAW_ON_DEMAND = """
+window.isDrawing = false;
+window.drawnFrames = 0;
+let isFrameCounted = false;
+for (const name of [
+  'clear', 'drawArrays', 'drawElements', 'drawArraysInstanced', 'drawElementsInstanced',
+  'drawRangeElements',
+]) {
+  const draw = WebGL2RenderingContext.prototype[name];
+  WebGL2RenderingContext.prototype[name] = function (...values) {
+    if (!window.isDrawing) return;
+    draw.apply(this, values);
+    if (isFrameCounted || name === 'clear') return;
+    isFrameCounted = true;
+    requestAnimationFrame(() => { // this frame is complete
+      isFrameCounted = false;
+      window.drawnFrames += 1;
+    });
+  };
+}
+"""
+
 
 @contextlib.contextmanager
 def running(domain, *arguments):
@@ -49,10 +73,11 @@ def serving(domain, *arguments):
 
 
 class Browser:
-    """A browser at that address; its errors are kept."""
+    """A browser at that address, which draws the scene only for pictures; its errors are kept."""
 
     def __init__(self, page, address):
         self.page = page
+        page.add_init_script(_DRAW_ON_DEMAND)
         width, height = page.viewport_size.values()
         # The part of the page without the panel and the notice about missing graphics hardware.
         self.scene = {'x': 0, 'y': 160, 'width': width - 360, 'height': height - 160}
@@ -115,9 +140,21 @@ class Browser:
         self.page.mouse.up()
 
     def picture(self):
-        """Return the gray values of a part of the scene, without the overlay."""
-        data = self.page.screenshot(clip=self.scene, style='#overlay { visibility: hidden }')
+        """Return the gray values of a part of the scene, without the overlay.
+
+        The picture shows a frame that was drawn after the call.
+        """
+        with self.drawing():
+            data = self.page.screenshot(clip=self.scene, style='#overlay { visibility: hidden }')
         return np.asarray(Image.open(io.BytesIO(data)).convert('L'), float)
+
+    @contextlib.contextmanager
+    def drawing(self):
+        """Draw all frames, the first one before anything else."""
+        self.page.evaluate('window.drawnFrames = 0; window.isDrawing = true')
+        self.page.wait_for_function('window.drawnFrames > 0')  # a scene at rest: within a second
+        yield
+        self.page.evaluate('window.isDrawing = false')
 
     def canvas_size(self):
         """Return width and height of the whole scene [px]."""

@@ -16,9 +16,11 @@ if TYPE_CHECKING:
 
 PROGRAMS = ('chromium', 'chromium-browser', 'google-chrome')
 
-# Software WebGL, because there may be no graphics card.
+# Software WebGL, because there may be no graphics card. The rest of the page is drawn without it,
+# which is faster in software.
 _FLAGS = (
     '--no-sandbox', '--use-gl=angle', '--use-angle=swiftshader', '--enable-unsafe-swiftshader',
+    '--disable-gpu-compositing',
 )  # fmt: skip
 
 

@@ -185,7 +185,7 @@ def test_the_overlay_s_link_needs_the_token_to_steer(served):
 
 def test_a_page_that_does_not_read_delays_no_other(served):
     overlay, address = served.page.overlay, f'ws://{served.place}/link'
-    with connect(address, max_queue=1), connect(address) as other:
+    with connect(address, max_queue=1, close_timeout=0), connect(address) as other:
         long = 'x' * 100_000
         for number in range(200):
             overlay.show(OverlayState(banner=Banner(f'{number} {long}')))
