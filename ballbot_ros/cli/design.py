@@ -70,12 +70,14 @@ from ballbot_ros.standard_streams import stdout_to_stderr
 @click.option(
     '--output',
     type=NEW_FILE,
-    help='Parameter file to write with the designed gains, for the option --params of a run.',
+    help='Parameter file to write or replace, with the designed gains, for the option --params of '
+    'a run.',
 )
 @click.option(
     '--plot',
     type=NEW_FILE,
-    help='PNG to write: Bode and Nyquist diagram, poles, responses to the stick and to a push.',
+    help='PNG to write or replace: Bode and Nyquist diagram, poles, responses to the stick and to '
+    'a push.',
 )
 @click.option('--json', 'as_json', is_flag=True, help='Print one JSON object.')
 @click.option(

@@ -71,13 +71,14 @@ if TYPE_CHECKING:
 @click.option(
     '--output',
     type=NEW_FILE,
-    help='Parameter file to write with the identified parameters, for the option --params of a '
-    'run.',
+    help='Parameter file to write or replace, with the identified parameters, for the option '
+    '--params of a run.',
 )
 @click.option(
     '--plot',
     type=NEW_FILE,
-    help='PNG to write: the values with their intervals, and the correlations of their errors.',
+    help='PNG to write or replace: the values with their intervals, and the correlations of their '
+    'errors.',
 )
 @click.option('--json', 'as_json', is_flag=True, help='Print one JSON object.')
 @click.pass_context

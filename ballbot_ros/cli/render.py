@@ -33,7 +33,7 @@ FILM_FPS = {'.mp4': 20, '.webp': 20, '.gif': 10}
     '--output',
     required=True,
     type=NEW_FILE,
-    help='File to write: a picture (.png) or a film (.mp4, .webp, .gif).',
+    help='File to write or replace: a picture (.png) or a film (.mp4, .webp, .gif).',
 )
 @view_option
 @click.option(
