@@ -10,27 +10,16 @@ import click
 
 
 class _Path(click.Path):
-    """A path; rejects an empty word, as of an unset variable, which a Path takes for ``.``."""
+    """A path; rejects an empty word, as of an unset variable, which a Path takes for ``.``.
 
-    def __init__(self) -> None:
+    If an argument can only mean a folder, it is rejected, too, and the message says what is
+    `wanted`.
+    """
+
+    def __init__(
+        self, is_folder: Callable[[str], bool] = lambda value: False, wanted: str = ''
+    ) -> None:
         super().__init__(path_type=Path)
-
-    def convert(
-        self,
-        value: str | os.PathLike[str],
-        param: click.Parameter | None,
-        ctx: click.Context | None,
-    ) -> str | bytes | os.PathLike[str]:
-        if not str(value):
-            self.fail('names nothing', param, ctx)
-        return super().convert(value, param, ctx)
-
-
-class _File(_Path):
-    """A file path; rejects an argument that can only mean a folder, and says what is `wanted`."""
-
-    def __init__(self, is_folder: Callable[[str], bool], wanted: str) -> None:
-        super().__init__()
         self._is_folder, self._wanted = is_folder, wanted
 
     def convert(
@@ -39,16 +28,19 @@ class _File(_Path):
         param: click.Parameter | None,
         ctx: click.Context | None,
     ) -> str | bytes | os.PathLike[str]:
-        if str(value) and self._is_folder(str(value)):
-            self.fail(f'{value}: is a folder; name {self._wanted}', param, ctx)
+        word = str(value)
+        if not word:
+            self.fail('names nothing', param, ctx)
+        if self._is_folder(word):
+            self.fail(f'{word}: is a folder; name {self._wanted}', param, ctx)
         return super().convert(value, param, ctx)
 
 
 PATH = _Path()
 """A file to read, or a folder."""
 
-RECORDING = _File(lambda value: not Path(value).name, 'a recording')
+RECORDING = _Path(lambda value: not Path(value).name, 'a recording')
 """A recording to read. Output files are named after it, so it must have a name."""
 
-NEW_FILE = _File(lambda value: value.endswith('/'), 'a file to write')
+NEW_FILE = _Path(lambda value: value.endswith('/'), 'a file to write')
 """A file to write. ``x/`` means a folder, but a Path would drop the slash."""
