@@ -123,7 +123,7 @@ class FakeGraph:
         self._world = world
         self.clocks = 1
         self.complete = True
-        self.present = set()
+        self.present = {}
         self.strangers = {}
         self.heard_messages = []
         self.is_listening = False
@@ -131,7 +131,7 @@ class FakeGraph:
     def is_complete(self):
         return self.complete
 
-    def present_instances(self):
+    def present_nodes(self):
         return self.present
 
     def publishers(self):
@@ -159,18 +159,25 @@ class FakeGraph:
 
 
 class FakeProcessObserver:
-    """Processes that always get all the processor time that they need."""
+    """Processes that always get all the processor time that they need.
+
+    Attributes
+    ----------
+    started : list of LocalNode
+        The nodes that were started together with the plant.
+    """
 
     def __init__(self, world):
         self._world = world
+        self.started = []
 
     def observe(self, processes):
         nodes = [self._world.plant_node, *self._world.nodes.values()]
         living = {node.participant.process for node in nodes if node.is_alive}
         return Observation(self._world.now_s, dict.fromkeys(living & set(processes), WAITING))
 
-    def siblings(self):
-        return []
+    def started_nodes(self):
+        return self.started
 
 
 class LockstepWorld:
@@ -203,8 +210,9 @@ class LockstepWorld:
         self.in_flight = deque()
         self.done = []
         self.calls_s = {event: self.now_s + period for event, period in self.periods_s.items()}
+        self.process_observer = FakeProcessObserver(self)
         self.master = self.kind(
-            self.graph, FakeProcessObserver(self), TOPICS, self._set_up, 'token', self.now_s
+            self.graph, self.process_observer, TOPICS, self._set_up, 'token', self.now_s
         )
 
     def _set_up(self, start_ns):

@@ -17,7 +17,8 @@ from ballbot_ros.messages.topics import Topic
 from ballbot_ros.nodes.inbox import drain, hidden_node, raw_subscription
 from ballbot_ros.nodes.middleware import is_local
 from ballbot_ros.nodes.participant_ports import living_participants
-from ballbot_ros.nodes.presence import present_instances
+from ballbot_ros.nodes.presence import present_nodes
+from ballbot_ros.simulation.participants import LocalNode
 from ballbot_ros.simulation.strangers import Publisher
 
 _PREFIX = 24
@@ -55,9 +56,9 @@ class GraphObserver:
         offers = self._node.get_publishers_info_by_topic(_EVERY_PARTICIPANT, no_mangle=True)
         return 0 < len(living) <= len(offers)
 
-    def present_instances(self) -> set[str]:
-        """Return the instances of the participants on this machine, also of undiscovered ones."""
-        return present_instances(self._node.context.get_domain_id(), self._node.get_namespace())
+    def present_nodes(self) -> dict[str, LocalNode]:
+        """Return the participants on this machine by instance, also undiscovered ones."""
+        return present_nodes(self._node.context.get_domain_id(), self._node.get_namespace())
 
     def publishers(self) -> dict[str, list[Publisher]]:
         """Return the publishers of each topic by its name.

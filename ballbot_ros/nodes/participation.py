@@ -90,7 +90,10 @@ class Participation:
         self._on_new_run, self._on_call = on_run, on_call
         self._participant = participant_of(node)
         presence = Presence(
-            node.context.get_domain_id(), node.get_namespace(), self._participant.instance
+            node.context.get_domain_id(),
+            node.get_namespace(),
+            node.role,
+            self._participant.instance,
         )
         node.on_destroy.callback(presence.close)
         self._objection: Objection | None = None

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import ctypes
+import json
 import os
 import signal
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
 
+from ballbot_ros.simulation.participants import LocalNode
 from ballbot_ros.simulation.silence_timer import Observation, Threads, ThreadTime
 
 END_WITH_PARENT = 'BALLBOT_END_WITH_PARENT'
 """Environment variable: the parent process, a command, whose end also ends the node."""
+
+_STARTED_NODES = 'BALLBOT_STARTED_NODES'
+"""Environment variable of a plant: the processes of the nodes that its command has started."""
 
 _PR_SET_PDEATHSIG = 1
 _PROC = Path('/proc')
@@ -103,9 +108,15 @@ class LocalProcessObserver:
         """Return the processor time that some processes have received so far."""
         return Observation(time.monotonic(), threads_by_process(processes))
 
-    def siblings(self) -> list[int]:
-        """Return the processes started by the command that started this node."""
-        return children(os.getppid()) if END_WITH_PARENT in os.environ else []
+    def started_nodes(self) -> list[LocalNode]:
+        """Return the living nodes that the command of this plant has started."""
+        started = json.loads(os.environ.get(_STARTED_NODES, '{}'))
+        return [LocalNode(*node) for node in started.items() if is_alive(node[1])]
+
+
+def started_nodes_variable(processes: Mapping[str, int]) -> dict[str, str]:
+    """Return the environment variable that tells a plant the processes of its nodes, by role."""
+    return {_STARTED_NODES: json.dumps(processes)}
 
 
 def exit_description(status: int | None) -> str:

@@ -6,9 +6,10 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from contextlib import suppress
 from pathlib import Path
+from types import MappingProxyType
 
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.nodes.domain_lock import DomainLock
@@ -37,6 +38,8 @@ class NodeProcess:
         Receives each line of the node's output.
     lock : DomainLock or None
         The lock of the ROS domain, passed on to a plant; None for any other node.
+    variables : mapping of str to str
+        Further environment variables.
     """
 
     def __init__(
@@ -46,6 +49,7 @@ class NodeProcess:
         parameter_file: Path,
         notice: Callable[[str], None],
         lock: DomainLock | None = None,
+        variables: Mapping[str, str] = MappingProxyType({}),
     ) -> None:
         self.name = name
         self._client = client
@@ -55,6 +59,7 @@ class NodeProcess:
         ]  # fmt: skip
         environment = {
             **os.environ,
+            **variables,
             'RCUTILS_CONSOLE_OUTPUT_FORMAT': '{name}: {message}',
             'RCUTILS_COLORIZED_OUTPUT': '0',
         }

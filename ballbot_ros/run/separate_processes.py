@@ -9,6 +9,7 @@ from pathlib import Path
 
 from ballbot_ros.nodes.domain_lock import DomainLock
 from ballbot_ros.nodes.middleware import require_discovery, ros_domain
+from ballbot_ros.nodes.processes import started_nodes_variable
 from ballbot_ros.nodes.shared_memory import SETTLED_S, sweep
 from ballbot_ros.parameters import ALL_NODES, NODES, PLANT, RECORDER, ParameterSet
 from ballbot_ros.parameters.files import write_parameter_file
@@ -96,10 +97,15 @@ def run_nodes(
         lock = DomainLock(ros_domain())
         try:
             for name in names:
-                inherited_lock = lock if name == PLANT else None
-                processes[name] = NodeProcess(
-                    client, name, parameter_file, observer.notice, inherited_lock
-                )
+                if name != PLANT:
+                    processes[name] = NodeProcess(client, name, parameter_file, observer.notice)
+            # Last, because it must know the others: it waits until all of them have joined.
+            participants = {name: each.pid for name, each in processes.items() if name in NODES}
+            plant = NodeProcess(
+                client, PLANT, parameter_file, observer.notice, lock,
+                started_nodes_variable(participants),
+            )  # fmt: skip
+            processes = {PLANT: plant, **processes}
         finally:
             lock.release()
         with PlantMonitor() as monitor:

@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterable
 from typing import Protocol
 
 from ballbot_ros.parameters import CONTROLLER, DRIVER_PERIODS_NS, DRIVERS, RECORDER
-from ballbot_ros.simulation.participants import Participant
+from ballbot_ros.simulation.participants import LocalNode, Participant
 from ballbot_ros.simulation.roster import Roster
 from ballbot_ros.simulation.silence_timer import Observation, SilenceTimer
 
@@ -17,8 +17,8 @@ class ProcessObserver(Protocol):
     def observe(self, processes: Iterable[int]) -> Observation:
         """Return the processor time that some processes have received so far."""
 
-    def siblings(self) -> Collection[int]:
-        """Return the processes that were started together with this one, if known."""
+    def started_nodes(self) -> Collection[LocalNode]:
+        """Return the living nodes that were started together with the plant, if known."""
 
 
 class LivenessMonitor:
@@ -27,15 +27,11 @@ class LivenessMonitor:
     def __init__(self, roster: Roster, process_observer: ProcessObserver, host: str) -> None:
         self._roster, self._process_observer, self._host = roster, process_observer, host
         self._timer = SilenceTimer()
-        self._siblings: Collection[int] = ()
         self._since_call: int | None = None
         self._called_s = 0.0
 
     def begin(self) -> None:
         """Start over with a run whose participants are still joining."""
-        # Watch the nodes that were started together with the plant by one command; other nodes are
-        # unknown until they announce themselves.
-        self._siblings = self._process_observer.siblings()
         self.reset()
 
     def reset(self) -> None:
@@ -89,10 +85,9 @@ class LivenessMonitor:
 
     def waited_s(self, since_s: float) -> float:
         """Return how long the plant has waited for participants to join its run [s]."""
-        joined = set(self._participants())
-        starting = [process for process in self._siblings if process not in joined]
-        self._poll(since_s, starting)
-        return min(map(self._timer.silence_s, starting), default=self._timer.silence_s())
+        awaited = [node.process for node in self._roster.awaited_nodes()]
+        self._poll(since_s, awaited)
+        return min(map(self._timer.silence_s, awaited), default=self._timer.silence_s())
 
     def _poll(self, since_s: float, processes: Iterable[int]) -> Collection[int]:
         """Update the silence; return the processes that still exist."""

@@ -22,6 +22,16 @@ TUNABLE = 'tunable'
 """Parameter with the names of those that a controller takes over during a run."""
 
 
+class LocalNode(NamedTuple):
+    """A node on the plant's machine that may take part in its run."""
+
+    role: str
+    process: int
+
+    def __str__(self) -> str:
+        return f'{self.role} (process {self.process})'
+
+
 @dataclass(frozen=True)
 class Participant:
     """A node that takes part in runs.

@@ -13,7 +13,13 @@ from enum import Enum, auto
 
 from ballbot_ros.errors import one_line
 from ballbot_ros.parameters import CONTROLLER
-from ballbot_ros.simulation.participants import Announcement, Membership, Objection, Participant
+from ballbot_ros.simulation.participants import (
+    Announcement,
+    LocalNode,
+    Membership,
+    Objection,
+    Participant,
+)
 from ballbot_ros.simulation.strangers import ANSWER_CALLS, Publisher, Strangers
 from ballbot_ros.timing import SECOND_NS
 
@@ -88,7 +94,8 @@ class Roster:
         self._stateless = frozenset(stateless)
         self._owners = owners
         self._strangers = Strangers(owners)
-        self._present: frozenset[str] = frozenset()
+        self._present: Mapping[str, LocalNode] = {}
+        self._started: Collection[LocalNode] = ()
         self._calls = 0
         self._run = _Run('')
 
@@ -151,9 +158,30 @@ class Roster:
         participants = [heard.announcement.participant for heard in self._run.heard.values()]
         self._strangers.update(publishers, participants, now_s)
 
-    def update_present(self, instances: Collection[str]) -> None:
-        """Update the instances that must join the run or leave before it may continue."""
-        self._present = frozenset(instances)
+    def update_local_nodes(
+        self, present: Mapping[str, LocalNode], started: Collection[LocalNode]
+    ) -> None:
+        """Update the nodes on the plant's machine that must join the run or end before it begins.
+
+        Parameters
+        ----------
+        present : mapping of str to LocalNode
+            Participants of any run, by instance.
+        started : collection of LocalNode
+            Those that were started together with the plant; they may not be present yet.
+        """
+        self._present, self._started = present, started
+
+    def awaited_nodes(self) -> list[LocalNode]:
+        """Return the nodes on the plant's machine that must still join the run or end."""
+        heard = self._run.heard
+        joined = {
+            (each.announcement.participant.role, each.announcement.participant.process)
+            for each in heard.values()
+            if self._plant and each.announcement.participant.host == self._plant.host
+        }
+        awaited = {node for instance, node in self._present.items() if instance not in heard}
+        return sorted(awaited.union(node for node in self._started if node not in joined))
 
     @property
     def suspected_topics(self) -> set[str]:
@@ -177,9 +205,7 @@ class Roster:
             problem = self._judge_objections() or self._disagreement()
         if problem:
             return Readiness(ReadinessState.REFUSED, problem)
-        waits = [*self.missing(), *(f'a single {role}' for role in run.contests)]
-        if not self._present <= run.heard.keys():
-            waits.append('other nodes on this machine to join the run or to leave')
+        waits = [*self.absent(), *(f'a single {role}' for role in run.contests)]
         waits += [f'a roll call because {objection.text}' for _, objection in run.objections]
         self._strangers.time(self._calls, are_alone=not waits)
         waits += self._strangers.waits
@@ -302,6 +328,11 @@ class Roster:
     def missing(self) -> list[str]:
         """Return the required roles that have no participant in this run."""
         return [role for role in self._required if role not in self._run.members]
+
+    def absent(self) -> list[str]:
+        """Return the missing roles, and the nodes that must still join in other roles or end."""
+        missing = self.missing()
+        return missing + [str(node) for node in self.awaited_nodes() if node.role not in missing]
 
     def silences_s(
         self,

@@ -454,7 +454,8 @@ class RunMaster(ABC):
         """Call the roll, and report the wait; fail if a participant is missing for too long."""
         self._participants.call_roll()
         waited_s = self._participants.liveness.waited_s(self._waiting_since_s)
-        missing = self._participants.roster.missing()
+        roster = self._participants.roster
+        missing, absent = roster.missing(), roster.absent()
         if missing and missing != self._missing:
             self._missing = missing
             self._act(do.Log(f'run {self._number} waits for {", ".join(missing)}'))
@@ -466,8 +467,8 @@ class RunMaster(ABC):
             self._warn(standing.reason)
         elif self._is_open:
             return
-        elif waited_s > limit_s and missing and not waits:
-            reason = f'{", ".join(missing)} silent for {limit_s:g} s before the first tick'
+        elif waited_s > limit_s and absent and not waits:
+            reason = f'{", ".join(absent)} silent for {limit_s:g} s before the first tick'
             self._end(Outcome.FAILED, reason, 1)
         elif self._now_s - self._waiting_since_s > STARTUP_WARN_S:
             self._warn(standing.reason)

@@ -16,7 +16,13 @@ from ballbot_ros.parameters import (
 )
 from ballbot_ros.simulation.liveness import LivenessMonitor, ProcessObserver
 from ballbot_ros.simulation.lockstep import Run
-from ballbot_ros.simulation.participants import MAP_HASH, Announcement, Objection, Participant
+from ballbot_ros.simulation.participants import (
+    MAP_HASH,
+    Announcement,
+    LocalNode,
+    Objection,
+    Participant,
+)
 from ballbot_ros.simulation.roster import Readiness, ReadinessState, Roster
 from ballbot_ros.simulation.run_actions import (
     Action,
@@ -29,9 +35,6 @@ from ballbot_ros.simulation.run_actions import (
 from ballbot_ros.simulation.strangers import Publisher
 from ballbot_ros.timing import SECOND_NS
 
-JOIN_S = 5.0
-"""Time limit for the participants on this machine to join the first run; one may be stopped."""
-
 
 class Graph(Protocol):
     """The plant's view of the ROS graph."""
@@ -39,8 +42,8 @@ class Graph(Protocol):
     def is_complete(self) -> bool:
         """Return whether all participants have been discovered; False if that can't be known."""
 
-    def present_instances(self) -> Collection[str]:
-        """Return the instances of the participants on this machine, also of undiscovered ones."""
+    def present_nodes(self) -> Mapping[str, LocalNode]:
+        """Return the participants on this machine by instance, also undiscovered ones."""
 
     def publishers(self) -> Mapping[str, Sequence[Publisher]]:
         """Return the publishers on each lockstep topic."""
@@ -105,15 +108,16 @@ class RunParticipants:
             shared=(*SHARED_PARAMETERS, MAP_HASH), stateless=DRIVERS, owners=dict(topics.owners)
         )
         self.liveness = LivenessMonitor(self.roster, process_observer, host)
+        self._process_observer = process_observer
         self._run: Run | None = None
         self._plant: Participant | None = None
-        self._gathers_first_run = True
-        self._gathering_since_s: float | None = None
+        self._is_gathering = self._gathers_first_run = True
         self.longest_delay = 0
 
     def gather(self, run: Run, plant: Participant, *, requires_recorder: bool) -> None:
         """Start collecting the participants of a run."""
         self._run, self._plant = run, plant
+        self._is_gathering = True
         required: list[str] = []
         if self._is_lockstep:
             required += (*DRIVERS, CONTROLLER)
@@ -157,7 +161,8 @@ class RunParticipants:
                 # Any other stamp is foreign: a message that answers the plant has one of its run.
                 if not start_ns <= stamp_ns <= now_ns:
                     self.roster.note_foreign_message(topic)
-        self.roster.update_present(self._present_instances(now_s))
+        if self._is_gathering:
+            self._update_local_nodes()
         standing = self.roster.readiness(now_ns)
         try:
             delays = [each.longest_delay() for each in self.roster.members.values()]
@@ -168,16 +173,14 @@ class RunParticipants:
             self._graph.stop_listening()
         return standing
 
-    def _present_instances(self, now_s: float) -> Collection[str]:
-        """Return the instances that must join the first run or leave before it begins.
+    def _update_local_nodes(self) -> None:
+        """Find the nodes on this machine that must join the run or end before it begins.
 
-        A leftover node may still be undiscovered when all participants of the run have joined.
+        When every role has a participant, a leftover node may still be undiscovered; or else the
+        leftover nodes may have every role, while those of this run are still starting.
         """
-        if self._gathering_since_s is None:
-            self._gathering_since_s = now_s
-        if not self._gathers_first_run or now_s - self._gathering_since_s > JOIN_S:
-            return ()
-        return self._graph.present_instances()
+        present = self._graph.present_nodes() if self._gathers_first_run else {}
+        self.roster.update_local_nodes(present, self._process_observer.started_nodes())
 
     def call_roll(self) -> None:
         """Ask all participants to announce themselves again, because of a silence or a doubt."""
@@ -190,7 +193,8 @@ class RunParticipants:
     def confirm(self) -> None:
         """Begin the run with the participants that have joined it, and publish them."""
         self.roster.confirm()
-        self._gathers_first_run = False
+        self.roster.update_local_nodes({}, ())
+        self._is_gathering = self._gathers_first_run = False
         self.publish_status()
 
     def publish_status(self, summary: RunSummary | None = None) -> None:

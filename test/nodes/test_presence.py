@@ -1,34 +1,41 @@
 """The participants that processes of this machine see before discovery."""
 
 import itertools
+import os
 import subprocess
 import sys
 
 from graph import wait_for
 
-from ballbot_ros.nodes.presence import Presence, present_instances
+from ballbot_ros.nodes.presence import Presence, present_nodes
+from ballbot_ros.simulation.participants import LocalNode
 
 OTHER_PROCESS = """
 import sys
 from ballbot_ros.nodes.presence import Presence
-presence = Presence(int(sys.argv[1]), '/', 'cd')
+presence = Presence(int(sys.argv[1]), '/', 'gyro_driver', 'cd')
 print(flush=True)
 sys.stdin.read()
 """
+HERE = LocalNode('gyro_driver', os.getpid())
+
+
+def presence_of(domain, namespace, instance):
+    return Presence(domain, namespace, HERE.role, instance)
 
 
 def test_a_participant_is_present_in_its_domain_and_namespace_until_it_is_closed(domain):
     places = list(itertools.product((domain, domain + 1000), ('/', '/a')))
-    members = [Presence(*place, f'{index:032x}') for index, place in enumerate(places)]
-    second = Presence(domain, '/', 'f' * 32)
-    assert present_instances(domain, '/') == {'0' * 32, 'f' * 32}
+    members = [presence_of(*place, f'{index:032x}') for index, place in enumerate(places)]
+    second = presence_of(domain, '/', 'f' * 32)
+    assert present_nodes(domain, '/') == {'0' * 32: HERE, 'f' * 32: HERE}
     for index, place in enumerate(places):
-        assert f'{index:032x}' in present_instances(*place)
-        assert len(present_instances(*place)) == 1 + (index == 0)
+        assert f'{index:032x}' in present_nodes(*place)
+        assert len(present_nodes(*place)) == 1 + (index == 0)
     second.close()
     for member in members:
         member.close()
-    assert [present_instances(*place) for place in places] == [set()] * 4
+    assert [present_nodes(*place) for place in places] == [{}] * 4
 
 
 def test_a_killed_process_is_not_present(domain):
@@ -37,14 +44,14 @@ def test_a_killed_process_is_not_present(domain):
         stdin=subprocess.PIPE, stdout=subprocess.PIPE,
     ) as process:  # fmt: skip
         process.stdout.readline()
-        assert present_instances(domain, '/') == {'cd'}
+        assert present_nodes(domain, '/') == {'cd': LocalNode('gyro_driver', process.pid)}
         process.kill()
-    wait_for(lambda: not present_instances(domain, '/'), what='the end of its presence')
+    wait_for(lambda: not present_nodes(domain, '/'), what='the end of its presence')
 
 
 def test_a_long_namespace_is_possible(domain):
     namespace = '/robot' * 40
-    presence = Presence(domain, namespace, '0' * 32)
-    assert present_instances(domain, namespace) == {'0' * 32}
-    assert present_instances(domain, namespace[:-1]) == set()
+    presence = presence_of(domain, namespace, '0' * 32)
+    assert present_nodes(domain, namespace) == {'0' * 32: HERE}
+    assert present_nodes(domain, namespace[:-1]) == {}
     presence.close()

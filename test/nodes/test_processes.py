@@ -11,14 +11,15 @@ from graph import wait_for
 
 from ballbot_ros.nodes import processes
 from ballbot_ros.nodes.processes import (
-    END_WITH_PARENT,
     LocalProcessObserver,
     children,
-    is_alive,
     is_waiting,
+    started_nodes_variable,
     threads_by_process,
     threads_of,
 )
+from ballbot_ros.parameters import CONTROLLER, GYRO
+from ballbot_ros.simulation.participants import LocalNode
 
 SPIN = [sys.executable, '-c', 'while True: pass']
 WAIT = [sys.executable, '-c', 'input()']
@@ -98,14 +99,15 @@ def test_a_process_that_has_ended_has_no_threads(start):
     assert process.pid not in children(os.getpid())
 
 
-def test_the_other_processes_of_the_command_are_its_children(monkeypatch):
-    """A node that no command has started has none."""
-    monkeypatch.delenv(END_WITH_PARENT, raising=False)
+def test_a_plant_knows_the_living_nodes_that_its_command_has_started(monkeypatch):
     observer = LocalProcessObserver()
-    assert observer.siblings() == []
-    monkeypatch.setenv(END_WITH_PARENT, str(os.getppid()))
-    assert os.getpid() in observer.siblings()
-    assert is_alive(os.getpid())
+    assert observer.started_nodes() == []
+    ended = subprocess.Popen(['true'])
+    ended.wait()
+    variable = started_nodes_variable({GYRO: os.getpid(), CONTROLLER: ended.pid})
+    for name, value in variable.items():
+        monkeypatch.setenv(name, value)
+    assert observer.started_nodes() == [LocalNode(GYRO, os.getpid())]
 
 
 @pytest.mark.parametrize('account', [None, '0 0 0'], ids=['none', 'empty'])

@@ -166,12 +166,12 @@ def test_only_the_plant_keeps_the_lock_of_the_domain(monkeypatch, tmp_path):
     ):
         monkeypatch.setattr(separate_processes, name, stub)
     client = SimpleNamespace(
-        start=lambda request, output, lock: events.append((request.name, lock)),
+        start=lambda request, output, lock: events.append((request.name, lock)) or len(events),
         status_of=lambda process: 0,
     )
     observer = SimpleNamespace(notice=None)
     run_nodes(client, [GYRO, PLANT, RECORDER], ParameterSet(), tmp_path, observer, None)
-    assert events == [(GYRO, None), (PLANT, 7), (RECORDER, None), 'release', 'watch']
+    assert events == [(GYRO, None), (RECORDER, None), (PLANT, 7), 'release', 'watch']
 
 
 def test_a_node_that_dies_gives_no_reason():

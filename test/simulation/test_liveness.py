@@ -8,16 +8,16 @@ from lockstep_world import WAITING, make_participant
 
 from ballbot_ros.parameters import CONTROLLER, DRIVERS, GYRO, RECORDER
 from ballbot_ros.simulation.liveness import LivenessMonitor
+from ballbot_ros.simulation.participants import LocalNode
 from ballbot_ros.simulation.silence_timer import Observation, ThreadTime
 
 JOINED = make_participant(GYRO)
-STARTING = JOINED.process + 1
 ENCODER = 'encoder_driver'
 MS = 1_000_000
 
 
-def waited_s(siblings, starved, host='here'):
-    """Return the wait for participants after 10 s in which some processes got no processor."""
+def waited_s(awaited, starved):
+    """Return the wait for processes after 10 s in which some got no processor."""
     now_s = 0.0
 
     def observe(processes):
@@ -28,8 +28,8 @@ def waited_s(siblings, starved, host='here'):
         return Observation(now_s, threads)
 
     monitor = LivenessMonitor(
-        SimpleNamespace(members={GYRO: replace(JOINED, host=host)}),
-        SimpleNamespace(observe=observe, siblings=lambda: siblings),
+        SimpleNamespace(awaited_nodes=lambda: [LocalNode(GYRO, each) for each in awaited]),
+        SimpleNamespace(observe=observe),
         JOINED.host,
     )
     monitor.begin()
@@ -40,22 +40,15 @@ def waited_s(siblings, starved, host='here'):
 
 
 @pytest.mark.parametrize(
-    ('siblings', 'starved', 'expected_s'),
+    ('awaited', 'starved', 'expected_s'),
     [
-        ((JOINED.process, STARTING), (), 10.0),
-        ((JOINED.process, STARTING), (JOINED.process,), 10.0),
-        ((JOINED.process, STARTING), (STARTING,), 0.0),
-        ((JOINED.process,), (JOINED.process,), 10.0),
-        ((), (STARTING,), 10.0),
+        ((3, 4), (), 10.0),
+        ((3, 4), (4,), 0.0),
+        ((), (4,), 10.0),
     ],
 )
-def test_only_a_node_that_is_still_starting_may_need_more_time(siblings, starved, expected_s):
-    assert waited_s(siblings, starved) == pytest.approx(expected_s, abs=0.21)
-
-
-def test_a_process_of_another_machine_may_have_the_number_of_one_of_this_machine():
-    number = JOINED.process
-    assert waited_s((number,), (number,), host='there') == pytest.approx(0.0, abs=0.21)
+def test_a_node_that_is_still_starting_may_need_more_time(awaited, starved, expected_s):
+    assert waited_s(awaited, starved) == pytest.approx(expected_s, abs=0.21)
 
 
 class Silence:
@@ -72,7 +65,7 @@ class Silence:
         for member in members.values():
             self.threads[member.process] = {1: WAITING[1]}
         roster = SimpleNamespace(members=members, calls=1, silences_s=self._silences_s)
-        observer = SimpleNamespace(observe=self._observe, siblings=tuple)
+        observer = SimpleNamespace(observe=self._observe)
         self.monitor = LivenessMonitor(roster, observer, JOINED.host)
         self.monitor.begin()
         self.monitor.call()

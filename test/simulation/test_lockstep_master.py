@@ -26,9 +26,8 @@ from ballbot_ros.simulation import run_actions as do
 from ballbot_ros.simulation.lockstep import Run
 from ballbot_ros.simulation.lockstep_master import LockstepMaster
 from ballbot_ros.simulation.outcome import Outcome
-from ballbot_ros.simulation.participants import Announcement, Objection
+from ballbot_ros.simulation.participants import Announcement, LocalNode, Objection
 from ballbot_ros.simulation.run_master import DISCOVERY_POLL_S, DISCOVERY_S
-from ballbot_ros.simulation.run_participants import JOIN_S
 from ballbot_ros.simulation.strangers import ANSWER_CALLS, Publisher
 from ballbot_ros.simulation.trajectory import TrajectoryLog
 from ballbot_ros.timing import MAX_LEAD_TICKS, SLOW_PERIOD_NS, TICK_NS, next_start_ns
@@ -37,6 +36,8 @@ START_NS = 1_000_000_000
 ENDLESS = 0.0
 TIMEOUT_S = 2.0
 """The default of `timeout`."""
+STARTUP_S = 30.0
+"""The default of `startup_timeout`."""
 
 
 def duties_sha256(ticks, start_ns=START_NS):
@@ -150,8 +151,8 @@ def test_it_is_announced_without_them_after_a_time():
 def test_the_first_run_waits_for_a_present_node_that_has_not_joined():
     world = LockstepWorld().start()
     leftover = make_participant(CONTROLLER, generation=1)
-    world.graph.present = {leftover.instance}
-    world.wait(JOIN_S - WATCH_S)
+    world.graph.present = {leftover.instance: LocalNode(CONTROLLER, leftover.process)}
+    world.wait(STARTUP_S - 1)
     assert world.truths == []
     run = world.actions(do.AnnounceRun)[-1].run.name
     world.dispatch(world.master.on_announcement, Announcement(leftover, run))
@@ -162,23 +163,55 @@ def test_the_first_run_waits_for_a_present_node_that_has_not_joined():
     assert "two nodes publish on 'motor_duty' as controller" in world.summary.reason
 
 
-@pytest.mark.parametrize('leaves', [True, False])
-def test_it_begins_when_that_node_leaves_or_takes_too_long(leaves):
+def test_it_begins_when_that_node_ends():
     world = LockstepWorld().start()
-    world.graph.present = {'leftover'}
-    world.wait(1 if leaves else JOIN_S - WATCH_S)
+    world.graph.present = {'leftover': LocalNode(CONTROLLER, 4711)}
+    world.wait(1)
     assert world.truths == []
-    if leaves:
-        world.graph.present = set()
+    world.graph.present = {}
     world.wait(1)
     assert world.summary.outcome == 'completed'
+
+
+def test_it_fails_if_that_node_does_neither():
+    world = LockstepWorld().start()
+    world.graph.present = {'leftover': LocalNode(CONTROLLER, 4711)}
+    world.wait(STARTUP_S + 1)
+    assert world.truths == []
+    assert world.summary.reason == (
+        'controller (process 4711) silent for 30 s before the first tick'
+    )
+
+
+def test_a_run_waits_for_the_nodes_of_its_command_even_if_leftover_nodes_have_every_role():
+    world = LockstepWorld().start()
+    own = make_participant(CONTROLLER, generation=1)
+    world.process_observer.started = [LocalNode(CONTROLLER, own.process)]
+    world.wait(STARTUP_S - 1)
+    assert world.truths == []
+    world.nodes['own'] = FakeNode(own)
+    world.wait(1)
+    assert world.truths == []
+    assert "two nodes publish on 'motor_duty' as controller" in world.summary.reason
+
+
+def test_a_node_of_the_command_that_is_replaced_in_mid_run_is_not_awaited():
+    world = begun(ticks=3)
+    driver = world.nodes[GYRO].participant
+    world.process_observer.started = [LocalNode(GYRO, driver.process)]
+    world.nodes[GYRO].is_hung = True
+    world.wait(0.5)
+    ticks = len(world.truths)
+    world.nodes['hung'] = world.nodes.pop(GYRO)
+    world.start(GYRO, generation=1).wait(2)
+    assert len(world.truths) > ticks
 
 
 def test_a_later_run_does_not_wait_for_present_nodes():
     world = LockstepWorld(duration=ENDLESS).start().wait(1)
     begun = len(world.truths)
     assert begun
-    world.graph.present = {'newcomer'}
+    world.graph.present = {'newcomer': LocalNode(CONTROLLER, 4711)}
     world.dispatch(world.master.reset)
     world.wait(1)
     assert len(world.truths) > begun

@@ -7,7 +7,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
-from ballbot_ros.simulation.participants import Announcement, Objection, Participant
+from ballbot_ros.simulation.participants import Announcement, LocalNode, Objection, Participant
 from ballbot_ros.simulation.roster import ReadinessState, Roster
 from ballbot_ros.simulation.strangers import ANSWER_CALLS, LEASE_S, NAME_S, Publisher
 
@@ -138,6 +138,27 @@ def test_a_run_is_complete_when_every_role_has_joined_it():
     assert empty.watch().state is ReadinessState.COMPLETE
     assert [member.participant.role for member in empty.roster.history] == ['plant_sim', *ROLES]
     assert empty.roster.periodic_topics == ('gyro', 'sonar', 'motor_duty')
+
+
+def test_the_run_waits_for_each_node_on_this_machine_to_join_or_end():
+    gyro, other = a('gyro_driver'), a('gyro_driver', 'another gyro_driver')
+    present = {gyro.instance: LocalNode(gyro.role, gyro.process)}
+    started = [*present.values(), LocalNode('sonar_driver', 4711)]
+    nodes = World(required=['gyro_driver'])
+    for joining, awaited in (
+        (other, started),
+        # A process of another machine may have the same number.
+        (dataclasses.replace(a('sonar_driver'), process=4711, host='there'), started),
+        (gyro, started[1:]),
+        (dataclasses.replace(a('sonar_driver', 'ours'), process=4711), []),
+    ):
+        nodes.join(joining)
+        nodes.roster.update_local_nodes(present, started)
+        assert nodes.roster.awaited_nodes() == awaited
+    nodes = World(required=['gyro_driver'])
+    nodes.roster.update_local_nodes({}, started)
+    assert nodes.roster.absent() == ['gyro_driver', 'sonar_driver (process 4711)']
+    assert nodes.join(gyro).look().reason == 'waiting for sonar_driver (process 4711)'
 
 
 def test_a_participant_of_another_run_does_not_count():
