@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import dis
+import fcntl
 import hashlib
 import os
 import platform
 import shutil
+import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import cache
@@ -14,7 +16,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryFile
 from types import CodeType, FunctionType, MappingProxyType
-from typing import Any, cast
+from typing import IO, Any, cast
 
 import numpy as np
 
@@ -23,6 +25,7 @@ from ballbot_ros.errors import BallbotError
 
 _PACKAGE = ballbot_ros.__name__
 _KEPT_FOLDERS = 4
+_MAX_WAIT_S, _POLL_S = 120.0, 0.05
 
 REMEDY = "pip install 'ballbot_ros[study]'"
 """How to install what studies need."""
@@ -35,7 +38,7 @@ class CompilationError(BallbotError):
 
 
 _functions: dict[Function, Any] = {}
-_kept_functions: dict[tuple[Function, str], Any] = {}
+_kept_functions: dict[tuple[Function, str], Function] = {}
 
 
 def compiled(function: Function) -> Function:
@@ -67,7 +70,8 @@ def compiled_and_kept(
     """Return a function as :func:`compiled` does; the machine code is kept on disk.
 
     Kept code is used only by the same code of this package, with the same releases of Python, numpy
-    and numba, on the same kind of processor. Without a folder for it, nothing is kept.
+    and numba, on the same kind of processor. Of several processes that need it at once, one
+    compiles it while the others wait. Without a folder for it, nothing is kept.
 
     Parameters
     ----------
@@ -89,8 +93,34 @@ def compiled_and_kept(
         folder = _folder()
         with _cache_folder(numba, folder):
             known = numba.njit(fresh, error_model='numpy', nogil=True, cache=folder is not None)
+        if folder:
+            known = _compiling_alone(known, numba.typeof, folder / f'{fresh.__qualname__}.lock')
         _kept_functions[function, name] = known
-    return cast(Function, known)
+    return known
+
+
+def _compiling_alone(function: Any, type_of: Callable[[object], object], lock: Path) -> Function:
+    """Return a function that is compiled, or read from the disk, by one process at a time."""
+
+    def call(*arguments: object) -> object:
+        types = tuple(map(type_of, arguments))
+        if types not in function.overloads:
+            with lock.open('w') as file:
+                _wait_for_lock(file)
+                function.compile(types)
+        return function(*arguments)
+
+    return call
+
+
+def _wait_for_lock(file: IO[str]) -> None:
+    """Take the lock of a file; go on without it if another process keeps it for too long."""
+    deadline = time.monotonic() + _MAX_WAIT_S
+    while time.monotonic() < deadline:
+        with suppress(BlockingIOError):
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return
+        time.sleep(_POLL_S)
 
 
 def is_kept(function: Function) -> bool:

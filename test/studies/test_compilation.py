@@ -1,0 +1,45 @@
+"""Machine code that processes share."""
+
+import contextlib
+import os
+import subprocess
+import sys
+
+import pytest
+
+pytest.importorskip('numba')
+
+PROGRAM = """
+from numba.core.event import install_recorder
+
+from ballbot_ros.numerics.elementary import natural_log
+from ballbot_ros.studies.compilation import compiled_and_kept
+
+fast = compiled_and_kept(natural_log)
+print(flush=True)
+input()
+with install_recorder('numba:compile') as recorder:
+    assert fast(2.0) == natural_log(2.0)
+compiled = [event.data['dispatcher'].py_func.__name__ for _, event in recorder.buffer]
+print('natural_log' in compiled)
+"""
+
+
+def test_of_several_processes_that_need_it_at_once_one_compiles(tmp_path):
+    environment = {**os.environ, 'XDG_CACHE_HOME': str(tmp_path)}
+    with contextlib.ExitStack() as stack:
+        processes = [
+            stack.enter_context(
+                subprocess.Popen(
+                    [sys.executable, '-c', PROGRAM],
+                    env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+                )
+            )
+            for _ in range(2)
+        ]  # fmt: skip
+        for process in processes:
+            process.stdout.readline()
+        for process in processes:
+            print(file=process.stdin, flush=True)
+        answers = [process.communicate()[0] for process in processes]
+    assert sorted(answers) == ['False\n', 'True\n']
