@@ -31,7 +31,7 @@ BALLBOT = [sys.executable, '-m', 'ballbot_ros.cli.main']
 # Domains whose UDP ports the system does not assign to other programs: beyond 101 most domains use
 # ephemeral ports, where a participant sometimes finds its ports occupied.
 DOMAINS = (*range(215, 232), *range(50, 101))
-LAST_RESORT_S = 120.0
+LAST_RESORT_S = 240.0
 """Time after which a wait counts as hung, even on a busy machine; no test measures with it."""
 
 _PORT_IS_TAKEN = re.compile(

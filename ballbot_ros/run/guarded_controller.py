@@ -163,11 +163,9 @@ class _Child:
         """Return the answer; ControllerError if it is an error, or none within `timeout_s` [s]."""
         try:
             self._connection.send(request)
-            begun, timer = time.monotonic(), SilenceTimer()
+            silence = _Silence(self._process.pid)
             while not self._connection.poll(_POLL_S):
-                threads = threads_by_process([self._process.pid])
-                timer.update(begun, time.monotonic(), threads)
-                if timer.silence_s(self._process.pid) > timeout_s:
+                if silence.measure_s() > timeout_s:
                     raise ControllerError(f'no answer within {timeout_s:g} s{self._where()}')
             answer = self._connection.recv()
             if isinstance(answer, str):
@@ -184,15 +182,29 @@ class _Child:
     def _where(self) -> str:
         """Return the line at which the controller is; '' if it is unknown."""
         self._process.send_signal(signal.SIGUSR1)
-        deadline = time.monotonic() + _STACK_S
+        silence = _Silence(self._process.pid)
         text = ''
-        while not text.endswith('\n\n') and time.monotonic() < deadline:
+        while not text.endswith('\n\n') and silence.measure_s() < _STACK_S:
             time.sleep(_POLL_S)
             text = os.pread(self._stack.fileno(), 2**16, 0).decode(errors='replace')
         for path, line in _FRAME.findall(text):
             if self._loaded.code.has(Path(path)):
                 return f': {shown_line(path, int(line))} does not return'
         return ''
+
+
+class _Silence:
+    """The silence of a process since the creation of this object, without waits for a processor."""
+
+    def __init__(self, process: int) -> None:
+        self._process, self._timer = process, SilenceTimer()
+        self._begun_s = time.monotonic()
+
+    def measure_s(self) -> float:
+        """Return the silence so far [s]; call often."""
+        threads = threads_by_process([self._process])
+        self._timer.update(self._begun_s, time.monotonic(), threads)
+        return self._timer.silence_s(self._process)
 
 
 def _end(process: subprocess.Popen[bytes], connection: Connection, stack: IO[bytes]) -> None:

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 from pathlib import Path
 
@@ -102,7 +103,9 @@ def test_a_run_that_may_wait_waits_for_a_slow_controller(folder):
         '        return 0, 0\n')  # fmt: skip
     result, notices = execute_faulty('Late', 'plant_sim.on_timeout=wait')
     assert result.ticks == 150
-    assert '50 of 150 ticks took longer than 4 ms' in notices[0]
+    # On a busy machine other ticks take long, too.
+    late = re.search(r'(\d+) of 150 ticks took longer than 4 ms', notices[0])
+    assert 50 <= int(late[1]) <= 150
     assert notices[0].startswith('controller: ')
 
 
