@@ -78,16 +78,6 @@ def test_a_node_that_never_comes_is_named(start_run):
     assert run.result['ticks'] == 0
 
 
-def test_a_node_that_comes_twice_is_refused(start_run, start_node):
-    for _ in range(2):
-        start_node(GYRO)
-    run = start_run('stationary', *SHORT, '--no-record', '--external', GYRO)
-    assert run.finish() == 1
-    assert run.result['ticks'] == 0
-    assert run.result['reason'].startswith(f"two nodes publish on 'gyro' as {GYRO}: ")
-    assert run.result['reason'].count('(process ') == 2
-
-
 class WrongGyro:
     """A gyro whose answers have the stamp of another time from a sim time on [ns]."""
 

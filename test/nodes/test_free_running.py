@@ -7,10 +7,10 @@ from ballbot_ros.simulation.trajectory import load_trajectory
 pytestmark = pytest.mark.graph
 
 
-ATTEMPTS = 5
 DURATION_S = 2.5
-PACE = 0.3
-"""Real-time factor, low so that the dead time added by a busy machine counts less."""
+PACES = (0.3, 0.1, 0.03, 0.01)
+"""Real-time factors. If the robot falls, the next one is tried: the dead time that a slow or busy
+machine adds counts less at a lower pace."""
 
 
 def test_the_robot_balances_on_wall_clock_timers(start_node, tmp_path):
@@ -20,14 +20,14 @@ def test_the_robot_balances_on_wall_clock_timers(start_node, tmp_path):
     # Reduce the gain: at full gain the loop does not tolerate one more tick of dead time, as a busy
     # machine may add.
     start_node('controller', lockstep='false', pwm_gain=0.75)
-    for attempt in range(ATTEMPTS):
-        path = tmp_path / f'{attempt}.npz'
+    for pace in PACES:
+        path = tmp_path / f'{pace}.npz'
         plant = start_node(
             'plant_sim',
             lockstep='false',
             duration=DURATION_S,
             start_pitch_x=0.02,
-            real_time_factor=PACE,
+            real_time_factor=pace,
             trajectory_file=path,
         )
         assert plant.finish() == 0, plant.output
@@ -35,11 +35,10 @@ def test_the_robot_balances_on_wall_clock_timers(start_node, tmp_path):
         assert summary['ticks'] == round(DURATION_S * 250)
         if abs(trajectory.psi).max() < 0.2:
             # Accept a slow run only if ticks were late, on a busy machine.
-            assert summary['real_time_factor'] < 1.1 * PACE
-            assert summary['real_time_factor'] > 0.5 * PACE or summary['late_ticks'] > 0
+            assert summary['real_time_factor'] < 1.1 * pace
+            assert summary['real_time_factor'] > 0.5 * pace or summary['late_ticks'] > 0
             return
-        # Try again: on a busy machine the robot may fall, whichever node was delayed.
-    raise AssertionError(f'it fell {ATTEMPTS} times')
+    raise AssertionError(f'it fell at every pace of {PACES}')
 
 
 def test_without_a_controller_the_duty_is_zero(start_node, tmp_path):

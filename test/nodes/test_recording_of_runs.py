@@ -13,8 +13,8 @@ from ballbot_ros.timing import TICK_NS
 
 pytestmark = pytest.mark.graph
 
-DURATION_S = 3.0
-TICKS = 750
+DURATION_S = 1.2
+TICKS = 300
 COUNTS = {
     4: TICKS,
     20: TICKS // 5,

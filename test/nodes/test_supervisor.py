@@ -35,7 +35,7 @@ def test_the_page_outlasts_its_runs(start_run, client, tmp_path):
     terminal = Terminal()
     run = start_run(
         'stationary', '--viewer', '--no-wait', '--set', 'viewer.port=0',
-        '--set', 'plant_sim.duration=3', '--output', tmp_path, stderr=terminal.side,
+        '--set', 'plant_sim.duration=0.5', '--output', tmp_path, stderr=terminal.side,
     )  # fmt: skip
     terminal.wait_for_text(b'the page stays')
     assert run.process.poll() is None

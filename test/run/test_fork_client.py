@@ -35,11 +35,19 @@ class Nodes:
             'ROS_DOMAIN_ID': str(domain),
             'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
         }
+        self._started = []
 
     def start(self, name, *arguments, lock=None, **environment):
         with self.output_of(name).open('wb') as output:
             request = NodeRequest(name, [name, *arguments], self._environment | environment)
-            return self.client.start(request, output.fileno(), lock)
+            self._started.append(self.client.start(request, output.fileno(), lock))
+        return self._started[-1]
+
+    def end(self):
+        for process in self._started:
+            if self.client.status_of(process) is None:
+                os.kill(process, signal.SIGKILL)
+                self.client.await_end(process)
 
     def output_of(self, name):
         return self._folder / f'{name}.txt'
@@ -49,9 +57,10 @@ class Nodes:
 
 
 @pytest.fixture
-def nodes(tmp_path, domain):
-    with ForkClient() as client:
-        yield Nodes(client, tmp_path, domain)
+def nodes(fork_client, tmp_path, domain):
+    nodes = Nodes(fork_client, tmp_path, domain)
+    yield nodes
+    nodes.end()
 
 
 def field(process, name):
@@ -125,16 +134,18 @@ def test_a_plant_takes_over_the_lock_of_its_domain(nodes, domain):
     DomainLock(domain).release()
 
 
-def test_no_node_outlives_the_fork_server(nodes):
-    process = nodes.start('gyro_driver')
-    nodes.await_start('gyro_driver')
-    (server,) = [each for each in children(os.getpid()) if process in children(each)]
-    os.kill(server, signal.SIGKILL)
-    nodes.client.await_end(process)
-    assert nodes.client.status_of(process) == -signal.SIGTERM
-    assert not alive(process)
-    with pytest.raises(BallbotError, match='encoder_driver cannot be started'):
-        nodes.start('encoder_driver')
+def test_no_node_outlives_the_fork_server(tmp_path, domain):
+    with ForkClient() as client:
+        nodes = Nodes(client, tmp_path, domain)
+        process = nodes.start('gyro_driver')
+        nodes.await_start('gyro_driver')
+        (server,) = [each for each in children(os.getpid()) if process in children(each)]
+        os.kill(server, signal.SIGKILL)
+        client.await_end(process)
+        assert client.status_of(process) == -signal.SIGTERM
+        assert not alive(process)
+        with pytest.raises(BallbotError, match='encoder_driver cannot be started'):
+            nodes.start('encoder_driver')
 
 
 COMMAND = """
