@@ -1,8 +1,10 @@
 """Runs with leftover, duplicate, foreign and user-written nodes."""
 
 import json
+import os
 import signal
 import subprocess
+from pathlib import Path
 
 import pytest
 
@@ -42,6 +44,20 @@ pytestmark = pytest.mark.graph
 OTHERS = [name for name in NODES if name not in (PLANT, RECORDER)]
 
 
+def forks_of_run(run):
+    """Return the nodes of a run that have been forked so far, faster than `graph.children`."""
+
+    def children(process):
+        try:
+            found = Path(f'/proc/{process}/task/{process}/children').read_text()
+        except OSError:
+            return ()
+        return map(int, found.split())
+
+    run.assert_running()
+    return {node for server in children(run.process.pid) for node in children(server)}
+
+
 def counts(folder):
     (path,) = folder.glob('*.mcap')
     with RecordingReader(path) as reader:
@@ -63,21 +79,30 @@ def test_a_run_next_to_nodes_of_an_earlier_one_fails_and_names_them(start_node, 
     assert 'Traceback' not in run.stderr
 
 
-def test_a_run_waits_for_leftover_nodes_that_are_slow_to_answer(start_node, start_run, client):
-    leftover = [start_node(name) for name in OTHERS]
+@pytest.mark.parametrize('slow', ['leftover', 'own'])
+def test_a_run_next_to_leftover_nodes_waits_for_slow_nodes(start_node, start_run, client, slow):
+    """Otherwise it would begin without the leftover nodes, or with them in place of its own."""
+    leftover = [start_node(name).process.pid for name in OTHERS]
     assert start_node(PLANT, duration=1.0, real_time_factor=0.0).finish() == 0
-    for node in leftover:
-        node.process.send_signal(signal.SIGSTOP)
+    suspended = leftover if slow == 'leftover' else []
+    for process in suspended:
+        os.kill(process, signal.SIGSTOP)
     client.watch(ROLL_CALL, depth=100)
     run = start_run('stationary', '--json', '--no-record', '--set', 'plant_sim.duration=60')
+    while len(suspended) < len(OTHERS):
+        # At once, before a node takes part in anything.
+        for process in forks_of_run(run).difference(suspended):
+            if Path(f'/proc/{process}/comm').read_text().strip() in OTHERS:
+                os.kill(process, signal.SIGSTOP)
+                suspended.append(process)
 
     def calls():
         run.assert_running()
         return client.seen.get(ROLL_CALL.name, ())
 
     client.spin_until(lambda: len(calls()) > 20, what='the roll calls')
-    for node in leftover:
-        node.process.send_signal(signal.SIGCONT)
+    for process in suspended:
+        os.kill(process, signal.SIGCONT)
     client.spin_until(lambda: run.process.poll() is not None, what='the end of the run')
     assert run.finish() == 1
     assert run.result['ticks'] == 0
