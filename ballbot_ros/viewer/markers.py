@@ -9,7 +9,6 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ballbot_ros.messages.markers import (
     ADD,
@@ -72,6 +71,8 @@ class RobotMarkers:
     """
 
     def __init__(self, dimensions: Dimensions, new_marker: Callable[[], Any]) -> None:
+        from scipy.spatial.transform import Rotation
+
         self._new_marker = new_marker
         self._links: dict[str, tuple[list[Any], Transform]] = {}
         for link in LINKS:

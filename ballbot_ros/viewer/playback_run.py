@@ -21,9 +21,11 @@ from ballbot_ros.progress import ProgressCallback
 from ballbot_ros.timing import TICK_NS, TICK_S
 from ballbot_ros.viewer.acting_force import ForceEvent, acting_force
 from ballbot_ros.viewer.errors import ViewerError
-from ballbot_ros.viewer.robot import TRAIL_STEP, RolledBall, wxyz
+from ballbot_ros.viewer.robot import TRAIL_STEP
+from ballbot_ros.viewer.rotations import RolledBall
 from ballbot_ros.viewer.run_marks import run_marks
 from ballbot_ros.viewer.snapshot import Floats, Snapshot
+from ballbot_ros.viewer.transforms import wxyz
 from ballbot_ros.world.exports import OccupancyGrid, floor_map_of
 from ballbot_ros.world.floor_map import FloorMap
 

@@ -24,18 +24,17 @@ from ballbot_ros.viewer.robot import (
     LINKS,
     WHEEL_X,
     WHEEL_Y,
-    RollingOrientation,
-    body_rotation,
     cone_slope,
     grip,
     lcd_position,
     parts,
     sonar_position,
     wheel_centres,
-    wxyz,
 )
+from ballbot_ros.viewer.rotations import RollingOrientation, body_rotation
 from ballbot_ros.viewer.snapshot import Snapshot
 from ballbot_ros.viewer.trail import Points, Trail
+from ballbot_ros.viewer.transforms import wxyz
 from ballbot_ros.world.exports import WALL_HEIGHT_CM
 from ballbot_ros.world.floor_map import FloorMap
 

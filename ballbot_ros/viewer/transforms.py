@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from ballbot_ros.messages.conversions import body_orientation
 from ballbot_ros.messages.odometry import FOOTPRINT, ODOM_FRAME
@@ -22,8 +21,10 @@ from ballbot_ros.viewer.robot import (
     sonar_position,
     wheel_angles,
     wheel_centres,
-    wxyz,
 )
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
 MAP, SONAR = 'map', 'sonar'
 
@@ -41,6 +42,11 @@ _LEVEL = 1.0, 0.0, 0.0, 0.0
 """The axes of the parent."""
 
 
+def wxyz(rotation: Rotation) -> NDArray[np.float64]:
+    """Return unit quaternions w, x, y, z, as messages and viser have them; shape (4,) or (n, 4)."""
+    return np.roll(rotation.as_quat(), 1, axis=-1)
+
+
 class Transform(NamedTuple):
     """The pose of a frame in another one, or the poses of many objects.
 
@@ -53,6 +59,8 @@ class Transform(NamedTuple):
     @classmethod
     def of(cls, pose: Pose) -> Transform:
         """Return a pose as a transform."""
+        from scipy.spatial.transform import Rotation
+
         return cls(np.array(pose.position), Rotation.from_quat(np.roll(pose.rotation, -1)))
 
     def compose(self, child: Transform) -> Transform:

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from ballbot_ros.parameters import Dimensions
 from ballbot_ros.viewer.floor import Area
-from ballbot_ros.viewer.robot import body_rotation, sonar_position
+from ballbot_ros.viewer.robot import sonar_position
+from ballbot_ros.viewer.rotations import body_rotation
 from ballbot_ros.viewer.snapshot import Snapshot
 
 TOP, VISTA, CHASER_1, CHASER_2, ROBOT = VIEWS = ('top', 'vista', 'chaser1', 'chaser2', 'robot')

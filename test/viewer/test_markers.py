@@ -24,12 +24,11 @@ from ballbot_ros.viewer.robot import (
     LINKS,
     WHEEL_X,
     WHEEL_Y,
-    RollingOrientation,
     parts,
     sonar_position,
     wheel_centres,
-    wxyz,
 )
+from ballbot_ros.viewer.rotations import RollingOrientation
 from ballbot_ros.viewer.snapshot import Snapshot
 from ballbot_ros.viewer.transforms import (
     MAP,
@@ -38,6 +37,7 @@ from ballbot_ros.viewer.transforms import (
     SONAR,
     Frames,
     poses_in_map,
+    wxyz,
 )
 from ballbot_ros.world.floor_map import FLOOR, WALL, FloorMap
 

@@ -11,12 +11,11 @@ from ballbot_ros.viewer.floor import Area
 from ballbot_ros.viewer.robot import (
     BALL,
     LINKS,
-    RollingOrientation,
-    body_rotation,
     parts,
-    wxyz,
 )
+from ballbot_ros.viewer.rotations import RollingOrientation, body_rotation
 from ballbot_ros.viewer.snapshot import Snapshot
+from ballbot_ros.viewer.transforms import wxyz
 from ballbot_ros.viewer.views import CHASER_1, CHASER_2, ROBOT, TOP, TRACKING, VIEWS, camera
 
 

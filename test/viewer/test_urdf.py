@@ -32,11 +32,11 @@ from ballbot_ros.viewer.robot import (  # noqa: E402
     LINKS,
     WHEEL_X,
     WHEEL_Y,
-    RollingOrientation,
     parts,
     sonar_position,
     wheel_centres,
 )
+from ballbot_ros.viewer.rotations import RollingOrientation  # noqa: E402
 from ballbot_ros.viewer.urdf import robot_description  # noqa: E402
 
 BODIES = Bodies.from_parameters(VisualizerParameters())
