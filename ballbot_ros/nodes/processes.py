@@ -82,16 +82,10 @@ def threads_by_process(processes: Iterable[int]) -> dict[int, Threads]:
 
 def children(parent: int) -> list[int]:
     """Return the children of a process, including ended ones that it has not yet waited for."""
-    found = []
-    for entry in _PROC.iterdir():
-        if not entry.name.isdigit():
-            continue
-        try:
-            fields = (entry / 'stat').read_text().rpartition(')')[2].split()
-        except OSError:
-            continue
-        if int(fields[1]) == parent:
-            found.append(int(entry.name))
+    found: list[int] = []
+    for path in (_PROC / str(parent) / 'task').glob('*/children'):
+        with suppress(OSError):  # the thread, or its process, has just ended
+            found += map(int, path.read_text().split())
     return found
 
 

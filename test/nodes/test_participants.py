@@ -25,6 +25,7 @@ from ballbot_ros.messages.topics import (  # noqa: E402
     PARTICIPANTS,
     ROLL_CALL,
 )
+from ballbot_ros.nodes.processes import descendants  # noqa: E402
 from ballbot_ros.nodes.topic_publisher import reliable_qos  # noqa: E402
 from ballbot_ros.parameters import (  # noqa: E402
     CONTROLLER,
@@ -42,20 +43,6 @@ from ballbot_ros.simulation.trajectory import load_trajectory  # noqa: E402
 pytestmark = pytest.mark.graph
 
 OTHERS = [name for name in NODES if name not in (PLANT, RECORDER)]
-
-
-def forks_of_run(run):
-    """Return the nodes of a run that have been forked so far, faster than `graph.children`."""
-
-    def children(process):
-        try:
-            found = Path(f'/proc/{process}/task/{process}/children').read_text()
-        except OSError:
-            return ()
-        return map(int, found.split())
-
-    run.assert_running()
-    return {node for server in children(run.process.pid) for node in children(server)}
 
 
 def counts(folder):
@@ -91,7 +78,8 @@ def test_a_run_next_to_leftover_nodes_waits_for_slow_nodes(start_node, start_run
     run = start_run('stationary', '--json', '--no-record', '--set', 'plant_sim.duration=60')
     while len(suspended) < len(OTHERS):
         # At once, before a node takes part in anything.
-        for process in forks_of_run(run).difference(suspended):
+        run.assert_running()
+        for process in set(descendants(run.process.pid)).difference(suspended):
             if Path(f'/proc/{process}/comm').read_text().strip() in OTHERS:
                 os.kill(process, signal.SIGSTOP)
                 suspended.append(process)
