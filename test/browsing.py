@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import functools
 import io
 import re
 import subprocess
@@ -11,10 +12,13 @@ import numpy as np
 from graph import BALLBOT, LAST_RESORT_S, environment
 from PIL import Image
 
-from ballbot_ros.viewer.browser import browser_page
+from ballbot_ros.viewer.browser import _FLAGS, browser_program
 
 SIZE = (760, 520)
 """Size of a page [px]."""
+
+FOREIGN = 'evil.example'
+"""A foreign name that points to this machine."""
 
 # Without a graphics card a moving scene takes all processors. The page does everything for each
 # frame except the drawing itself, which waits until a test looks at a picture.
@@ -186,9 +190,95 @@ class Browser:
         return float(found[1]) if found else None
 
 
+class SharedBrowser:
+    """One browser for all tests of this process, each of which opens pages of its own.
+
+    To start a browser, and to start a renderer in it, takes longer than most tests. So all pages
+    share one renderer, which lives as long as a page is open: an empty one stays open.
+    """
+
+    def __init__(self):
+        from playwright.sync_api import sync_playwright
+
+        names = f'--host-resolver-rules=MAP {FOREIGN} 127.0.0.1'
+        self._playwright = sync_playwright().start()
+        self._loop = asyncio.get_running_loop()
+        browser = self._playwright.chromium.launch(
+            executable_path=browser_program(),
+            args=[*_FLAGS, '--renderer-process-limit=1', names],
+        )
+        self._context = browser.new_context()
+        kept = self._context.new_page()
+        # Only pages of the same host share a renderer.
+        kept.route('**', lambda route: route.fulfill(body=''))
+        kept.goto('http://127.0.0.1/')
+        self._kept = kept
+        asyncio._set_running_loop(None)
+
+    @contextlib.contextmanager
+    def _in_use(self):
+        """Let Playwright's event loop count as running.
+
+        Else it would do so as long as the browser lives, which forbids any other in this thread.
+        """
+        before = asyncio._get_running_loop()
+        asyncio._set_running_loop(self._loop)
+        try:
+            yield
+        finally:
+            asyncio._set_running_loop(before)
+
+    @contextlib.contextmanager
+    def browser(self):
+        """Yield Playwright's browser, for contexts of one's own."""
+        with self._in_use():
+            yield self._context.browser
+
+    @contextlib.contextmanager
+    def page(self, width, height):
+        """Open a page of this size [px], which closes at the end with those opened meanwhile."""
+        with self._in_use():
+            known = self._context.pages
+            try:
+                page = self._context.new_page()
+                page.set_viewport_size({'width': width, 'height': height})
+                yield page
+            finally:
+                for each in self._context.pages:
+                    if each not in known:
+                        each.close()
+
+    def close(self):
+        with self._in_use():
+            self._context.browser.close()
+            self._playwright.stop()
+        asyncio._set_running_loop(None)
+
+
+@functools.cache
+def _shared_browser():
+    return SharedBrowser()
+
+
+def shared_page(width, height):
+    """As :func:`ballbot_ros.viewer.browser.browser_page`, in the browser that all tests share."""
+    return _shared_browser().page(width, height)
+
+
+def shared_browser():
+    """Yield Playwright's browser, for contexts that the caller makes and closes."""
+    return _shared_browser().browser()
+
+
+def close_shared_browser():
+    if _shared_browser.cache_info().currsize:
+        _shared_browser().close()
+        _shared_browser.cache_clear()
+
+
 @contextlib.contextmanager
 def browsing(address):
-    with browser_page(*SIZE) as page:
+    with shared_page(*SIZE) as page:
         yield Browser(page, address)
 
 
@@ -219,7 +309,9 @@ def receive(server, *inputs):
 def another(browser, address):
     """Open another page, which closes with the first."""
     page = browser.page
-    return Browser(page.context.browser.new_page(viewport=page.viewport_size), address)
+    other = page.context.new_page()
+    other.set_viewport_size(page.viewport_size)
+    return Browser(other, address)
 
 
 def wait_until(condition, browser):

@@ -39,12 +39,17 @@ def pytest_sessionfinish(session):
 
 @pytest.fixture(scope='session')
 def needs_browser():
+    """Skip without a browser; end the one that the tests share."""
     pytest.importorskip('viser', reason='the extra viewer is not installed')
     pytest.importorskip('playwright')
     try:
         browser_program()
     except ViewerError as error:
         pytest.skip(str(error))
+    yield
+    from browsing import close_shared_browser
+
+    close_shared_browser()
 
 
 @pytest.fixture

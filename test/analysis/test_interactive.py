@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from browsing import shared_browser
 from graph import LAST_RESORT_S
 
 from ballbot_ros.analysis.interactive import MAX_ROWS, history_figure, track_figure
@@ -14,7 +15,6 @@ from ballbot_ros.analysis.recorded_pushes import RecordedPush
 from ballbot_ros.analysis.report import report_document
 from ballbot_ros.analysis.run_figures import figure_contents
 from ballbot_ros.analysis.style import DARKER, PLANES
-from ballbot_ros.viewer.browser import browser_page
 
 PUSH = RecordedPush(1.5, 1.7, (0.0, 2.0), (0.0, 0.0), is_external=True)
 ROWS = 9
@@ -133,9 +133,9 @@ def test_the_document_is_small(document):
 
 
 @pytest.fixture(scope='module')
-def browser():
-    with browser_page(1200, 900) as page:
-        yield page.context.browser
+def browser(needs_browser):
+    with shared_browser() as browser:
+        yield browser
 
 
 @pytest.fixture

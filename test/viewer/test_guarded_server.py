@@ -15,7 +15,7 @@ from urllib.request import urlopen
 import msgspec
 import pytest
 import viser
-from browsing import StubRobot, another, browsing, wait_until
+from browsing import FOREIGN, SIZE, StubRobot, another, browsing, shared_page, wait_until
 from graph import LAST_RESORT_S, wait_for
 from viser import _messages
 from viser.infra import _infra
@@ -23,7 +23,6 @@ from websockets.exceptions import ConnectionClosedError, InvalidStatus
 from websockets.sync.client import connect
 
 from ballbot_ros.parameters import Dimensions, ParameterSet, ViewerParameters
-from ballbot_ros.viewer.browser import browser_program
 from ballbot_ros.viewer.errors import ViewerError
 from ballbot_ros.viewer.live_controls import LiveControls
 from ballbot_ros.viewer.overlay import Banner, OverlayState, Press
@@ -39,7 +38,6 @@ UPGRADE = {
     'Sec-WebSocket-Version': '13',
     'Sec-WebSocket-Protocol': PROTOCOL,
 }
-FOREIGN = 'evil.example'
 FIELDS_OF_VIEW = itertools.count(0.5, 0.001)
 
 # Sends the messages; reports whether the server has answered or refused the connection.
@@ -250,21 +248,13 @@ def foreign_site():
         thread.join()
 
 
-@pytest.fixture
-def foreign_browser(needs_browser):
-    """A browser in which a foreign name points to this machine."""
-    from playwright.sync_api import sync_playwright
-
-    flags = ['--no-sandbox', f'--host-resolver-rules=MAP {FOREIGN} 127.0.0.1']
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=browser_program(), args=flags)
-        yield browser.new_page()
-        browser.close()
-
-
 @pytest.mark.slow
-def test_no_foreign_page_in_a_browser_steers(served, foreign_site, foreign_browser):
-    page = foreign_browser
+def test_no_foreign_page_in_a_browser_steers(served, foreign_site, needs_browser):
+    with shared_page(*SIZE) as page:
+        a_foreign_page_does_not_steer(page, served, foreign_site)
+
+
+def a_foreign_page_does_not_steer(page, served, foreign_site):
     port = urlsplit(served.address).port
     query = urlsplit(served.address).query
     presses = [list(encoded(each)) for each in (camera(0.5), served.set('Start', value=True))]
@@ -301,17 +291,25 @@ def test_a_page_steers_with_the_token_and_only_shows_without_it(served, needs_br
         wait_until(lambda: served.robot.asked[1:] == [('start', 'push')], browser)
         assert browser.errors == []
 
-        for query in ('', '?token=wrong', '?websocket=ws://evil.example'):
-            other = another(browser, f'http://{served.place}/{query}')
-            assert other.page.url == f'http://{served.place}/'
-            other.wait_for_text('This page can only watch')
-            for text in ('Scenario', 'Push'):
-                other.page.get_by_text(text, exact=True).wait_for(state='hidden')
-            other.wait_for_text('state')
-            other.choose('1 Top')
-            assert other.errors == []
-            other.page.close()
+        other = another(browser, f'http://{served.place}/?websocket=ws://evil.example')
+        assert other.page.url == f'http://{served.place}/'
+        other.wait_for_text('This page can only watch')
+        for text in ('Scenario', 'Push'):
+            other.page.get_by_text(text, exact=True).wait_for(state='hidden')
+        other.wait_for_text('state')
+        other.choose('1 Top')
+        assert other.errors == []
         assert len(served.robot.asked) == 2
+
+
+def test_every_address_without_the_token_leads_to_the_same_page(served):
+    assert served.status() == 200
+    for query in ('token=', 'token=wrong', 'websocket=ws://evil.example'):
+        connection = http.client.HTTPConnection(served.place)
+        with contextlib.closing(connection):
+            connection.request('GET', f'/?{query}')
+            answer = connection.getresponse()
+            assert (answer.status, answer.headers['Location']) == (302, '/'), query
 
 
 def test_invalid_data_closes_the_connection_with_one_line(served, caplog):

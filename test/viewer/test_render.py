@@ -6,6 +6,7 @@ from itertools import pairwise
 import numpy as np
 import PIL.Image
 import pytest
+from browsing import shared_page
 
 from ballbot_ros.cli.picture_options import parse_view
 from ballbot_ros.viewer import render
@@ -24,37 +25,42 @@ def run(recording):
     return PlaybackRun(recording)
 
 
+@pytest.fixture
+def frames(needs_browser, monkeypatch):
+    """Render in the browser that tests share; test_pictures renders in that of the product."""
+    monkeypatch.setattr('ballbot_ros.viewer.offscreen.browser_page', shared_page)
+    return render.frames
+
+
 def moved(a, b):
     """Return the number of pixels that clearly differ."""
     return int((np.abs(a.astype(int) - b).max(axis=-1) > 8).sum())
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures('needs_browser')
-def test_each_frame_of_a_film_shows_its_own_time(run):
+def test_each_frame_of_a_film_shows_its_own_time(run, frames):
     """The front of the robot includes its display, whose pictures load in the background."""
     times = [6.0, 6.2, 6.4, 9.0, 9.04, 2.0]
     assert len({run.snapshot(time).lcd for time in times}) > 2
     shots = [('chaser2', time) for time in times]
-    film = list(render.frames(run, shots, size=SIZE))
+    film = list(frames(run, shots, size=SIZE))
     for before, after in pairwise(film):
         assert moved(before, after) > 50
-    for shot, frame in list(zip(shots, film, strict=True))[::2]:
-        (alone,) = render.frames(run, [shot], size=SIZE)
-        assert moved(alone, frame) == 0, shot
+    # In the reverse order every frame has another one before it, and the last one none.
+    reverse = list(frames(run, shots[::-1], size=SIZE))
+    for shot, frame, other in zip(shots, film, reverse[::-1], strict=True):
+        assert moved(other, frame) == 0, shot
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures('needs_browser')
-def test_a_ghost_and_a_camera_of_ones_own_are_seen(run, tmp_path, command):
+def test_a_ghost_and_a_camera_of_ones_own_are_seen(run, frames, tmp_path, command):
     above = FreeView((0.0, 0.0, 4.0), (0.0, 0.0, 0.0))
-    (alone,) = render.frames(run, [(above, 9.0)], size=SIZE)
-    (top,) = render.frames(run, [('top', 9.0)], size=SIZE)
+    alone, top = frames(run, [(above, 9.0), ('top', 9.0)], size=SIZE)
     assert moved(alone, top) > 1000
     words = ['--processes=none', '--set=plant_sim.duration=2', '--output', tmp_path / 'other']
     command('run', 'stationary', *words)
     other = PlaybackRun(tmp_path / 'other/stationary.mcap')
-    (both,) = render.frames(run, [(above, 9.0)], ghost=other, size=SIZE)
+    (both,) = frames(run, [(above, 9.0)], ghost=other, size=SIZE)
     assert 20 < moved(alone, both) < 2000
 
 
