@@ -2,6 +2,7 @@
 
 import contextlib
 import fcntl
+import io
 import json
 import os
 import re
@@ -15,6 +16,7 @@ from pathlib import Path
 
 import pytest
 
+from ballbot_ros.cli.main import main
 from ballbot_ros.nodes import processes
 from ballbot_ros.nodes.fork_server import NodeRequest
 from ballbot_ros.nodes.participant_ports import (
@@ -49,11 +51,24 @@ def without_taken_ports(output):
 
 
 def record(folder, scenario, *arguments):
-    """Run a scenario without nodes; return the recording and the JSON that the run printed."""
+    """Run a scenario without nodes; return the recording and the JSON that the run printed.
+
+    The command runs in this process: to start Python and import it costs more than most runs.
+    """
     words = ['run', scenario, '--processes=none', '--json', '--output', folder, *arguments]
-    done = subprocess.run([*BALLBOT, *map(str, words)], capture_output=True, check=False)
-    assert done.stderr == b''
-    result = json.loads(done.stdout)
+    stdout, stderr = (io.TextIOWrapper(io.BytesIO(), 'utf-8') for _ in range(2))
+    with (
+        pytest.MonkeyPatch.context() as patch,
+        contextlib.redirect_stdout(stdout),
+        contextlib.redirect_stderr(stderr),
+    ):
+        patch.setattr(sys, 'argv', ['ballbot', *map(str, words)])
+        with pytest.raises(SystemExit):
+            main()
+    for stream in (stdout, stderr):
+        stream.seek(0)
+    assert stderr.read() == ''
+    result = json.loads(stdout.read())
     return folder / f'{result["scenario"]}.mcap', result
 
 

@@ -7,6 +7,7 @@ from graph import record
 from recordings import copy_recording
 
 from ballbot_ros.analysis.assessment import assess
+from ballbot_ros.analysis.report import report_document
 from ballbot_ros.analysis.run_data import read_run
 
 
@@ -40,6 +41,11 @@ def driven_assessment(driven):
 @pytest.fixture(scope='session')
 def short_assessment(short):
     return assess(read_run(short[0]))
+
+
+@pytest.fixture(scope='session')
+def short_document(short_assessment):
+    return report_document(short_assessment)
 
 
 @pytest.fixture

@@ -129,13 +129,18 @@ def test_without_plotly_the_page_has_all_pictures_and_says_how_to_get_the_others
     assert 'ballbot_ros[report]' in ''.join(page.text)
 
 
-@pytest.mark.parametrize('has_plotly', [True, False])
-def test_the_document_needs_no_other_file(short_assessment, monkeypatch, has_plotly):
-    if not has_plotly:
-        monkeypatch.setattr(interactive, 'plotly_script', lambda: None)
+def test_the_document_needs_no_other_file(short_document):
+    page = Page(short_document)
+    assert page.all('script')
+    assert len(page.all('img')) == 2
+    assert all(each['href'].startswith('#') for each in page.all('a'))
+
+
+def test_the_document_without_plotly_needs_no_other_file(short_assessment, monkeypatch):
+    monkeypatch.setattr(interactive, 'plotly_script', lambda: None)
     page = Page(report_document(short_assessment))
-    assert bool(page.all('script')) == has_plotly
-    assert len(page.all('img')) == (2 if has_plotly else 11)
+    assert not page.all('script')
+    assert len(page.all('img')) == 11
     assert all(each['href'].startswith('#') for each in page.all('a'))
 
 
