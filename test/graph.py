@@ -50,25 +50,31 @@ def without_taken_ports(output):
     return _PORT_IS_TAKEN.sub('', output)
 
 
-def record(folder, scenario, *arguments):
-    """Run a scenario without nodes; return the recording and the JSON that the run printed.
+def call(*words):
+    """Run the command in this process; return a completed process, with text.
 
-    The command runs in this process: to start Python and import it costs more than most runs.
+    To start Python and import the command costs more than most commands.
     """
-    words = ['run', scenario, '--processes=none', '--json', '--output', folder, *arguments]
+    words = ['ballbot', *map(str, words)]
     stdout, stderr = (io.TextIOWrapper(io.BytesIO(), 'utf-8') for _ in range(2))
     with (
         pytest.MonkeyPatch.context() as patch,
         contextlib.redirect_stdout(stdout),
         contextlib.redirect_stderr(stderr),
     ):
-        patch.setattr(sys, 'argv', ['ballbot', *map(str, words)])
-        with pytest.raises(SystemExit):
+        patch.setattr(sys, 'argv', words)
+        with pytest.raises(SystemExit) as ended:
             main()
     for stream in (stdout, stderr):
         stream.seek(0)
-    assert stderr.read() == ''
-    result = json.loads(stdout.read())
+    return subprocess.CompletedProcess(words, ended.value.code, stdout.read(), stderr.read())
+
+
+def record(folder, scenario, *arguments):
+    """Run a scenario without nodes; return the recording and the JSON that the run printed."""
+    done = call('run', scenario, '--processes=none', '--json', '--output', folder, *arguments)
+    assert done.stderr == ''
+    result = json.loads(done.stdout)
     return folder / f'{result["scenario"]}.mcap', result
 
 

@@ -1,15 +1,12 @@
 """`ballbot codegen` and `ballbot run --controller`."""
 
 import json
-import os
 import re
 import shutil
-import subprocess
-import sys
 
 import pytest
 from generated import need
-from graph import record
+from graph import call, record
 
 from ballbot_ros.cli import codegen
 from ballbot_ros.codegen.errors import CodegenError
@@ -20,13 +17,10 @@ SHORT = ('--set=plant_sim.duration=2.0', '--set=gyro_driver.noise=0.7')
 
 
 def ballbot(*arguments, **environment):
-    return subprocess.run(
-        [sys.executable, '-m', 'ballbot_ros.cli.main', *map(str, arguments)],
-        env={**os.environ, **environment},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in environment.items():
+            patch.setenv(name, value)
+        return call(*arguments)
 
 
 @pytest.fixture

@@ -1,9 +1,7 @@
 """`ballbot log2csv`: the data log of a recording, and refused files."""
 
-import subprocess
-
 import pytest
-from graph import BALLBOT
+from graph import call
 
 from ballbot_ros.brick.bluetooth import LogPacket
 from ballbot_ros.recording.encoding import encoder, new_message
@@ -12,8 +10,7 @@ from ballbot_ros.teleop.csv_log import HEADER
 
 
 def log2csv(*arguments):
-    command = [*BALLBOT, 'log2csv', *map(str, arguments)]
-    return subprocess.run(command, check=False, capture_output=True, text=True)
+    return call('log2csv', *arguments)
 
 
 def write_recording(path, events, prefix=''):

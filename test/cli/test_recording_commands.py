@@ -3,23 +3,16 @@
 import csv
 import json
 import math
-import subprocess
 from importlib.util import find_spec
 
 import pytest
-from graph import BALLBOT, record
+from graph import call, record
 
 from ballbot_ros.cli.play import command as play
 from ballbot_ros.cli.play import parse_keys
 from ballbot_ros.parameters import ParameterError
 from ballbot_ros.recording.playback_keys import KEYS
 from ballbot_ros.recording.reader import RecordingReader
-
-
-def ballbot(*words, **options):
-    return subprocess.run(
-        [*BALLBOT, *map(str, words)], check=False, capture_output=True, text=True, **options
-    )
 
 
 @pytest.fixture(scope='module')
@@ -36,7 +29,7 @@ def cut(run, tmp_path):
 
 
 def test_info_shows_the_content_of_a_file(run):
-    result = ballbot('info', run, '--json')
+    result = call('info', run, '--json')
     assert result.returncode == 0, result.stderr
     told = json.loads(result.stdout)
     assert told['complete'] is True
@@ -50,31 +43,31 @@ def test_info_shows_the_content_of_a_file(run):
         'largest_gap_s': 0.004, 'largest_gap_at_s': 1.0, 'derived': False,
     }  # fmt: skip
     assert set(told['attachments']) == {'scenario.yaml', 'parameters.yaml', 'versions.yaml'}
-    text = ballbot('info', run).stdout
+    text = call('info', run).stdout
     assert 'state       complete\n' in text
     assert 'outcome     completed\n' in text
 
 
 def test_info_and_repair_of_a_cut_file(cut):
-    result = ballbot('info', cut)
+    result = call('info', cut)
     assert result.returncode == 0
     assert f'cut off at byte {cut.stat().st_size}; `ballbot repair` recovers' in result.stdout
-    result = ballbot('repair', cut)
+    result = call('repair', cut)
     assert result.returncode == 0, result.stderr
     repaired = cut.with_name('cut_repaired.mcap')
     assert result.stdout.startswith(f'{cut}: cut off at byte {cut.stat().st_size}: ')
     assert ' messages up to 2.000 s kept\n' in result.stdout
     assert result.stdout.endswith(f'\nrepaired  {repaired}\n')
-    told = json.loads(ballbot('info', repaired, '--json').stdout)
+    told = json.loads(call('info', repaired, '--json').stdout)
     assert told['missing'].startswith('repaired: cut off at byte')
     assert told['complete'] is False
-    assert ballbot('repair', cut).returncode == 2
-    result = ballbot('repair', repaired)
+    assert call('repair', cut).returncode == 2
+    result = call('repair', repaired)
     assert (result.returncode, 'no repair needed' in result.stdout) == (0, True)
 
 
 def test_export_writes_tables(run, cut, tmp_path):
-    result = ballbot('export', run, '--to', 'csv', '--output', tmp_path / 'a', '--topics',
+    result = call('export', run, '--to', 'csv', '--output', tmp_path / 'a', '--topics',
                      '/plant/imu,/motor_duty')  # fmt: skip
     assert result.returncode == 0, result.stderr
     assert sorted(path.name for path in (tmp_path / 'a').iterdir()) == [
@@ -84,7 +77,7 @@ def test_export_writes_tables(run, cut, tmp_path):
     with (tmp_path / 'a/plant_imu.csv').open(newline='') as stream:
         first = next(csv.DictReader(stream))
     assert float(first['pitch_x_rad']) == pytest.approx(0.069813, abs=1e-5)
-    result = ballbot('export', cut, '--to', 'csv', '--joined')
+    result = call('export', cut, '--to', 'csv', '--joined')
     assert result.returncode == 0, result.stderr
     assert 'the tables end there' in result.stderr
     with cut.with_name('cut_csv').joinpath('joined.csv').open(newline='') as stream:
@@ -94,7 +87,7 @@ def test_export_writes_tables(run, cut, tmp_path):
 
 
 def test_exported_columns_say_what_they_mean(run, tmp_path):
-    result = ballbot('export', run, '--to', 'csv', '--output', tmp_path / 'a')
+    result = call('export', run, '--to', 'csv', '--output', tmp_path / 'a')
     assert result.returncode == 0, result.stderr
 
     def columns(topic):
@@ -126,7 +119,7 @@ def test_exported_columns_say_what_they_mean(run, tmp_path):
 
 def test_derived_topics_are_exported_only_when_they_are_named(run, tmp_path):
     for folder, options in (('all', ()), ('named', ('--topics', '/tf,/odom'))):
-        result = ballbot('export', run, '--to', 'csv', '--output', tmp_path / folder, *options)
+        result = call('export', run, '--to', 'csv', '--output', tmp_path / folder, *options)
         assert result.returncode == 0, result.stderr
     tables = {path.stem for path in (tmp_path / 'all').iterdir()}
     assert 'plant_odom' in tables
@@ -137,22 +130,22 @@ def test_derived_topics_are_exported_only_when_they_are_named(run, tmp_path):
 
 
 def test_info_marks_derived_topics(run):
-    topics = json.loads(ballbot('info', run, '--json').stdout)['topics']
+    topics = json.loads(call('info', run, '--json').stdout)['topics']
     derived = {name for name, topic in topics.items() if topic['derived']}
     assert derived == {
         '/tf', '/tf_static', '/odom', '/imu/data', '/markers', '/robot_description',
     }  # fmt: skip
-    assert 'tf2_msgs/msg/TFMessage, derived' in ballbot('info', run).stdout
+    assert 'tf2_msgs/msg/TFMessage, derived' in call('info', run).stdout
 
 
 def test_a_repaired_file_keeps_the_mark_of_derived_topics(cut):
-    assert ballbot('repair', cut).returncode == 0
+    assert call('repair', cut).returncode == 0
     with RecordingReader(cut.with_name('cut_repaired.mcap')) as repaired:
         assert {'/tf', '/robot_description'} <= repaired.derived()
 
 
 def test_parquet_names_the_missing_package(run, tmp_path):
-    result = ballbot('export', run, '--to', 'parquet', '--output', tmp_path / 'p')
+    result = call('export', run, '--to', 'parquet', '--output', tmp_path / 'p')
     if find_spec('pyarrow'):
         assert result.returncode == 0, result.stderr
     else:

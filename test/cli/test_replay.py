@@ -6,6 +6,7 @@ import struct
 from pathlib import Path
 from types import SimpleNamespace
 
+import graph
 import pytest
 from golden_runs import WITHOUT_FMA
 from graph import Run, free_domain
@@ -48,10 +49,8 @@ def record(folder, scenario, *arguments):
 @pytest.fixture(scope='module')
 def push(tmp_path_factory):
     """The scenario push for 4.5 s, with noise of the gyro and without a graph."""
-    return record(
-        tmp_path_factory.mktemp('push'), 'push', '--processes=none',
-        '--set=plant_sim.duration=4.5', '--set=gyro_driver.noise=0.7',
-    )  # fmt: skip
+    words = ('--set=plant_sim.duration=4.5', '--set=gyro_driver.noise=0.7')
+    return str(graph.record(tmp_path_factory.mktemp('push'), 'push', *words)[0])
 
 
 def copy(recording, path, change, also=()):

@@ -1,5 +1,6 @@
 """`ballbot run` as a user types it: outcome, files, errors, signals."""
 
+import json
 import os
 import resource
 import signal
@@ -7,7 +8,7 @@ import subprocess
 
 import numpy as np
 import pytest
-from graph import BALLBOT, NODES, alive, await_recording, wait_for
+from graph import BALLBOT, NODES, alive, await_recording, call, wait_for
 from matplotlib.image import imread
 
 from ballbot_ros.former_names import FORMER_RESULT_KEYS
@@ -22,10 +23,10 @@ AT_TRACK = ['--set=plant_sim.map=track', '--output=/dev/null/no']
 FAST = ['--processes=none', '--set=plant_sim.duration=3']
 
 
-def test_a_run_leaves_a_recording_a_picture_and_a_verdict(start_run, tmp_path):
-    run = start_run('stationary', '--json', '--processes=none', '--output', tmp_path)
-    assert run.finish() == 0
-    result = run.result
+def test_a_run_leaves_a_recording_a_picture_and_a_verdict(tmp_path):
+    run = call('run', 'stationary', '--json', '--processes=none', '--output', tmp_path)
+    assert run.returncode == 0
+    result = json.loads(run.stdout)
     assert result['outcome'] == 'passed'
     assert result['ticks'] == 2500
     assert len(result['duty_sha256']) == 64
@@ -39,9 +40,9 @@ def test_a_run_leaves_a_recording_a_picture_and_a_verdict(start_run, tmp_path):
     assert np.unique(picture[..., :3].reshape(-1, 3), axis=0).shape[0] > 10
 
 
-def test_the_table_names_metrics_verdict_and_files(start_run, tmp_path):
-    run = start_run('stationary', '--processes=none', '--output', tmp_path)
-    assert run.finish() == 0
+def test_the_table_names_metrics_verdict_and_files(tmp_path):
+    run = call('run', 'stationary', '--processes=none', '--output', tmp_path)
+    assert run.returncode == 0
     for words in (
         'settling time',
         'peak pitch',
@@ -57,22 +58,23 @@ def test_the_table_names_metrics_verdict_and_files(start_run, tmp_path):
     assert run.stderr == ''
 
 
-def test_a_missed_expectation_is_exit_status_1(start_run, tmp_path):
+def test_a_missed_expectation_is_exit_status_1(tmp_path):
     scenario = tmp_path / 'strict.yaml'
     scenario.write_text(
         'purpose: cannot be met\nduration: 2\nexpectations:\n  peak_pitch_deg: {min: 50}\n'
     )
-    run = start_run(scenario, '--processes=none', '--no-record', '--json')
-    assert run.finish() == 1
-    assert run.result['outcome'] == 'expectations not met'
-    assert 'peak_pitch_deg' in run.result['reason']
+    run = call('run', scenario, '--processes=none', '--no-record', '--json')
+    assert run.returncode == 1
+    result = json.loads(run.stdout)
+    assert result['outcome'] == 'expectations not met'
+    assert 'peak_pitch_deg' in result['reason']
 
 
-def test_a_fallen_robot_misses_every_expectation(start_run):
-    run = start_run('stationary', '--processes=none', '--no-record', '--json',
-                    '--set=plant_sim.start_pitch_x=0.5')  # fmt: skip
-    assert run.finish() == 1
-    assert run.result['metrics']['settling_time_s'] is None
+def test_a_fallen_robot_misses_every_expectation():
+    run = call('run', 'stationary', '--processes=none', '--no-record', '--json',
+               '--set=plant_sim.start_pitch_x=0.5')  # fmt: skip
+    assert run.returncode == 1
+    assert json.loads(run.stdout)['metrics']['settling_time_s'] is None
 
 
 def _full_folder(tmp_path):
@@ -156,11 +158,11 @@ def test_a_mistake_is_the_exit_status_of_the_process(start_run):
     assert run.stdout == ''
 
 
-def test_text_and_numbers_are_set_as_they_are_written(start_run):
-    run = start_run('stationary', '--processes=none', '--no-record', '--json',
-                    '--set=plant_sim.duration=2e0', '--set=plant_sim.map=')  # fmt: skip
-    assert run.finish() in (0, 1), run.stderr
-    assert run.result['ticks'] == 500
+def test_text_and_numbers_are_set_as_they_are_written():
+    run = call('run', 'stationary', '--processes=none', '--no-record', '--json',
+               '--set=plant_sim.duration=2e0', '--set=plant_sim.map=')  # fmt: skip
+    assert run.returncode in (0, 1), run.stderr
+    assert json.loads(run.stdout)['ticks'] == 500
 
 
 @pytest.mark.graph
@@ -173,17 +175,17 @@ def test_a_run_that_does_not_begin_leaves_no_folder(start_run, domain, tmp_path)
     assert list((tmp_path / 'runs').iterdir()) == []
 
 
-def test_malformed_yaml_names_file_and_line(start_run, tmp_path):
+def test_malformed_yaml_names_file_and_line(tmp_path):
     scenario = tmp_path / 'bad.yaml'
     scenario.write_text('purpose: x\nduration: [1\n')
-    run = start_run(scenario)
-    assert run.finish() == 2
+    run = call('run', scenario)
+    assert run.returncode == 2
     assert f'{scenario}:3' in run.stderr
 
 
-def test_an_existing_recording_is_left_alone(start_run, tmp_path):
-    run = start_run('stationary', *_full_folder(tmp_path))
-    assert run.finish() == 2
+def test_an_existing_recording_is_left_alone(tmp_path):
+    run = call('run', 'stationary', *_full_folder(tmp_path))
+    assert run.returncode == 2
     assert (tmp_path / 'stationary.mcap').read_text() == 'an older recording'
 
 
