@@ -198,7 +198,11 @@ def test_live_pages_show_the_robot_and_drive_it(domain, start_node):
             browser.wait_for_text('remote')
             for key, view in enumerate(VIEWS, 1):
                 browser.choose(f'{key} {TITLES[view]}')
-                wait_until(lambda view=view: shows_lines_robot_and_floor(browser, view), browser)
+                # The others are in the reference pictures of test_pictures.py.
+                if view in (VIEWS[0], VIEWS[-1]):
+                    wait_until(
+                        lambda view=view: shows_lines_robot_and_floor(browser, view), browser
+                    )
             browser.pause(is_paused=False)
             push_makes_it_lean(browser, truth)
             stick_drives_it(browser, truth)
@@ -232,7 +236,7 @@ def test_live_pages_show_the_robot_and_drive_it(domain, start_node):
             )  # its token was that of the other viewer
             browser.page.goto(address)
             browser.wait_for_text('state')
-            pause_holds_it(browser)
+            browser.pause()
 
 
 def push_makes_it_lean(browser, truth):
