@@ -1,8 +1,11 @@
 """Runs whose results must be the same on every machine; also a program.
 
-    python golden_runs.py            print the probes and the hashes of all runs as JSON
-    python golden_runs.py --probe    print the probes only
-    python golden_runs.py --write    make this machine's hashes the expected ones
+    python golden_runs.py                        print probes and the hashes of all runs as JSON
+    python golden_runs.py --share N [SCENARIO …]
+                                                 only a share of the random runs, and only these
+                                                 scenarios, if any are given
+    python golden_runs.py --probe                print the probes only
+    python golden_runs.py --write                make this machine's hashes the expected ones
 
 It needs only numpy, scipy, Pillow and PyYAML, so that it runs under other releases of
 Python and numpy than the test suite does.
@@ -41,6 +44,8 @@ from ballbot_ros.simulation.golden import GOLDEN_FILE, arithmetic_sha256, duty_s
 RANDOM_FILE = Path(__file__).parent / 'machines' / 'random_runs.json'
 MODELS = ('linear', 'nonlinear')
 SETS = 200
+# Odd, so that each share has runs of both kinds, near the defaults and over the full ranges.
+SHARES = 7
 TICKS = 60
 STARTS = {'': (0.0, 0.0), 'track': (-0.7, -0.55), 'corridor': (0.5, 0.0)}
 
@@ -155,12 +160,16 @@ def run_hash(parameters, scenario):
     return digest.hexdigest()[:16]
 
 
-def random_hashes():
-    return {model: [run_hash(*random_run(seed, model)) for seed in range(SETS)] for model in MODELS}
+def seeds_of_share(number):
+    return range(number % SHARES, SETS, SHARES)
 
 
-def scenario_hashes():
-    return {name: duty_sha256(load_scenario(name)) for name in scenario_names()}
+def random_hashes(seeds=range(SETS)):
+    return {model: [run_hash(*random_run(seed, model)) for seed in seeds] for model in MODELS}
+
+
+def scenario_hashes(names=()):
+    return {name: duty_sha256(load_scenario(name)) for name in names or scenario_names()}
 
 
 def probes():
@@ -200,8 +209,14 @@ def main(arguments):
         return
     answer = {'probes': probes()}
     if arguments != ['--probe']:
+        seeds, names = range(SETS), []
+        if arguments:
+            _, share, *names = arguments
+            seeds = seeds_of_share(int(share))
         answer.update(
-            arithmetic=arithmetic_sha256(), scenarios=scenario_hashes(), random=random_hashes()
+            arithmetic=arithmetic_sha256(),
+            scenarios=scenario_hashes(names),
+            random=random_hashes(seeds),
         )
     print(json.dumps(answer))
 

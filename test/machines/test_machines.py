@@ -1,8 +1,12 @@
 """The same bits with any processor, C library, Python, numpy and scipy.
 
-Each row of the matrix computes the golden runs in a separate process, and proves by the bits of
-scipy's matrix exponential or of the C library's sine that its setting took effect. A row whose
-setting this machine lacks is skipped as not exercised.
+The machine as it is computes all golden runs. Each row of the matrix computes some in a separate
+process, and proves by the bits of scipy's matrix exponential or of the C library's sine that its
+setting took effect. A row whose setting this machine lacks is skipped as not exercised.
+
+A setting changes a library's functions, and a run calls the same functions again and again. So a
+row computes the arithmetic, a share of the random runs, whose hashes see every bit, and a linear and
+a nonlinear scenario. Another Python may change anything, so it computes all scenarios.
 """
 
 import functools
@@ -18,8 +22,9 @@ from pathlib import Path
 
 import pytest
 import setuptools
-from golden_runs import MODELS, RANDOM_FILE, SETS, WITHOUT_FMA
+from golden_runs import MODELS, RANDOM_FILE, SETS, SHARES, WITHOUT_FMA, seeds_of_share
 
+from ballbot_ros.run.machine_checks import GOLDEN_SCENARIOS
 from ballbot_ros.scenario.library import scenario_names
 from ballbot_ros.simulation.golden import load_golden
 
@@ -58,18 +63,24 @@ def probe_kernels(core_type):
         return None
 
 
-def assert_golden(answer):
+def assert_golden(answer, seeds, scenarios):
     golden = load_golden()
     assert answer['arithmetic'] == golden.arithmetic
-    assert answer['scenarios'] == golden.scenarios
+    assert answer['scenarios'] == {name: golden.scenarios[name] for name in scenarios}
     expected = json.loads(RANDOM_FILE.read_text())
     differing = [
         (model, seed)
         for model in MODELS
-        for seed, hashes in enumerate(zip(answer['random'][model], expected[model], strict=True))
-        if hashes[0] != hashes[1]
+        for seed, digest in zip(seeds, answer['random'][model], strict=True)
+        if digest != expected[model][seed]
     ]
     assert not differing
+
+
+def assert_share_is_golden(share, **settings):
+    """Each row has a share of its own, so that the rows together compute nearly all runs."""
+    answer = compute('--share', str(share), *GOLDEN_SCENARIOS, **settings)
+    assert_golden(answer, seeds_of_share(share), GOLDEN_SCENARIOS)
 
 
 def test_every_scenario_and_200_random_runs_of_each_model_have_a_golden_hash():
@@ -80,8 +91,14 @@ def test_every_scenario_and_200_random_runs_of_each_model_have_a_golden_hash():
         assert len(set(hashes)) == SETS == 200
 
 
+def test_the_shares_are_all_random_runs_and_each_has_both_kinds():
+    shares = [seeds_of_share(number) for number in range(SHARES)]
+    assert sorted(seed for share in shares for seed in share) == list(range(SETS))
+    assert all({seed % 2 for seed in share} == {0, 1} for share in shares)
+
+
 def test_this_machine_as_it_is():
-    assert_golden(compute())
+    assert_golden(compute(), range(SETS), scenario_names())
 
 
 @pytest.mark.parametrize('core_type', CORE_TYPES)
@@ -93,13 +110,13 @@ def test_the_kernels_of_another_processor(core_type):
         pytest.skip(f'not exercised: this processor lacks instructions of {core_type}')
     if here in (probe_kernels(other) for other in others):
         pytest.skip(f'not exercised: OPENBLAS_CORETYPE={core_type} changes no bit here')
-    assert_golden(compute(OPENBLAS_CORETYPE=core_type))
+    assert_share_is_golden(number, OPENBLAS_CORETYPE=core_type)
 
 
 def test_a_c_library_without_fused_multiply_add():
     if probe(**WITHOUT_FMA)['sine'] == probe()['sine']:
         pytest.skip('not exercised: GLIBC_TUNABLES changes no bit of the sine here')
-    assert_golden(compute(**WITHOUT_FMA))
+    assert_share_is_golden(len(CORE_TYPES), **WITHOUT_FMA)
 
 
 def find_python(minor):
@@ -151,9 +168,9 @@ def test_another_python_with_the_oldest_or_newest_numpy_and_scipy(minor, tmp_pat
     )  # fmt: skip
     if installed.returncode:
         pytest.skip(f'not exercised: pip installs no {" ".join(wanted)}: {installed.stderr[-200:]}')
-    answer = compute(python=own)
+    answer = compute('--share', str(minor), python=own)
     versions = answer['probes']
     assert versions['python'].startswith(f'3.{minor}.')
     for name, version in pinned.items():
         assert versions[name] == version
-    assert_golden(answer)
+    assert_golden(answer, seeds_of_share(minor), scenario_names())
