@@ -5,8 +5,9 @@ process, and proves by the bits of scipy's matrix exponential or of the C librar
 setting took effect. A row whose setting this machine lacks is skipped as not exercised.
 
 A setting changes a library's functions, and a run calls the same functions again and again. So a
-row computes the arithmetic, a share of the random runs, whose hashes see every bit, and a linear and
-a nonlinear scenario. Another Python may change anything, so it computes all scenarios.
+row computes the arithmetic, a share of the random runs, whose hashes see every bit, and two
+scenarios, a linear and a nonlinear one. Another Python may change anything: it computes all
+scenarios.
 """
 
 import functools
