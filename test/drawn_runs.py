@@ -20,6 +20,7 @@ from ballbot_ros.parameters import (
 from ballbot_ros.scenario.scenario import Scenario, ScheduledPush
 from ballbot_ros.scenario.signal import Segment, StickSignal
 from ballbot_ros.world.errors import WorldError
+from ballbot_ros.world.library import load_map
 from ballbot_ros.world.world import World
 
 # Those of the pace, the graph and the files, and those that are drawn in their own way.
@@ -71,12 +72,14 @@ def drawn_run(seed, duration=1.0):
 def choose_place(draw, parameters):
     """Draw a map, and of some places where the body is free the one nearest to a wall."""
     name = draw.choice(('', *HALF_SIZES))
-    found = []
+    plant, found = parameters.of(PlantParameters), []
+    # One world for all places: it takes much longer to make than the run itself.
+    world = World(load_map(name), plant.body_depth, plant.body_width) if name else None
     for half_x, half_y in [HALF_SIZES.get(name, (9.0, 9.0))] * 15:
         place = draw.uniform(-half_x, half_x), draw.uniform(-half_y, half_y)
-        set_place(parameters, name, place)
         with suppress(WorldError):
-            world = World.of(parameters.of(PlantParameters))
+            if world:
+                world.check_start(place)
             distance = world.clearance(np.array([place]))[0] if world else 0.0
             found.append((distance, place))
     if found:
