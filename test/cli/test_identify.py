@@ -2,12 +2,14 @@
 
 import json
 import re
+import subprocess
 
 import numpy as np
 import pytest
-from graph import record
+from graph import BALLBOT, LAST_RESORT_S
 from recordings import copy_recording
 
+import ballbot_ros as bb
 from ballbot_ros.analysis.data_log import write_data_log
 from ballbot_ros.cli.identify_output import MAX_RATIO, IdentifyOutput, with_interval
 from ballbot_ros.identification.identification import (
@@ -32,33 +34,41 @@ FIT = '--truth', '--fit=body_mass,ball_friction'
 def recordings(tmp_path_factory):
     """Return two recordings of one robot, one of another, and one of a robot held still."""
     folder = tmp_path_factory.mktemp('recordings')
-    short, heavy = '--set=plant_sim.duration=16.0', f'--set=plant_sim.body_mass={MASS}'
     runs = {
-        'heavy': (heavy,),
-        'heavy_too': (heavy, '--set=plant_sim.start_pitch_y=0.03'),
-        'light': ('--set=plant_sim.body_mass=0.5',),
-        'still': ('--set=plant_sim.hold_time=60.0',),
+        'heavy': {'body_mass': MASS},
+        'heavy_too': {'body_mass': MASS, 'start_pitch_y': 0.03},
+        'light': {'body_mass': 0.5},
+        'still': {'hold_time': 60.0},
     }
     return {
-        name: record(folder / name, 'stationary', short, *words)[0] for name, words in runs.items()
+        name: simulated(folder / name, 'stationary', duration=16.0, **plant)
+        for name, plant in runs.items()
     }
+
+
+def simulated(folder, scenario, **plant):
+    """Return the recording of a run, made in this process."""
+    folder.mkdir()
+    parameters = {f'plant_sim.{name}': value for name, value in plant.items()}
+    return bb.simulate(scenario, parameters=parameters).save(folder / f'{scenario}.mcap')
 
 
 @pytest.fixture(scope='module')
 def logs(tmp_path_factory):
     """Return two data logs of one robot that is driven, and one of a robot held still."""
     folder = tmp_path_factory.mktemp('logs')
-    low = f'--set=plant_sim.body_height={HEIGHT}'
     runs = {
-        'low': ('excitation', low), 'low_too': ('excitation', low, '--set=plant_sim.duration=8.0'),
-        'still_log': ('stationary', '--set=plant_sim.hold_time=60.0'),
-    }  # fmt: skip
-    return {name: data_log(folder / name, *words) for name, words in runs.items()}
+        'low': ('excitation', {'body_height': HEIGHT}),
+        'low_too': ('excitation', {'body_height': HEIGHT, 'duration': 8.0}),
+        'still_log': ('stationary', {'hold_time': 60.0}),
+    }
+    return {
+        name: data_log(folder / name, scenario, **plant) for name, (scenario, plant) in runs.items()
+    }
 
 
-def data_log(folder, *words):
-    recording, _ = record(folder, *words)
-    with RecordingReader(recording) as reader:
+def data_log(folder, scenario, **plant):
+    with RecordingReader(simulated(folder, scenario, **plant)) as reader:
         (path,) = write_data_log(reader, folder / 'log.csv').paths
     return path
 
@@ -69,12 +79,25 @@ def rows(text):
     return [[cell.strip() for cell in line.strip('│').split('│')] for line in lines]
 
 
-def test_tables_of_verdicts_values_and_residuals(command, recordings):
-    status, text, stderr = command(
+@pytest.fixture(scope='module')
+def identified(recordings, tmp_path_factory):
+    """Return what the command prints, and the folder of the files that it writes."""
+    folder = tmp_path_factory.mktemp('identified')
+    words = (
         'identify', recordings['heavy'], *FIT, '--check', recordings['heavy_too'],
         '--set=plant_sim.ball_friction=0.001',
+        '--output', folder / 'found.yaml', '--plot', folder / 'found.png',
     )  # fmt: skip
-    assert (status, stderr) == (0, '')
+    done = subprocess.run(
+        [*BALLBOT, *map(str, words)], capture_output=True, text=True, check=False,
+        timeout=LAST_RESORT_S,
+    )  # fmt: skip
+    assert (done.returncode, done.stderr) == (0, '')
+    return done.stdout, folder
+
+
+def test_tables_of_verdicts_values_and_residuals(identified):
+    text, _ = identified
     verdicts, values, residuals = map(rows, text.split('┏')[1:])
     assert [row[:2] for row in verdicts] == [
         ['body_mass', 'identified'], ['ball_friction', 'identified'],
@@ -112,21 +135,24 @@ def test_nothing_is_written_if_nothing_is_identified(command, recordings, tmp_pa
     assert not plot.exists()
 
 
-def test_the_output_gives_a_run_the_identified_robot(command, recordings, tmp_path):
-    output, plot = tmp_path / 'found.yaml', tmp_path / 'found.png'
-    status, text, stderr = command(
-        'identify', recordings['heavy'], *FIT, '--output', output, '--plot', plot
-    )
-    assert (status, stderr) == (0, '')
+def test_the_output_gives_a_run_the_identified_robot(command, identified, recordings, tmp_path):
+    text, folder = identified
+    output, plot = folder / 'found.yaml', folder / 'found.png'
     assert f'plot  {plot}\nparameters  {output}\n' in text
     assert plot.read_bytes().startswith(PNG)
     first, *_ = output.read_text().splitlines()
-    fit = '--fit=body_mass --fit=ball_friction --truth'
-    assert first == f'# ballbot identify {recordings["heavy"]} {fit}'
+    fit = '--fit=body_mass --fit=ball_friction'
+    more = f'--check={recordings["heavy_too"]} --truth --set=plant_sim.ball_friction=0.001'
+    assert first == f'# ballbot identify {recordings["heavy"]} {fit} {more}'
     found = read_parameter_file(output)
     assert found.of(PlantParameters).body_mass == pytest.approx(MASS, rel=1e-3)
     assert {name for _, name, _ in found} == {'body_mass', 'ball_friction'}
-    record(tmp_path / 'run', 'stationary', '--params', output, '--set=plant_sim.duration=0.1')
+    status, _, stderr = command(
+        'run', 'stationary', '--processes=none', '--params', output,
+        '--set=plant_sim.duration=0.1', '--output', tmp_path / 'run',
+    )  # fmt: skip
+    assert stderr == ''
+    assert status in (0, 1)
 
 
 def test_json_has_what_the_tables_have(command, recordings):

@@ -142,24 +142,26 @@ def assert_mass_is_found(found, true):
     assert row.half_width == pytest.approx(row.relative * row.value)
 
 
-@pytest.mark.slow
-def test_the_devices_of_a_brick_tell_parameters_within_their_intervals(tmp_path):
-    true = 1.06 * DOCUMENT.body_mass
-    run = simulated(tmp_path, body_mass=true)
-    found = identify([recorded_experiment(run, {})], ('body_mass', 'motor_friction'))
-    assert_mass_is_found(found, true)
-    assert found.correlation.shape == (2, 2)
-    np.testing.assert_allclose(np.diag(found.correlation), 1.0)
-    friction = found.parameters[1]
+def identify_mass_and_friction(run):
+    return identify([recorded_experiment(run, {})], ('body_mass', 'motor_friction'))
+
+
+@pytest.fixture(scope='module')
+def found_heavy(heavy):
+    return identify_mass_and_friction(heavy)
+
+
+def test_the_devices_of_a_brick_tell_parameters_within_their_intervals(heavy, found_heavy):
+    """Those of the nonlinear model: test/benchmark/test_identification.py."""
+    assert_mass_is_found(found_heavy, heavy.plant.body_mass)
+    assert found_heavy.correlation.shape == (2, 2)
+    np.testing.assert_allclose(np.diag(found_heavy.correlation), 1.0)
+    friction = found_heavy.parameters[1]
     assert abs(friction.value - DOCUMENT.motor_friction) <= 1.5 * friction.half_width
 
 
-def test_the_same_run_gives_the_same_result(heavy):
-    first, second = (
-        identify([recorded_experiment(heavy, {})], ('body_mass', 'motor_friction'))
-        for _ in range(2)
-    )
-    assert_mass_is_found(first, heavy.plant.body_mass)
+def test_the_same_run_gives_the_same_result(heavy, found_heavy):
+    first, second = found_heavy, identify_mass_and_friction(heavy)
     assert first.parameters == second.parameters
     assert first.experiments == second.experiments
     np.testing.assert_array_equal(first.correlation, second.correlation)
