@@ -9,8 +9,9 @@ import time
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
+from graph import LAST_RESORT_S
+
 ROOT = Path(__file__).resolve().parents[1]
-LAST_RESORT_S = 60.0
 # The pages for people listen on all interfaces, unless they are told not to.
 LOOPBACK = ('--host', '127.0.0.1', '--dashboard-address', '127.0.0.1:0')
 

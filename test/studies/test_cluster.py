@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from dask_processes import ROOT, Cluster, environment, forked_workers, wait_for
+from dask_processes import LAST_RESORT_S, ROOT, Cluster, environment, forked_workers, wait_for
 from own_controllers import BALANCE
 from PIL import Image
 
@@ -33,8 +33,8 @@ from ballbot_ros.studies.library import read_study
 from ballbot_ros.studies.sampling import Sampler
 from ballbot_ros.studies.study_data import StudyData
 
-KILLS = int(os.environ.get('BALLBOT_TEST_KILLS', '20'))
-"""How often a worker is killed; a kill costs half a second, so 100 are for those who ask."""
+KILLS = int(os.environ.get('BALLBOT_TEST_KILLS', '10'))
+"""How often a worker is killed; a kill costs a second of a processor: 100 are for those who ask."""
 
 MOST_PARTS = 6
 RUNS_PER_PART = 2
@@ -172,7 +172,7 @@ def test_sigint_cancels_the_parts_on_the_cluster(two_workers, tmp_path):
         # The command opens no port.
         assert not listening_ports(process.pid)
         process.send_signal(signal.SIGINT)
-        _, errors = process.communicate(timeout=60)
+        _, errors = process.communicate(timeout=LAST_RESORT_S)
     assert process.returncode == 130
     assert 'the same command goes on from there' in errors
     assert 'Traceback' not in errors
