@@ -34,7 +34,7 @@ from ballbot_ros.studies.sampling import Sampler
 from ballbot_ros.studies.study_data import StudyData
 
 KILLS = int(os.environ.get('BALLBOT_TEST_KILLS', '10'))
-"""How often a worker is killed; a kill costs a second of a processor: 100 are for those who ask."""
+"""How often a worker is killed; a kill costs half a second, so 100 are for those who ask."""
 
 MOST_PARTS = 6
 RUNS_PER_PART = 2
@@ -204,7 +204,7 @@ def listening_ports(process):
     return own & listening
 
 
-def test_a_study_waits_for_workers_and_goes_on_after_its_scheduler(here, tmp_path):
+def test_a_study_waits_for_workers_and_goes_on_after_its_scheduler(here, two_workers, tmp_path):
     path, output = write(tmp_path), tmp_path / 'results'
     with Cluster(tmp_path / 'one') as lost:
         observer = Observer(first=lost.scheduler.kill, notices={'waiting': lost.add_worker})
@@ -213,10 +213,8 @@ def test_a_study_waits_for_workers_and_goes_on_after_its_scheduler(here, tmp_pat
         assert '\n' not in str(refused.value)
         assert f'dask worker {lost.address}' in observer.notices[0]
     written = len(list((output / 'parts').glob('*.parquet')))
-    with Cluster(tmp_path / 'two') as next_one:
-        next_one.add_worker()
-        observer = Observer()
-        data = carry_out(path, output, workers_of(next_one.address), observer)
+    observer = Observer()
+    data = carry_out(path, output, workers_of(two_workers.address), observer)
     assert 0 < observer.advanced < 1_000
     assert written < data.study.parts
     assert data.table().equals(here)
@@ -274,10 +272,14 @@ def silent():
 
 def test_what_is_no_scheduler_is_refused(lonely, tmp_path, monkeypatch):
     path, output = write(tmp_path), tmp_path / 'results'
-    monkeypatch.setattr(cluster, 'CONNECT_TIMEOUT_S', 1.0)
-    with silent() as address:
-        assert refusal(path, output, address).startswith(f'{address}: no Dask scheduler answers')
-    assert refusal(path, output, address).startswith(f'{address}: no Dask scheduler answers')
+    # Only where nothing answers: a scheduler on a busy machine may need longer.
+    with monkeypatch.context() as patched:
+        patched.setattr(cluster, 'CONNECT_TIMEOUT_S', 1.0)
+        with silent() as address:
+            message = refusal(path, output, address)
+            assert message.startswith(f'{address}: no Dask scheduler answers')
+        message = refusal(path, output, address)
+        assert message.startswith(f'{address}: no Dask scheduler answers')
     for bad in ('scheduler', 'tcp://scheduler', 'http://scheduler:8786', 'tcp://scheduler:port'):
         assert 'not the address of a scheduler' in refusal(path, output, bad)
     own = cluster.worker_versions()
