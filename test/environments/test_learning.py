@@ -16,7 +16,7 @@ CONTROLLER = f'{EXAMPLES}/learned_policy.py:LearnedPolicy'
 @pytest.mark.slow
 def test_the_cross_entropy_method_learns_to_balance(tmp_path):
     output = tmp_path / 'policy.yaml'
-    words = ['--profile=ideal', '--duration=4', '--generations=8', '--population=30']
+    words = ['--profile=ideal', '--duration=4', '--generations=6', '--population=20']
     done = subprocess.run(
         [sys.executable, EXAMPLES / 'cross_entropy.py', *words, '--output', output],
         capture_output=True,
@@ -25,7 +25,7 @@ def test_the_cross_entropy_method_learns_to_balance(tmp_path):
     )
     lines = done.stdout.splitlines()
     assert [line.startswith(f'generation {n:2}: ') for n, line in enumerate(lines, 1)] == (
-        [True] * 8 + [False]
+        [True] * 6 + [False]
     )
     weights = yaml.safe_load(output.read_text())['/**/controller']['ros__parameters']
     assert all(abs(weight) > 1e-3 for weight in weights.values())
@@ -55,7 +55,7 @@ def test_the_learned_policy_runs_in_the_graph(start_run):
     for processes in ('separate', 'one', 'none'):
         run = start_run(
             'stationary', '--controller', CONTROLLER, '--params', LEARNED,
-            '--processes', processes, '--no-record', '--json',
+            '--processes', processes, '--no-record', '--json', '--set=plant_sim.duration=5',
         )  # fmt: skip
         assert run.finish() == 0, run.stderr
         assert run.result['outcome'] == 'passed'
