@@ -17,6 +17,7 @@ def test_an_experiment_prints_its_table(monkeypatch, name):
     monkeypatch.setattr(redesign, 'LOW_PASSES', [0.95])
     monkeypatch.setattr(redesign, 'VOLTAGE_WEIGHTS', [3.0])
     monkeypatch.setattr(redesign, 'scenario_names', lambda: ['stationary'])
+    monkeypatch.setattr(redesign, 'QUIETEST', ('stationary', 'push'))  # short ones
     monkeypatch.setattr(redesign, 'STEP_DEG', 2.0)
     result = CliRunner().invoke(tune.tune, [name])
     assert result.exception is None, result.output
