@@ -276,17 +276,21 @@ def test_an_unfinished_study_says_so_first(tmp_path):
     assert page.text.index('not finished') < page.text.index('% passed')
 
 
+def write_study_of_seeds(folder):
+    """Write a study that varies nothing else, whose report has the fewest figures."""
+    study = record(varied=(), runs=30)
+    with begin_or_resume(folder, study, NOW) as begun:
+        for part in range(3):
+            write_part(folder, study, part, replace(part_rows(study, part), varied=[]))
+        begun.finish(NOW)
+
+
 def test_small_studies_and_studies_of_seeds_alone_have_a_page(tmp_path):
     write_study(tmp_path / 'few')
     page = Page(study_report(StudyData.open(tmp_path / 'few')).page)
     assert 'No indices: they need at least 200 runs' in page.text
     assert "since the parameters can't be read here" in page.text
-    study = record(varied=(), runs=30)
-    with begin_or_resume(tmp_path / 'seeds', study, NOW) as begun:
-        for part in range(3):
-            rows = part_rows(study, part)
-            write_part(tmp_path / 'seeds', study, part, replace(rows, varied=[]))
-        begun.finish(NOW)
+    write_study_of_seeds(tmp_path / 'seeds')
     page = Page(study_report(StudyData.open(tmp_path / 'seeds')).page)
     assert {'maps', 'sensitivities', 'shares', 'varied'}.isdisjoint(page.ids)
 
@@ -310,7 +314,7 @@ def test_a_study_that_always_passes_has_a_page(tmp_path):
 
 def test_the_command_replaces_only_an_earlier_report(command, tmp_path):
     study = tmp_path / 'study'
-    write_study(study)
+    write_study_of_seeds(study)
     for _ in range(2):
         status, text, _ = command('study', 'report', study)
         assert (status, text) == (0, f'report  {study}/report/index.html\n')
