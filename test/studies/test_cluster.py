@@ -33,7 +33,7 @@ from ballbot_ros.studies.library import read_study
 from ballbot_ros.studies.sampling import Sampler
 from ballbot_ros.studies.study_data import StudyData
 
-KILLS = int(os.environ.get('BALLBOT_TEST_KILLS', '10'))
+KILLS = int(os.environ.get('BALLBOT_TEST_KILLS', '20'))
 """How often a worker is killed; a kill costs half a second, so 100 are for those who ask."""
 
 MOST_PARTS = 6
