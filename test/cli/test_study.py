@@ -9,7 +9,6 @@ from graph import BALLBOT, LAST_RESORT_S, environment
 
 CONTENT = {
     'purpose': 'a test',
-    'scenario': 'push',
     'runs': 40,
     'vary': {
         'plant_sim.body_mass': {'uniform': [0.6, 0.75]},
@@ -20,11 +19,20 @@ CONTENT = {
     'expectations': {'peak_pitch_deg': {'max': 5.0}},
 }
 
+SHORT_PUSH = {
+    'purpose': 'a test',
+    'duration': 3.0,
+    'profile': 'ideal',
+    'pushes': [{'time': 1.5, 'duration': 0.1, 'force': 1.0, 'direction': 'forward'}],
+}
+
 
 @pytest.fixture
 def study(tmp_path):
-    path = tmp_path / 'tried.yaml'
-    path.write_text(yaml.safe_dump(CONTENT), encoding='utf-8')
+    scenario, path = tmp_path / 'short_push.yaml', tmp_path / 'tried.yaml'
+    scenario.write_text(yaml.safe_dump(SHORT_PUSH), encoding='utf-8')
+    content = {**CONTENT, 'scenario': str(scenario)}
+    path.write_text(yaml.safe_dump(content), encoding='utf-8')
     return path
 
 
