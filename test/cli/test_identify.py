@@ -41,7 +41,7 @@ def recordings(tmp_path_factory):
         'still': {'hold_time': 60.0},
     }
     return {
-        name: simulated(folder / name, 'stationary', duration=16.0, **plant)
+        name: simulated(folder / name, 'stationary', duration=12.0, **plant)
         for name, plant in runs.items()
     }
 
@@ -58,7 +58,7 @@ def logs(tmp_path_factory):
     """Return two data logs of one robot that is driven, and one of a robot held still."""
     folder = tmp_path_factory.mktemp('logs')
     runs = {
-        'low': ('excitation', {'body_height': HEIGHT}),
+        'low': ('excitation', {'body_height': HEIGHT, 'duration': 24.0}),
         'low_too': ('excitation', {'body_height': HEIGHT, 'duration': 8.0}),
         'still_log': ('stationary', {'hold_time': 60.0}),
     }
