@@ -34,6 +34,13 @@ FALLEN_DEG = 30.0
 NAMES = ('body_height', 'back_emf_constant', 'torque_constant', 'dead_zone')
 """Parameters that are drawn: those that the data tell apart."""
 
+SOURCES = {
+    'recording': lambda run, log: recorded_experiment(run, {}),
+    'data log': lambda run, log: logged_experiment(log, {'backlash': run.plant.backlash}),
+    'data log, gear play not known': lambda run, log: logged_experiment(log, {}),
+}
+"""Experiments from which a robot is identified, each of a run and its data log."""
+
 HARDWARE_VALUES = {
     'body_height': 0.17, 'back_emf_constant': 0.468, 'torque_constant': 0.317, 'dead_zone': 4.0,
     'body_mass': 0.682, 'motor_friction': 0.0022,
@@ -73,15 +80,10 @@ def case(number: int, names: Sequence[str]) -> Case:
             return Case(recording.plant, {})
         with RecordingReader(path) as reader:
             (log,) = write_data_log(reader, path.with_suffix('.csv')).paths
-        gear_play = {'backlash': recording.plant.backlash}
-        return Case(
-            recording.plant,
-            {
-                'recording': identify([recorded_experiment(recording, {})]),
-                'data log': identify([logged_experiment(log, gear_play)]),
-                'data log, gear play not known': identify([logged_experiment(log, {})]),
-            },
-        )
+        found = {
+            source: identify([experiment(recording, log)]) for source, experiment in SOURCES.items()
+        }
+        return Case(recording.plant, found)
 
 
 def cases(count: int, names: Sequence[str]) -> Iterator[Case]:
