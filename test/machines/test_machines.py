@@ -147,18 +147,27 @@ def oldest_allowed(monkeypatch):
     return {name: f'{lowest}.0' for name, lowest in bounds.items()}
 
 
-OTHER_PYTHONS = [minor for minor in range(10, 14) if minor != sys.version_info.minor]
+@functools.cache
+def other_pythons():
+    """Return the Pythons 3.10 to 3.13 that are found besides the running one, by minor number."""
+    minors = [minor for minor in range(10, 14) if minor != sys.version_info.minor]
+    found = {minor: find_python(minor) for minor in minors}
+    return {minor: python for minor, python in found.items() if python}
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)  # pip downloads
-@pytest.mark.parametrize('minor', OTHER_PYTHONS)
-def test_another_python_with_the_oldest_or_newest_numpy_and_scipy(minor, tmp_path, monkeypatch):
-    """The oldest releases with the oldest Python, the newest with the others."""
-    python = find_python(minor)
-    if python is None:
-        pytest.skip(f'not exercised: this machine has no Python 3.{minor}')
-    pinned = oldest_allowed(monkeypatch) if minor == OTHER_PYTHONS[0] else {}
+@pytest.mark.parametrize('select', [min, max], ids=['oldest', 'newest'])
+def test_another_python_with_numpy_and_scipy_of_its_age(select, tmp_path, monkeypatch):
+    """The oldest found with the oldest releases, the newest with the newest.
+
+    What is between them differs from both by less than they do from each other.
+    """
+    if not other_pythons():
+        pytest.skip('not exercised: this machine has no other Python 3.10 to 3.13')
+    minor = select(other_pythons())
+    python = other_pythons()[minor]
+    pinned = oldest_allowed(monkeypatch) if select is min else {}
     wanted = [f'{name}=={pinned[name]}' if name in pinned else name for name in PACKAGES]
     subprocess.run([python, '-m', 'venv', '--without-pip', tmp_path / 'venv'], check=True)
     own = tmp_path / 'venv' / 'bin' / 'python'
