@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from laws import given
 from matplotlib.image import imread
 
-from ballbot_ros.analysis import interactive
+from ballbot_ros.analysis import interactive, report
 from ballbot_ros.analysis.assessment import assess
 from ballbot_ros.analysis.page import number_text
 from ballbot_ros.analysis.report import loop_of, report_document, report_page, write_report
@@ -118,14 +118,34 @@ def test_the_page_has_interactive_figures_and_pictures_of_the_others(page, folde
     assert {f'{figure.name}.{kind}' for figure in FIGURES for kind in ('png', 'csv')} <= links
 
 
-def test_without_plotly_the_page_has_all_pictures_and_says_how_to_get_the_others(
-    short_assessment, tmp_path, monkeypatch
-):
-    monkeypatch.setattr(interactive, 'plotly_script', lambda: None)
-    write_report(short_assessment, tmp_path)
-    page = Page((tmp_path / 'index.html').read_text(encoding='utf-8'))
+@pytest.fixture(scope='module')
+def without_plotly(short_assessment, tmp_path_factory):
+    """Return folder and document of a run, which have the same pictures: they are drawn once."""
+    folder = tmp_path_factory.mktemp('without_plotly')
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(interactive, 'plotly_script', lambda: None)
+        for name in ('draw_figures', '_frequency_figures'):
+            patched.setattr(report, name, once(getattr(report, name)))
+        write_report(short_assessment, folder)
+        return folder, report_document(short_assessment)
+
+
+def once(draw):
+    drawn = []
+
+    def figures(*arguments):
+        if not drawn:
+            drawn.extend(draw(*arguments))
+        return drawn.copy()
+
+    return figures
+
+
+def test_without_plotly_the_page_has_all_pictures_and_says_how_to_get_the_others(without_plotly):
+    folder, _ = without_plotly
+    page = Page((folder / 'index.html').read_text(encoding='utf-8'))
     assert not page.all('script')
-    assert len(page.all('img')) == len(list(tmp_path.glob('*.png'))) > 5
+    assert len(page.all('img')) == len(list(folder.glob('*.png'))) > 5
     assert 'ballbot_ros[report]' in ''.join(page.text)
 
 
@@ -136,9 +156,9 @@ def test_the_document_needs_no_other_file(short_document):
     assert all(each['href'].startswith('#') for each in page.all('a'))
 
 
-def test_the_document_without_plotly_needs_no_other_file(short_assessment, monkeypatch):
-    monkeypatch.setattr(interactive, 'plotly_script', lambda: None)
-    page = Page(report_document(short_assessment))
+def test_the_document_without_plotly_needs_no_other_file(without_plotly):
+    _, document = without_plotly
+    page = Page(document)
     assert not page.all('script')
     assert len(page.all('img')) == 11
     assert all(each['href'].startswith('#') for each in page.all('a'))
@@ -293,7 +313,10 @@ def test_a_number_survives_conversion_to_text(value):
     assert float(text) == pytest.approx(value, rel=5e-3, abs=0.0 if abs(value) < 0.1 else 6e-4)
 
 
-def test_the_command_writes_next_to_the_recording_and_overwrites_nothing(command, short, copy):
+def test_the_command_writes_next_to_the_recording_and_overwrites_nothing(
+    command, short, copy, monkeypatch
+):
+    monkeypatch.setattr(report, 'draw_figures', lambda run, contents: [])  # others look at them
     path = copy(short[0])
     status, stdout, stderr = command('report', path, '--json')
     assert (status, stderr) == (0, '')
