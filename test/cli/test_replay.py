@@ -67,14 +67,14 @@ def copy(recording, path, change, also=()):
 
 @pytest.mark.parametrize('name', scenario_names())
 def test_every_shipped_scenario_is_identical(command, tmp_path, name, replay):
-    short = ('--processes=none', '--set=plant_sim.duration=8', '--output', tmp_path)
+    short = ('--processes=none', '--set=plant_sim.duration=6', '--output', tmp_path)
     assert command('run', name, *short)[0] in (0, 1)
     done = replay(tmp_path / f'{name}.mcap', '--json')
     assert done.returncode == 0, done.stdout + done.stderr
     controller, robot = json.loads(done.stdout)
     assert controller['identical']
     assert robot['identical']
-    assert controller['ticks'] == robot['ticks'] == 2000
+    assert controller['ticks'] == robot['ticks'] == 1500
 
 
 @pytest.mark.parametrize('name', ['stationary', 'hardware_autonomous'])
@@ -90,10 +90,10 @@ def test_a_recording_of_another_processor_is_identical(tmp_path, monkeypatch, na
 
 @pytest.mark.graph
 def test_a_run_of_the_graph_is_identical(tmp_path, replay):
-    recording = record(tmp_path, 'hardware_autonomous', '--set=plant_sim.duration=4')
+    recording = record(tmp_path, 'hardware_autonomous', '--set=plant_sim.duration=2')
     done = replay(recording)
     assert done.returncode == 0, done.stdout + done.stderr
-    assert done.stdout.count('identical, 1000 ticks') == 2
+    assert done.stdout.count('identical, 500 ticks') == 2
     assert done.stderr == ''
 
 
