@@ -36,7 +36,7 @@ from ballbot_ros.studies.study_data import StudyData
 KILLS = int(os.environ.get('BALLBOT_TEST_KILLS', '20'))
 """How often a worker is killed; a kill costs half a second, so 100 are for those who ask."""
 
-MOST_PARTS = 6
+MOST_PARTS = 3
 RUNS_PER_PART = 2
 
 CONTENT = {
