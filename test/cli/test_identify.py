@@ -2,11 +2,10 @@
 
 import json
 import re
-import subprocess
 
 import numpy as np
 import pytest
-from graph import BALLBOT, LAST_RESORT_S
+from graph import call
 from recordings import copy_recording
 
 import ballbot_ros as bb
@@ -88,10 +87,7 @@ def identified(recordings, tmp_path_factory):
         '--set=plant_sim.ball_friction=0.001',
         '--output', folder / 'found.yaml', '--plot', folder / 'found.png',
     )  # fmt: skip
-    done = subprocess.run(
-        [*BALLBOT, *map(str, words)], capture_output=True, text=True, check=False,
-        timeout=LAST_RESORT_S,
-    )  # fmt: skip
+    done = call(*words)
     assert (done.returncode, done.stderr) == (0, '')
     return done.stdout, folder
 
