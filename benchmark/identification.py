@@ -7,16 +7,18 @@ document's values to begin with: once a recording, once the brick's data log.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
 from typing import NamedTuple
 
 import click
 import numpy as np
 
 from ballbot_ros.analysis.data_log import write_data_log
-from ballbot_ros.analysis.run_data import read_run
+from ballbot_ros.analysis.run_data import RunData, read_run
 from ballbot_ros.files import temporary_folder
+from ballbot_ros.identification.experiment import Experiment
 from ballbot_ros.identification.identification import Identification, identify
 from ballbot_ros.identification.logged_experiment import logged_experiment
 from ballbot_ros.identification.recorded_experiment import recorded_experiment
@@ -34,7 +36,7 @@ FALLEN_DEG = 30.0
 NAMES = ('body_height', 'back_emf_constant', 'torque_constant', 'dead_zone')
 """Parameters that are drawn: those that the data tell apart."""
 
-SOURCES = {
+SOURCES: dict[str, Callable[[RunData, Path], Experiment]] = {
     'recording': lambda run, log: recorded_experiment(run, {}),
     'data log': lambda run, log: logged_experiment(log, {'backlash': run.plant.backlash}),
     'data log, gear play not known': lambda run, log: logged_experiment(log, {}),
