@@ -1,20 +1,36 @@
-"""The file of a run: complete, readable by everyone, and the same with and without the graph."""
+"""Duties and file of a run: complete, readable by everyone, the same with and without the graph."""
 
 import contextlib
 
 import pytest
-from graph import Run, free_domain
+from graph import Run, free_domain, record
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
 from ballbot_ros.messages.topics import TOPICS
 from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.scenario.library import load_scenario
+from ballbot_ros.simulation.golden import duty_sha256
 from ballbot_ros.timing import TICK_NS
 
 pytestmark = pytest.mark.graph
 
-DURATION_S = 1.2
-TICKS = 300
+TICKS = 400
+# Dead times of everything, noise, a battery that drains and a map: what could be lost on the way.
+SETTINGS = [
+    ('plant_sim', 'duration', 1.6),
+    ('plant_sim', 'battery_model', 'draining'),
+    ('plant_sim', 'actuator_delay', 1),
+    ('plant_sim', 'actuator_delay_jitter', 3),
+    ('plant_sim', 'map', 'track'),
+    ('plant_sim', 'on_wall_hit', 'report'),
+    ('gyro_driver', 'noise', 0.7),
+    ('gyro_driver', 'delay', 2),
+    ('gyro_driver', 'delay_jitter', 4),
+    ('encoder_driver', 'delay', 3),
+    ('sonar_driver', 'delay', 20),
+    ('sonar_driver', 'delay_jitter', 90),
+]
 COUNTS = {
     4: TICKS,
     20: TICKS // 5,
@@ -27,28 +43,47 @@ ONLY_IN_THE_GRAPH = {
 }  # fmt: skip
 
 
+@pytest.fixture(scope='module')
+def expected_sha256():
+    scenario = load_scenario('stationary')
+    for setting in SETTINGS:
+        scenario.parameters.set(*setting)
+    return duty_sha256(scenario)
+
+
 @pytest.fixture
-def recordings(tmp_path):
+def recordings(tmp_path, expected_sha256):
     """The recordings of the same run in all arrangements of processes, made at the same time."""
+    words = ['stationary', *(f'--set={node}.{name}={value}' for node, name, value in SETTINGS)]
     with contextlib.ExitStack() as stack:
         runs = {}
-        for processes in ('separate', 'one', 'none'):
-            run = Run(stack.enter_context(free_domain()), 'stationary', '--processes', processes,
-                      '--output', tmp_path / processes,
-                      f'--set=plant_sim.duration={DURATION_S}')  # fmt: skip
+        for processes in ('separate', 'one'):
+            run = Run(stack.enter_context(free_domain()), *words, '--processes', processes,
+                      '--json', '--output', tmp_path / processes)  # fmt: skip
             stack.callback(run.kill)
             runs[processes] = run
+        _, result = record(tmp_path / 'none', *words)
+        results = {'none': result}
         for processes, run in runs.items():
+            # Such a short run may miss the expectations.
             assert run.finish() in (0, 1), (processes, run.stderr)
-    return {processes: tmp_path / processes / 'stationary.mcap' for processes in runs}
+            results[processes] = run.result
+    for processes, result in results.items():
+        assert result['duty_sha256'] == expected_sha256, processes
+    return {processes: tmp_path / processes / 'stationary.mcap' for processes in results}
 
 
-def test_all_ways_of_running_leave_the_same_readable_recording(recordings):
+def test_all_ways_of_running_give_the_same_duties_and_the_same_readable_recording(
+    recordings, command
+):
     for processes, recording in recordings.items():
         nothing_is_missing(recording, processes)
         mcap_reads_it_and_its_checksums_hold(recording, processes)
         rosbags_decodes_every_message(recording, processes)
         the_file_alone_is_enough_for_a_replay(recording, processes)
+        status, output, errors = command('replay', recording)
+        assert (status, errors) == (0, ''), processes
+        assert f'robot: identical, {TICKS} ticks' in output, processes
     the_graph_records_what_the_loop_without_ros_records(recordings)
 
 
@@ -56,6 +91,7 @@ def nothing_is_missing(recording, processes):
     with RecordingReader(recording) as reader:
         assert reader.complete, processes
         found = reader.topics()
+        assert '/plant/steps' not in found, processes
         for topic in TOPICS:
             if topic.period_ns:
                 name = '/' + topic.name.lstrip('/')
