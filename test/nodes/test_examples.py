@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from graph import BALLBOT, Node, environment
+from graph import Node, environment
 
 pytest.importorskip('rclpy')
 
@@ -21,7 +21,7 @@ pytestmark = pytest.mark.graph
 EXAMPLES = Path(__file__).resolve().parents[2] / 'docs' / 'examples'
 ENCODER = EncoderParameters.node
 FILES = {GYRO: 'gyro_driver.py', ENCODER: 'cyclonedds_encoder_driver.py'}
-SHORT = ['plant_sim.duration=1.5']
+SHORT = ['plant_sim.duration=1.2']
 
 
 @pytest.fixture
@@ -32,8 +32,8 @@ def run_with(start_run, domain, tmp_path):
     """
 
     def run(role):
-        done = start_run('stationary', '--json', f'--set={SHORT[0]}', '--external', role,
-                         '--output', tmp_path)  # fmt: skip
+        done = start_run('stationary', '--processes=one', '--json', f'--set={SHORT[0]}',
+                         '--external', role, '--output', tmp_path)  # fmt: skip
         process = subprocess.Popen(
             [sys.executable, EXAMPLES / FILES[role]],
             env=environment(domain),
@@ -62,16 +62,9 @@ class _Killed:
         self._process.wait()
 
 
-def replay(recording):
-    done = subprocess.run(
-        [*BALLBOT, 'replay', recording], capture_output=True, text=True, check=False
-    )
-    return done.returncode, done.stdout, done.stderr
-
-
-def test_a_driver_with_rclpy_takes_part_and_its_run_can_be_replayed(run_with):
+def test_a_driver_with_rclpy_takes_part_and_its_run_can_be_replayed(run_with, command):
     result = run_with(GYRO).result
-    status, output, notes = replay(result['recording'])
+    status, output, notes = command('replay', result['recording'])
     assert status == 0, output
     assert output.count('identical') == 2
     assert "its gyro_driver 'my gyro 1.0' is not part of ballbot_ros: the recorded" in notes

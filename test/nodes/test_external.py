@@ -60,7 +60,8 @@ def test_the_node_of_the_user_takes_the_place(
 
 
 def test_an_external_recorder_writes_the_file(start_run, start_node, tmp_path):
-    run = start_run('stationary', *SHORT, '--external', RECORDER, '--output', tmp_path / 'run')
+    run = start_run('stationary', *SHORT, '--processes=one', '--external', RECORDER,
+                    '--output', tmp_path / 'run')  # fmt: skip
     recorder = start_node(RECORDER, output=tmp_path / 'mine.mcap')
     assert run.finish() in (0, 1), run.stderr
     assert run.result['recording'] is None
@@ -71,7 +72,7 @@ def test_an_external_recorder_writes_the_file(start_run, start_node, tmp_path):
 
 
 def test_a_node_that_never_comes_is_named(start_run):
-    run = start_run('stationary', *SHORT, '--no-record', '--external', GYRO,
+    run = start_run('stationary', *SHORT, '--processes=one', '--no-record', '--external', GYRO,
                     '--set', f'plant_sim.startup_timeout={START_S}')  # fmt: skip
     assert run.finish() == 1
     assert run.result['reason'] == f'{GYRO} silent for {START_S} s before the first tick'
@@ -121,7 +122,7 @@ SILENT = f"{GYRO} silent for {START_S} s at sim time {{}} s: its newest 'gyro' i
 )
 def test_a_wrong_stamp_is_named_with_its_sender(start_run, client, late_ns, since_ns, reason):
     gyro = WrongGyro(client.node, late_ns, since_ns)
-    run = start_run('stationary', *SHORT, '--no-record', '--external', GYRO,
+    run = start_run('stationary', *SHORT, '--processes=one', '--no-record', '--external', GYRO,
                     '--set', f'plant_sim.startup_timeout={START_S}')  # fmt: skip
     client.spin_until(lambda: run.process.poll() is not None, what='the end of the run')
     assert gyro

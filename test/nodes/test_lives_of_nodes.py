@@ -26,12 +26,12 @@ def lines_of(output):
     return [re.sub(r'\d+ ticks, duty_sha256 \w{12}…', 'N ticks', line) for line in found]
 
 
-def test_nodes_log_the_events_of_their_lives(run_node, client, tmp_path):
+def test_nodes_log_the_events_of_their_lives(start_node, client, tmp_path):
     path = tmp_path / 'life.mcap'
-    plant = run_node('plant_sim', real_time_factor=0, require_recorder='true')
+    plant = start_node('plant_sim', real_time_factor=0, require_recorder='true')
     head = plant.lines_until(' waits for ')
-    drivers = [run_node(name) for name in DRIVERS]
-    recorder = run_node('recorder', output=path)
+    drivers = [start_node(name) for name in DRIVERS]
+    recorder = start_node('recorder', output=path)
     client.spin_until(lambda: PLANT_IMU.name in client.newest and client.now_ns() > 1_200_000_000)
     client.call(SetBool, 'plant_sim/pause', SetBool.Request(data=True))
     push = client.node.create_publisher(WrenchStamped, 'plant/push', 1)
@@ -72,8 +72,14 @@ def test_nodes_log_the_events_of_their_lives(run_node, client, tmp_path):
     ]  # fmt: skip
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM], ids=lambda n: n.name)
-@pytest.mark.parametrize('imported', ['ballbot_ros.errors', 'numpy', 'rclpy.qos'])
+@pytest.mark.parametrize(
+    ('imported', 'number'),
+    [
+        ('ballbot_ros.errors', signal.SIGTERM),
+        ('numpy', signal.SIGINT),
+        ('rclpy.qos', signal.SIGTERM),
+    ],
+)
 def test_a_signal_quietly_ends_a_node_that_is_still_importing(domain, number, imported):
     node = subprocess.Popen(
         [sys.executable, '-X', 'importtime', '-m', 'ballbot_ros.nodes', 'plant_sim'],

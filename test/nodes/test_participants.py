@@ -3,7 +3,6 @@
 import json
 import os
 import signal
-import subprocess
 from pathlib import Path
 
 import pytest
@@ -12,7 +11,7 @@ rclpy = pytest.importorskip('rclpy')
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue  # noqa: E402
 from geometry_msgs.msg import Vector3Stamped  # noqa: E402
-from graph import BALLBOT  # noqa: E402
+from graph import call  # noqa: E402
 from std_msgs.msg import Header  # noqa: E402
 
 from ballbot_ros.messages.conversions import time_ns  # noqa: E402
@@ -56,8 +55,8 @@ def test_a_run_next_to_nodes_of_an_earlier_one_fails_and_names_them(start_node, 
     # The old gyro is noisy, so its answers differ from those of the run.
     for name in OTHERS:
         start_node(name, **({'noise': 0.7} if name == GYRO else {}))
-    assert start_node(PLANT, duration=1.0, real_time_factor=0.0).finish() == 0
-    run = start_run('stationary', '--json', '--no-record')
+    assert start_node(PLANT, duration=0.1, real_time_factor=0.0).finish() == 0
+    run = start_run('stationary', '--processes=one', '--json', '--no-record')
     assert run.finish() == 1
     assert run.result['outcome'] == 'failed'
     assert run.result['ticks'] == 0
@@ -70,7 +69,7 @@ def test_a_run_next_to_nodes_of_an_earlier_one_fails_and_names_them(start_node, 
 def test_a_run_next_to_leftover_nodes_waits_for_slow_nodes(start_node, start_run, client, slow):
     """Otherwise it would begin without the leftover nodes, or with them in place of its own."""
     leftover = [start_node(name).process.pid for name in OTHERS]
-    assert start_node(PLANT, duration=1.0, real_time_factor=0.0).finish() == 0
+    assert start_node(PLANT, duration=0.1, real_time_factor=0.0).finish() == 0
     suspended = leftover if slow == 'leftover' else []
     for process in suspended:
         os.kill(process, signal.SIGSTOP)
@@ -124,7 +123,7 @@ def test_forged_diagnostics_change_neither_verdict_nor_recording(start_run, clie
     forged = KeyValue(key='outcome', value='failed')
     status = DiagnosticStatus(name='plant_sim: loop', values=[forged])
     client.publish(DIAGNOSTICS, lambda: DiagnosticArray(status=[status]))
-    shortened = ('--set', 'plant_sim.duration=2')
+    shortened = ('--set', 'plant_sim.duration=0.6', '--real-time-factor', 1)
     run = start_run('stationary', '--json', '--output', tmp_path, *shortened)
     client.spin_until(lambda: run.process.poll() is not None)
     assert run.finish() in (0, 1)  # such a short run may miss the expectations
@@ -181,7 +180,8 @@ class OwnController:
         self._duty.publish(duty)
 
 
-def test_a_controller_without_a_state_topic_is_recorded(start_node, client, tmp_path):
+def test_a_controller_without_a_state_topic_is_recorded(start_node, client, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     controller = OwnController(client.node)
     for name in OTHERS:
         if name != CONTROLLER:
@@ -195,13 +195,10 @@ def test_a_controller_without_a_state_topic_is_recorded(start_node, client, tmp_
     found = counts(tmp_path)
     assert found['/motor_duty'] == found['/gyro'] == 250
     assert '/controller/state' not in found
-    compared = subprocess.run(
-        [*BALLBOT, 'compare', '--json', tmp_path / 'own.mcap', tmp_path / 'own.mcap'],
-        cwd=tmp_path, capture_output=True, text=True, check=False,
-    )  # fmt: skip
+    compared = call('compare', '--json', tmp_path / 'own.mcap', tmp_path / 'own.mcap')
     assert [run['controller'] for run in json.loads(compared.stdout)['runs']] == ['my own'] * 2
-    reported = [*BALLBOT, 'report', '--output', tmp_path / 'report', tmp_path / 'own.mcap']
-    subprocess.run(reported, capture_output=True, check=True)
+    reported = call('report', '--output', tmp_path / 'report', tmp_path / 'own.mcap')
+    assert reported.returncode == 0, reported.stderr
     (page,) = (tmp_path / 'report').rglob('*.html')
     assert 'my own' in page.read_text(encoding='utf-8')
 
