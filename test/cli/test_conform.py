@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from graph import BALLBOT, LAST_RESORT_S, environment, without_taken_ports
+from graph import BALLBOT, LAST_RESORT_S, call, environment, without_taken_ports
 
 from ballbot_ros.conformance.examination import Row, Verdict
 from ballbot_ros.nodes.domain_lock import DomainLock
@@ -78,9 +78,9 @@ def test_a_wrong_node_fails_what_it_breaks_and_nothing_else(conform):
     assert failed == ['asked again', 'restart']
 
 
-@pytest.mark.parametrize('dead_time', [{}, {'delay': 6, 'delay_jitter': 9}])
-def test_a_node_that_the_user_has_started_is_not_restarted(conform, start_node, dead_time):
-    start_node(GYRO, **dead_time)
+def test_a_node_that_the_user_has_started_is_not_restarted(conform, start_node):
+    """Its dead time is that of its announcement."""
+    start_node(GYRO, delay=6, delay_jitter=9)
     status, output, errors = conform(GYRO, '--json')
     assert status == 0, output
     untested = [name for name, verdict in verdicts(output).items() if verdict == 'not tested']
@@ -123,7 +123,8 @@ def test_a_node_that_ends_is_failed_at_once(conform):
     assert lines[-1] == f'1 failed, {len(lines) - 2} not tested'
 
 
-def test_a_mistake_is_one_line_and_exit_status_2(conform, domain):
+def test_a_mistake_is_one_line_and_exit_status_2(domain, monkeypatch):
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
     for words, told in (
         (['gyro'], f"'gyro' is not one of {', '.join(map(repr, ROLES))}"),
         ([], "Missing argument 'ROLE'"),
@@ -131,15 +132,16 @@ def test_a_mistake_is_one_line_and_exit_status_2(conform, domain):
         ([GYRO, '--', ''], "'': "),
         ([GYRO, '--', '/dev/null'], "'/dev/null': Permission denied"),
     ):
-        status, output, errors = conform(*words)
-        assert (status, output) == (2, ''), errors
+        done = call('conform', *words)
+        errors = without_taken_ports(done.stderr)
+        assert (done.returncode, done.stdout) == (2, ''), errors
         assert errors.startswith('error: '), errors
         assert told in errors
         assert len(errors.splitlines()) == 1, errors
     with contextlib.closing(_Locked(domain)):
-        status, _, errors = conform(GYRO, '--', *own(GYRO))
-    assert status == 2
-    assert f'another plant or player is running in ROS domain {domain}' in errors
+        done = call('conform', GYRO, '--', *own(GYRO))
+    assert done.returncode == 2
+    assert f'another plant or player is running in ROS domain {domain}' in done.stderr
 
 
 class _Locked:

@@ -8,16 +8,15 @@ import signal
 import subprocess
 import sys
 import tempfile
-from dataclasses import dataclass
 
 import control
 import numpy as np
 import pandas
 import pytest
+from instance_controllers import Constant, Failing, FailingAtOnce, Gains
 
 import ballbot_ros as bb
 from ballbot_ros.analysis.verdict import ExpectationVerdict, Verdict
-from ballbot_ros.controllers import Controller, quantity
 from ballbot_ros.controllers.lqg import LQG
 from ballbot_ros.design.loop_analysis import analyse_ideal
 from ballbot_ros.design.servo import design_servo
@@ -33,34 +32,6 @@ from ballbot_ros.run.spec import RunOptions, RunSpec
 from ballbot_ros.simulation.golden import load_golden
 
 SHORT = {'plant_sim.duration': 1.2}
-
-
-@dataclass(frozen=True)
-class Gains:
-    """The parameters of the controllers below."""
-
-    duty: float = quantity(0.0, '%', (-100, 100), 'duty')
-
-
-class Constant(Controller[Gains]):
-    """Returns its parameter, from 1 s on."""
-
-    def tick(self, readings):
-        return (round(self.parameters.duty) if readings.elapsed_ms >= 1000 else 0), 0
-
-
-class Failing(Controller):
-    """Fails at 0.4 s."""
-
-    def tick(self, readings):
-        return 1 // (400 - readings.elapsed_ms), 0
-
-
-class FailingAtOnce(Controller):
-    """Fails at its first tick."""
-
-    def tick(self, readings):
-        raise RuntimeError('no')
 
 
 @pytest.fixture(scope='module')
