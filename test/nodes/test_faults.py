@@ -26,10 +26,14 @@ def the_motors_are_off(duties):
 
 @pytest.fixture
 def start(start_run, tmp_path):
-    """Start a recorded run; return it with its nodes when the first ticks are on disk."""
+    """Start a recorded run; return it with its nodes when the first ticks are on disk.
+
+    Its pace leaves the processor to others while the tests wait.
+    """
 
     def start(*settings, **popen):
-        run = start_run('stationary', '--output', tmp_path, ENDLESS, *settings, **popen)
+        run = start_run('stationary', '--output', tmp_path, ENDLESS, '--real-time-factor=1',
+                        *settings, **popen)  # fmt: skip
         pids = run.nodes()
         recording = tmp_path / 'stationary.mcap'
         await_recording(recording, run=run)
@@ -70,19 +74,13 @@ def test_the_shortest_timeout_blames_only_the_lost_node(start):
     assert f'\nfailed: {GYRO} silent for 0.2 s at ' in run.stdout
 
 
-# The other nodes: simulation/test_lockstep_master.py.
-@pytest.mark.parametrize(
-    ('victim', 'number'),
-    [
-        (PLANT, signal.SIGKILL),
-        (PLANT, signal.SIGSTOP),
-        (RECORDER, signal.SIGKILL),
-        (RECORDER, signal.SIGSTOP),
-    ],
-)
-def test_a_lost_node_fails_the_run_and_its_recording_can_be_read(start, victim, number):
+# The other nodes: simulation/test_lockstep_master.py. A plant that hangs, which takes half a
+# minute: run/test_plant_monitor.py and scripts/campaign. A recorder that hangs: above, and the
+# command kills it in the end, as this test does.
+@pytest.mark.parametrize('victim', [PLANT, RECORDER])
+def test_a_lost_node_fails_the_run_and_its_recording_can_be_read(start, victim):
     run, pids, recording = start()
-    os.kill(pids[victim], number)
+    os.kill(pids[victim], signal.SIGKILL)
     assert run.finish() == 1
     verdict = next(line for line in run.stdout.splitlines() if line.startswith('failed: '))
     assert victim in verdict
