@@ -15,6 +15,7 @@ from graph import (
     LAST_RESORT_S,
     NODES,
     alive,
+    call,
     children,
     environment,
     wait_for,
@@ -125,8 +126,7 @@ def test_keys_drive_reset_and_quit(start_drive, tmp_path):
         _, _, odometry = next(reader.messages({'/plant/odom'}))
     point = odometry.pose.pose.position
     assert (point.x, point.y) == (1.5, 0.5)
-    command = [*BALLBOT, 'log2csv', str(drive.folder / 'drive.mcap')]
-    subprocess.run(command, check=True, capture_output=True)
+    assert call('log2csv', drive.folder / 'drive.mcap').returncode == 0
     for name in ('', '_2'):
         recorded = (drive.folder / f'drive{name}.csv').read_bytes().splitlines()
         live = (tmp_path / f'live{name}.csv').read_bytes().splitlines()
@@ -136,7 +136,7 @@ def test_keys_drive_reset_and_quit(start_drive, tmp_path):
         assert len(recorded) - len(live) <= (2 if name else 0)
 
 
-def test_the_page_and_the_keyboard_go_together(start_drive):
+def test_the_page_and_the_keyboard_go_together_and_ctrl_c_quits(start_drive):
     pytest.importorskip('viser', reason='the extra viewer is not installed')
     drive = start_drive('--no-record', '--viewer', '--set', 'viewer.port=0')
     line = wait_for(
@@ -151,15 +151,6 @@ def test_the_page_and_the_keyboard_go_together(start_drive):
         assert page.headers.get_content_type() == 'text/html'
     drive.press(UP + b'h')
     drive.wait_until_shown('forward +50')
-    drive.press(b'q')
-    assert drive.finish() == 0
-    assert not any(alive(pid) for pid in pids.values())
-    assert termios.tcgetattr(drive.side) == drive.settings
-
-
-def test_ctrl_c_quits(start_drive):
-    drive = start_drive('--no-record')
-    pids = drive.begin(CHILDREN - {'recorder'})
     drive.press(b'\x03')
     assert drive.finish() == 0
     assert not any(alive(pid) for pid in pids.values())
