@@ -52,10 +52,10 @@ def test_the_learned_policy_stands_for_a_minute():
 
 @pytest.mark.graph
 def test_the_learned_policy_runs_in_the_graph(start_run):
-    """The command of the page; that of separate processes: run/test_own_controllers.py."""
+    """The command of the page; one process for all: run/test_own_controllers.py."""
     words = ['stationary', '--controller', CONTROLLER, '--params', LEARNED]
     words += ['--no-record', '--json', '--set=plant_sim.duration=5']
-    run = start_run(*words, '--processes=one')
+    run = start_run(*words)
     assert run.finish() == 0, run.stderr
     assert run.result['outcome'] == 'passed'
     without_nodes = call('run', *words, '--processes=none')

@@ -165,18 +165,17 @@ def test_a_slow_controller_is_told_by_its_node(start_run, folder):
 def test_all_ways_of_running_give_the_same_duties_and_replay_identically(
     start_run, folder, command
 ):
-    """Those of one process: environments/test_learning.py."""
     arguments = [
         'stationary', '--controller', 'balance.py:Balance', '--set', 'controller.user.rate=1.9',
         '--set', 'plant_sim.duration=1.5', '--profile', 'hardware',
     ]  # fmt: skip
-    run = start_run(*arguments, '--processes=separate', '--output=separate', '--json')
-    assert run.finish() in (0, 1), run.stderr  # with this noise it may miss an expectation
     recording, without_nodes = record(Path('none'), *arguments)
-    for result, path in (
-        (run.result, Path('separate', 'stationary.mcap')),
-        (without_nodes, recording),
-    ):
+    found = [(without_nodes, recording)]
+    for processes in ('separate', 'one'):
+        run = start_run(*arguments, f'--processes={processes}', f'--output={processes}', '--json')
+        assert run.finish() in (0, 1), run.stderr  # with this noise it may miss an expectation
+        found.append((run.result, Path(processes, 'stationary.mcap')))
+    for result, path in found:
         assert result['ticks'] == 375, result['reason']
         assert result['duty_sha256'] == without_nodes['duty_sha256']
         status, output, errors = command('replay', path, '--json')

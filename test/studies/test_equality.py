@@ -30,11 +30,8 @@ from ballbot_ros.timing import SECOND_NS, TICK_NS
 from ballbot_ros.world.world import World
 
 ROOT = Path(__file__).resolve().parents[2]
-RANDOM_RUNS = 200
-"""So many, and the same, of which a test below tells that all devices are used."""
-
-CORE_TYPES = ('Nehalem', 'Haswell')
-"""Without and with fused operations; ordinary runs have these and others: test/machines."""
+RANDOM_RUNS = 500
+CORE_TYPES = ('Nehalem', 'Sandybridge', 'Haswell', 'SkylakeX')
 
 
 def simulate(parameters, scenario, simulate_many=None):
@@ -95,9 +92,9 @@ def test_every_shipped_scenario(name):
     assert_equal_runs(scenario.parameters, scenario)
 
 
-@pytest.mark.parametrize('part', range(2))
+@pytest.mark.parametrize('part', range(5))
 def test_random_runs_over_the_bounds_of_all_parameters(part):
-    count = RANDOM_RUNS // 2
+    count = RANDOM_RUNS // 5
     for seed in range(part * count, (part + 1) * count):
         try:
             assert_equal_runs(*drawn_run(seed))
@@ -108,7 +105,7 @@ def test_random_runs_over_the_bounds_of_all_parameters(part):
 def test_random_runs_move_fall_hit_walls_and_use_all_devices():
     """The comparison is worth something only if much happens in the runs."""
     seen = dict.fromkeys(('fallen', 'stopped', 'contact', 'moving', 'pushed', 'delayed'), 0)
-    for seed in range(RANDOM_RUNS):
+    for seed in range(200):
         parameters, scenario = drawn_run(seed)
         log, end = simulate(parameters, scenario)
         seen['fallen'] += end['fallen']
