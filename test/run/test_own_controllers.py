@@ -205,7 +205,7 @@ def test_free_running_ticks_of_a_users_controller(start_run, folder):
 @pytest.mark.graph
 def test_a_fault_ends_a_free_running_graph(start_run, folder):
     run = start_run(
-        'stationary', '--processes=one', '--controller', 'faulty.py:Raises',
+        'stationary', '--controller', 'faulty.py:Raises',
         '--set', 'plant_sim.lockstep=false', '--real-time-factor', '1', '--output', 'run', '--json',
     )  # fmt: skip
     assert run.finish() == 1, run.stderr
