@@ -12,7 +12,7 @@ import numpy as np
 from graph import BALLBOT, LAST_RESORT_S, environment
 from PIL import Image
 
-from ballbot_ros.viewer.browser import _FLAGS, browser_program
+from ballbot_ros.viewer.browser import FLAGS, browser_program
 
 SIZE = (760, 520)
 """Size of a page [px]."""
@@ -205,7 +205,7 @@ class SharedBrowser:
         self._loop = asyncio.get_running_loop()
         browser = self._playwright.chromium.launch(
             executable_path=browser_program(),
-            args=[*_FLAGS, '--renderer-process-limit=1', names],
+            args=[*FLAGS, '--renderer-process-limit=1', names],
         )
         self._context = browser.new_context()
         kept = self._context.new_page()

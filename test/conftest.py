@@ -1,7 +1,6 @@
 import contextlib
 import os
 import signal
-import sys
 import time
 
 # As in the command, and before numpy is imported: on matrices as small as these, more threads only
@@ -9,9 +8,8 @@ import time
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 import pytest
-from graph import Node, Run, free_domain
+from graph import Node, Run, call, free_domain
 
-from ballbot_ros.cli.main import main
 from ballbot_ros.nodes.middleware import prepare_middleware
 from ballbot_ros.nodes.shared_memory import SETTLED_S, find_leftovers, sweep
 from ballbot_ros.run.fork_client import ForkClient
@@ -53,14 +51,12 @@ def needs_browser():
 
 
 @pytest.fixture
-def command(monkeypatch, capsys):
+def command():
     """Run the command in this process; return exit status, standard output and standard error."""
 
     def run(*arguments):
-        monkeypatch.setattr(sys, 'argv', ['ballbot', *map(str, arguments)])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        return ended.value.code, *capsys.readouterr()
+        done = call(*arguments)
+        return done.returncode, done.stdout, done.stderr
 
     return run
 

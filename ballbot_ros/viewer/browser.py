@@ -18,7 +18,7 @@ PROGRAMS = ('chromium', 'chromium-browser', 'google-chrome')
 
 # Software WebGL, because there may be no graphics card. The rest of the page is drawn without it,
 # which is faster in software.
-_FLAGS = (
+FLAGS = (
     '--no-sandbox', '--use-gl=angle', '--use-angle=swiftshader', '--enable-unsafe-swiftshader',
     '--disable-gpu-compositing',
 )  # fmt: skip
@@ -40,7 +40,7 @@ def browser_page(width: int, height: int) -> Iterator[Page]:
         from playwright.sync_api import Error, sync_playwright
     with sync_playwright() as playwright:
         try:
-            browser = playwright.chromium.launch(executable_path=program, args=list(_FLAGS))
+            browser = playwright.chromium.launch(executable_path=program, args=list(FLAGS))
             page = browser.new_page(viewport={'width': width, 'height': height})
         except Error as error:
             raise ViewerError(f'{program} does not start: {_reason(error)}') from None
