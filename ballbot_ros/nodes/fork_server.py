@@ -13,6 +13,7 @@ import ctypes
 import json
 import os
 import selectors
+import signal
 import socket
 import sys
 import warnings
@@ -23,9 +24,8 @@ from typing import NamedTuple
 
 from ballbot_ros.nodes.domain_lock import LOCK_FD_ENV
 from ballbot_ros.nodes.executables import start
-from ballbot_ros.nodes.processes import END_WITH_PARENT
+from ballbot_ros.nodes.processes import END_WITH_PARENT, end_with_parent
 
-MAX_REQUEST_BYTES = 2**20
 PROGRAM = f'from {__name__} import main; main()'
 ROOM = ' ' * 512
 """Last argument of the program: its place in memory takes the command lines of the nodes."""
@@ -55,10 +55,16 @@ def main() -> None:
     """Fork nodes until the command ends; in a fork, run the node."""
     set_command_line('fork_server', ['ballbot_ros fork_server'])
     # Python puts the current folder first, where a file may have the name of an installed module.
-    sys.path.remove('')
+    with suppress(ValueError):  # it does not with PYTHONSAFEPATH
+        sys.path.remove('')
+    # Not even a stopped one outlives the command.
+    if not end_with_parent(signal.SIGKILL):
+        return
     parent = os.getpid()
     with socket.socket(fileno=int(sys.argv[1])) as control:
         import_nodes()
+        with suppress(OSError):  # the command has just ended
+            control.send(_encode())
         forked = serve(control)
     if forked is None:
         os._exit(0)  # there is nothing to clean up
@@ -109,28 +115,29 @@ def serve(control: socket.socket) -> tuple[NodeRequest, list[int]] | None:
                     with suppress(OSError):  # the command has just ended
                         control.send(_encode(key.data, os.waitstatus_to_exitcode(status)))
                     continue
-                request, files = _receive(control)
-                if not request:
+                files = _receive(control)
+                if not files:
                     return None
+                with os.fdopen(files.pop(0), 'rb') as text:
+                    request = NodeRequest(*json.load(text))
                 with warnings.catch_warnings():
                     # rcl has loaded LTTng, whose threads a fork lacks and does not need.
                     warnings.simplefilter('ignore', DeprecationWarning)
                     process = os.fork()
                 if process == 0:
-                    return NodeRequest(*json.loads(request)), files
+                    return request, files
                 for file in files:
                     os.close(file)
                 selector.register(os.pidfd_open(process), selectors.EVENT_READ, process)
                 control.send(_encode(process))
 
 
-def _receive(control: socket.socket) -> tuple[bytes, list[int]]:
-    """Return a request and its descriptors; nothing if the command has ended."""
+def _receive(control: socket.socket) -> list[int]:
+    """Return the descriptors of a request; none if the command has ended."""
     try:
-        request, files, *_ = socket.recv_fds(control, MAX_REQUEST_BYTES, 2)
+        return socket.recv_fds(control, 1, 3)[1]
     except ConnectionResetError:  # it has ended without reading how nodes ended
-        return b'', []
-    return request, files
+        return []
 
 
 def _encode(*numbers: int) -> bytes:

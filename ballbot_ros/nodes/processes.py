@@ -7,7 +7,7 @@ import json
 import os
 import signal
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -22,18 +22,20 @@ _STARTED_NODES = 'BALLBOT_STARTED_NODES'
 
 _PR_SET_PDEATHSIG = 1
 _PROC = Path('/proc')
-_RUNNABLE, _WAITING, _ZOMBIE = 'R', ('S', 'D'), 'Z'
+_RUNNABLE, _WAITING, _ZOMBIE, _STOPPED = 'R', ('S', 'D'), 'Z', 'T'
+_STATE, _THREADS, _EXIT_CODE = 0, 17, 49
+"""Fields of ``/proc/PID/stat`` after the name of the program."""
 
 
-def end_with_parent() -> bool:
+def end_with_parent(number: signal.Signals = signal.SIGTERM) -> bool:
     """Make the system end this process together with the one in :data:`END_WITH_PARENT`, if any.
 
-    Return False if that process has already ended.
+    Return False if that process has already ended. SIGKILL ends this process also if it is stopped.
     """
     parent = os.environ.get(END_WITH_PARENT)
     if parent is None:
         return True
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, number)
     return os.getppid() == int(parent)
 
 
@@ -57,7 +59,8 @@ def threads_of(process: int) -> Threads:
 
 def is_alive(process: int) -> bool:
     """Return whether a process runs, also if it is stopped."""
-    return _state(process) not in ('', _ZOMBIE)
+    stat = _stat(process)
+    return bool(stat) and not _has_ended(stat)
 
 
 def is_waiting(process: int) -> bool:
@@ -65,13 +68,39 @@ def is_waiting(process: int) -> bool:
     return _state(process) in _WAITING
 
 
+def is_stopped(process: int) -> bool:
+    """Return whether a process is stopped, for example by SIGSTOP."""
+    return _state(process) == _STOPPED
+
+
+def exit_status_of(process: int) -> int | None:
+    """Return the status of an ended process that nobody has waited for yet, negative for a signal.
+
+    It is None for any other process, also for one that is gone.
+    """
+    stat = _stat(process)
+    if not stat or not _has_ended(stat):
+        return None
+    return os.waitstatus_to_exitcode(int(stat[_EXIT_CODE]))
+
+
+def _has_ended(stat: Sequence[str]) -> bool:
+    """Return whether a process has ended: its main thread, and all others, which have its files."""
+    return stat[_STATE] == _ZOMBIE and int(stat[_THREADS]) <= 1
+
+
 def _state(process: int) -> str:
     """Return the letter of a process's state; '' if it is gone."""
+    stat = _stat(process)
+    return stat[_STATE] if stat else ''
+
+
+def _stat(process: int) -> list[str]:
     try:
         stat = (_PROC / str(process) / 'stat').read_text()
     except OSError:
-        return ''
-    return stat.rpartition(')')[2].split()[0]
+        return []
+    return stat.rpartition(')')[2].split()
 
 
 def threads_by_process(processes: Iterable[int]) -> dict[int, Threads]:

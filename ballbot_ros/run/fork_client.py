@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import os
 import select
 import signal
@@ -11,10 +10,26 @@ import socket
 import subprocess
 import sys
 import time
+from collections.abc import Callable
+from contextlib import suppress
 
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.nodes.fork_server import PROGRAM, ROOM, NodeRequest
-from ballbot_ros.nodes.processes import is_alive
+from ballbot_ros.nodes.processes import (
+    END_WITH_PARENT,
+    exit_description,
+    exit_status_of,
+    is_alive,
+    is_stopped,
+    threads_by_process,
+)
+from ballbot_ros.simulation.silence_timer import SilenceTimer
+
+IMPORT_S = 30.0
+"""Time that the fork server has to import the nodes [s]; waits for a processor do not count."""
+
+ANSWER_S = 1.5
+"""The same for the answer to a request, and the time for which it may be stopped."""
 
 _POLL_S = 0.05
 
@@ -22,21 +37,29 @@ _POLL_S = 0.05
 class ForkClient:
     """A fork server (:mod:`ballbot_ros.nodes.fork_server`), which lives as long as this context.
 
-    The two exchange JSON over a socket that keeps messages apart. A request is a
-    :class:`~ballbot_ros.nodes.fork_server.NodeRequest`, together with the descriptors of the node's
-    output and, for a plant, of the lock of the ROS domain. The answer is ``[pid]``. When a node has
-    ended, ``[pid, status]`` follows. All nodes end when the fork server does.
+    The two exchange JSON over a socket that keeps messages apart. The server sends ``[]`` when it
+    has imported the nodes. A request consists of descriptors: of a file with a
+    :class:`~ballbot_ros.nodes.fork_server.NodeRequest`, whose environment may be too large for a
+    message, of the node's output and, for a plant, of the lock of the ROS domain. The answer is
+    ``[pid]``. When a node has ended, ``[pid, status]`` follows. All nodes end when the fork server
+    does.
     """
 
     def __init__(self) -> None:
         self._control, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._statuses: dict[int, int] = {}
-        self._is_gone = False
+        self._is_gone = self._is_ready = False
+        self._started = 0
+        self._stopped_at_s: float | None = None
         with theirs:
             self._server = subprocess.Popen(
                 [sys.executable, '-c', PROGRAM, str(theirs.fileno()), ROOM],
                 # One thread for each node is enough; more would cost start-up time.
-                env={**os.environ, 'OPENBLAS_NUM_THREADS': '1'},
+                env={
+                    **os.environ,
+                    'OPENBLAS_NUM_THREADS': '1',
+                    END_WITH_PARENT: str(os.getpid()),
+                },
                 pass_fds=[theirs.fileno()],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
@@ -49,7 +72,35 @@ class ForkClient:
     def __exit__(self, *error: object) -> None:
         self._control.close()
         self._server.kill()  # it may still be importing
-        self._server.wait()
+        self._await_server()
+
+    def _await_server(self) -> None:
+        with suppress(subprocess.TimeoutExpired):
+            self._server.wait(ANSWER_S)
+
+    def failure(self) -> str:
+        """Return why the fork server can't serve any more; '' while it can."""
+        name, now_s = f'fork_server (process {self._server.pid})', time.monotonic()
+        if self._is_gone or self._server.poll() is not None:
+            self._await_server()
+            return f'{name} {exit_description(self._server.returncode)}'
+        if not is_stopped(self._server.pid):
+            self._stopped_at_s = None
+        elif self._stopped_at_s is None:
+            self._stopped_at_s = now_s
+        elif now_s - self._stopped_at_s > ANSWER_S:
+            return f'{name} is stopped'
+        return ''
+
+    def await_ready(self, should_stop: Callable[[], bool] = lambda: False) -> None:
+        """Wait until the fork server has imported the nodes, or the run should stop.
+
+        Raises
+        ------
+        BallbotError
+            If it has ended, is stopped, or does not answer.
+        """
+        self._await(lambda: self._is_ready or should_stop(), IMPORT_S)
 
     def start(self, request: NodeRequest, output: int, lock: int | None = None) -> int:
         """Start a node, and return its process.
@@ -65,28 +116,37 @@ class ForkClient:
         Raises
         ------
         BallbotError
-            If the fork server has ended.
+            If the fork server has ended, is stopped, or does not answer.
         """
-        files = [output] if lock is None else [output, lock]
         try:
-            socket.send_fds(self._control, [json.dumps(request).encode()], files)
-        except OSError:
-            self._is_gone = True
-        while not self._is_gone:
-            process = self._receive()
-            if process is not None:
-                return process
-        raise BallbotError(f'{request.name} cannot be started: the process that forks it has ended')
+            self.await_ready()
+            self._started = 0
+            with os.fdopen(os.memfd_create(request.name), 'w+', encoding='utf-8') as text:
+                json.dump(request, text)
+                text.seek(0)
+                files = [text.fileno(), output] if lock is None else [text.fileno(), output, lock]
+                with suppress(OSError):  # it has ended, which the wait for its answer finds out
+                    socket.send_fds(self._control, [b' '], files)
+            self._await(lambda: self._started > 0, ANSWER_S)
+        except BallbotError as error:
+            raise BallbotError(f'{request.name} cannot be started: {error}') from None
+        return self._started
 
     def status_of(self, process: int) -> int | None:
         """Return the exit status of a node, negative for a signal; None while it runs."""
         while process not in self._statuses and not self._is_gone and self._has_message(0.0):
             self._receive()
-        if process not in self._statuses and self._is_gone and not is_alive(process):
-            self._statuses[process] = -signal.SIGTERM  # sent by the system
-        return self._statuses.get(process)
+        if process not in self._statuses:
+            if self._is_gone:
+                status = None if is_alive(process) else -signal.SIGTERM  # sent by the system
+            else:
+                status = exit_status_of(process)  # the fork server may be stopped
+            if status is None:
+                return None
+            self._statuses[process] = status
+        return self._statuses[process]
 
-    def await_end(self, process: int, timeout_s: float = math.inf) -> None:
+    def await_end(self, process: int, timeout_s: float) -> None:
         """Wait for the end of a node, for at most `timeout_s` [s]."""
         deadline = time.monotonic() + timeout_s
         while self.status_of(process) is None:
@@ -98,21 +158,35 @@ class ForkClient:
             else:
                 self._has_message(remaining_s)
 
+    def _await(self, is_done: Callable[[], bool], limit_s: float) -> None:
+        """Receive messages until `is_done`; raise BallbotError if that takes too long."""
+        since_s, timer, server = time.monotonic(), SilenceTimer(), self._server.pid
+        while not is_done():
+            if self._has_message(_POLL_S):
+                self._receive()
+            if failure := self.failure():
+                raise BallbotError(failure)
+            timer.update(since_s, time.monotonic(), threads_by_process([server]))
+            if timer.silence_s(server) > limit_s:
+                state = 'is stopped' if is_stopped(server) else 'does not answer'
+                raise BallbotError(f'fork_server (process {server}) {state}')
+
     def _has_message(self, timeout_s: float) -> bool:
         return bool(select.select([self._control], [], [], timeout_s)[0])
 
-    def _receive(self) -> int | None:
-        """Receive a message; return the new process that it reports, if any."""
+    def _receive(self) -> None:
+        """Receive a message."""
         try:
             message = self._control.recv(1024)
         except OSError:
             message = b''
         if not message:
             self._is_gone = True
-            return None
-        process, *status = json.loads(message)
-        if status:
-            self._statuses[process] = status[0]
-            return None
-        self._statuses.pop(process, None)  # of an earlier node with the same number
-        return int(process)
+            return
+        process, status = [*json.loads(message), None, None][:2]
+        self._is_ready = True
+        if status is not None:
+            self._statuses[process] = status
+        elif process is not None:
+            self._started = process
+            self._statuses.pop(process, None)  # of an earlier node with the same number

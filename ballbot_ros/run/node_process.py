@@ -14,7 +14,7 @@ from types import MappingProxyType
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.nodes.domain_lock import DomainLock
 from ballbot_ros.nodes.fork_server import NodeRequest
-from ballbot_ros.nodes.processes import exit_description, threads_by_process
+from ballbot_ros.nodes.processes import exit_description, is_stopped, threads_by_process
 from ballbot_ros.run.fork_client import ForkClient
 from ballbot_ros.simulation.silence_timer import SilenceTimer
 
@@ -24,7 +24,13 @@ GRACE_S = 1.5
 LAST_GRACE_S = 5.0
 """Time that the node stopped last has to end [s]; longer, because it finishes the recording."""
 
+STOPPED_GRACE_S = 0.5
+"""Time that a stopped process has to continue and end [s]."""
+
 _POLL_S = 0.05
+_KILL_S = 1.0
+"""Time after which a killed process is left to the system [s]."""
+
 _ERROR = 'error: '
 """Start of the last line of a node that ended with an error."""
 
@@ -133,9 +139,9 @@ class NodeProcess:
         self._reader.join(0.2)
 
     def kill(self) -> None:
-        """Send SIGKILL, which also ends a stopped process."""
+        """Send SIGKILL, which also ends a stopped process, and wait for the end for a moment."""
         self._send(signal.SIGKILL)
-        self._client.await_end(self.pid)
+        self._client.await_end(self.pid, _KILL_S)
 
 
 def stop_all(processes: Collection[NodeProcess], last: str) -> None:
@@ -151,12 +157,16 @@ def stop_all(processes: Collection[NodeProcess], last: str) -> None:
 def _await_end(processes: Collection[NodeProcess], grace_s: float) -> None:
     """Wait until all have ended, and kill each that takes longer than `grace_s` [s]."""
     begun, timer = time.monotonic(), SilenceTimer()
-    while running := [process for process in processes if process.running]:
-        threads = threads_by_process(process.pid for process in running)
+    awaited = list(processes)
+    while awaited := [process for process in awaited if process.running]:
+        threads = threads_by_process(process.pid for process in awaited)
         timer.update(begun, time.monotonic(), threads)
-        for process in running:
-            if timer.silence_s(process.pid) > grace_s:
+        for process in tuple(awaited):
+            limit_s = STOPPED_GRACE_S if is_stopped(process.pid) else grace_s
+            if timer.silence_s(process.pid) > limit_s:
                 process.kill()
-        running[0].wait(_POLL_S)
+                awaited.remove(process)
+        if awaited:
+            awaited[0].wait(_POLL_S)
     for process in processes:
         process.forward_remaining_output()

@@ -93,6 +93,9 @@ def run_nodes(
     write_parameter_file(parameter_file, parameters, ALL_NODES)
     require_discovery()
     processes: dict[str, NodeProcess] = {}
+    client.await_ready(should_stop)
+    if should_stop():
+        return {}, ''
     try:
         lock = DomainLock(ros_domain())
         try:
@@ -109,12 +112,13 @@ def run_nodes(
         finally:
             lock.release()
         with PlantMonitor() as monitor:
-            return processes, watch(processes, monitor, observer, should_stop)
+            return processes, watch(client, processes, monitor, observer, should_stop)
     finally:
         stop_all(processes.values(), last=RECORDER)
 
 
 def watch(
+    client: ForkClient,
     processes: dict[str, NodeProcess],
     monitor: PlantMonitor,
     observer: RunObserver,
@@ -136,6 +140,8 @@ def watch(
             swept_at = time.monotonic()
         if monitor.now_ns:
             observer.update((monitor.now_ns - FIRST_TICK_NS) / SECOND_NS)
+        if failure := client.failure():
+            return failure
         for name, process in processes.items():
             if process.running or name in reported:
                 continue

@@ -5,6 +5,8 @@ import os
 import resource
 import signal
 import subprocess
+from contextlib import suppress
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from matplotlib.image import imread
 
 from ballbot_ros.former_names import FORMER_RESULT_KEYS
 from ballbot_ros.nodes.domain_lock import DomainLock
+from ballbot_ros.nodes.processes import descendants
 from ballbot_ros.parameters import GYRO, PLANT, ParameterSet, ViewerParameters
 from ballbot_ros.parameters.assignment import assign
 from ballbot_ros.recording.reader import RecordingReader
@@ -254,6 +257,48 @@ def _undisturbed_sha256():
     scenario = load_scenario('stationary')
     scenario.parameters.set(PLANT, 'duration', 6.0)
     return duty_sha256(scenario)
+
+
+def fork_server(run):
+    def look():
+        return [each for each in descendants(run.process.pid) if name_of(each) == 'fork_server']
+
+    return wait_for(look, what='the fork server')[0]
+
+
+def name_of(process):
+    with suppress(OSError):
+        return Path(f'/proc/{process}/comm').read_text().strip()
+
+
+@pytest.mark.graph
+@pytest.mark.parametrize(
+    ('moment', 'number'),
+    [
+        ('before the first fork', None),
+        ('before the first fork', signal.SIGINT),
+        ('in mid-run', None),
+        ('in mid-run', signal.SIGTERM),
+    ],
+)
+def test_a_run_ends_in_spite_of_a_stopped_fork_server(start_run, tmp_path, moment, number):
+    run = start_run('stationary', '--json', '--output', tmp_path, '--real-time-factor=1',
+                    '--set=plant_sim.duration=600')  # fmt: skip
+    server = fork_server(run)
+    nodes = {}
+    if moment == 'in mid-run':
+        nodes = run.nodes()
+        await_recording(tmp_path / 'stationary.mcap', run=run)
+    os.kill(server, signal.SIGSTOP)
+    if number:
+        run.process.send_signal(number)
+    status = run.finish()
+    if number:
+        assert status == 128 + number
+    else:
+        assert status in (1, 2)
+        assert f'fork_server (process {server}) is stopped' in run.stdout + run.stderr
+    assert not any(map(alive, [server, *nodes.values()]))
 
 
 @pytest.mark.graph

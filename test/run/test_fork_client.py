@@ -47,7 +47,7 @@ class Nodes:
         for process in self._started:
             if self.client.status_of(process) is None:
                 os.kill(process, signal.SIGKILL)
-                self.client.await_end(process)
+                self.client.await_end(process, LAST_RESORT_S)
 
     def output_of(self, name):
         return self._folder / f'{name}.txt'
@@ -100,17 +100,17 @@ def test_the_end_of_a_node_is_reported(nodes, number, status):
     process, other = nodes.start('gyro_driver'), nodes.start('encoder_driver')
     nodes.await_start('gyro_driver')
     os.kill(process, number)
-    nodes.client.await_end(process)
+    nodes.client.await_end(process, LAST_RESORT_S)
     assert nodes.client.status_of(process) == status
     assert nodes.client.status_of(other) is None
     os.kill(other, signal.SIGKILL)
-    nodes.client.await_end(other)
+    nodes.client.await_end(other, LAST_RESORT_S)
     assert nodes.client.status_of(other) == -signal.SIGKILL
 
 
 def test_a_mistake_in_the_parameters_is_status_2_and_a_line(nodes):
     process = nodes.start('gyro_driver', '--ros-args', '-p', 'offset:=much')
-    nodes.client.await_end(process)
+    nodes.client.await_end(process, LAST_RESORT_S)
     assert nodes.client.status_of(process) == 2
     # Check the last line only: the middleware may print something before it.
     assert nodes.output_of('gyro_driver').read_text().splitlines()[-1].startswith('error: ')
@@ -130,7 +130,7 @@ def test_a_plant_takes_over_the_lock_of_its_domain(nodes, domain):
     with pytest.raises(BallbotError, match='another plant'):
         DomainLock(domain)
     os.kill(process, signal.SIGKILL)
-    nodes.client.await_end(process)
+    nodes.client.await_end(process, LAST_RESORT_S)
     DomainLock(domain).release()
 
 
@@ -141,11 +141,44 @@ def test_no_node_outlives_the_fork_server(tmp_path, domain):
         nodes.await_start('gyro_driver')
         (server,) = [each for each in children(os.getpid()) if process in children(each)]
         os.kill(server, signal.SIGKILL)
-        client.await_end(process)
+        client.await_end(process, LAST_RESORT_S)
         assert client.status_of(process) == -signal.SIGTERM
         assert not alive(process)
-        with pytest.raises(BallbotError, match='encoder_driver cannot be started'):
+        killed = rf'encoder_driver cannot .* fork_server \(process {server}\) was killed by SIGKILL'
+        with pytest.raises(BallbotError, match=killed):
             nodes.start('encoder_driver')
+
+
+def test_a_stopped_fork_server_holds_nobody(tmp_path, domain):
+    with ForkClient() as client:
+        nodes = Nodes(client, tmp_path, domain)
+        process = nodes.start('gyro_driver')
+        (server,) = [each for each in children(os.getpid()) if process in children(each)]
+        assert client.failure() == ''
+        os.kill(server, signal.SIGSTOP)
+        # The end of a node is known without it, also its status.
+        os.kill(process, signal.SIGKILL)
+        client.await_end(process, LAST_RESORT_S)
+        assert client.status_of(process) == -signal.SIGKILL
+        with pytest.raises(BallbotError, match=r'encoder_driver .* fork_server .* is stopped'):
+            nodes.start('encoder_driver')
+        wait_for(lambda: 'is stopped' in client.failure(), what='the judgement')
+        os.kill(server, signal.SIGCONT)
+        wait_for(lambda: client.failure() == '', what='a fork server that continues')
+    assert not alive(server)
+
+
+def test_a_python_without_the_current_folder_forks_nodes(monkeypatch):
+    monkeypatch.setenv('PYTHONSAFEPATH', '1')
+    with ForkClient() as client:
+        client.await_ready()
+
+
+def test_a_request_may_be_larger_than_a_message(nodes):
+    """Each variable may have 128 KiB."""
+    large = {f'LARGE_{number}': 'x' * 120_000 for number in range(3)}
+    nodes.start('gyro_driver', '--ros-args', '--log-level', 'INFO', **large)
+    nodes.await_start('gyro_driver')
 
 
 COMMAND = """
@@ -213,11 +246,16 @@ def test_a_process_number_may_be_used_again(monkeypatch):
     def start_server(command, *, pass_fds, **options):
         servers.append(socket.socket(fileno=os.dup(pass_fds[0])))
         return SimpleNamespace(
-            kill=lambda: events.append('killed'), wait=lambda: events.append('awaited')
+            pid=os.getpid(),
+            poll=lambda: None,
+            kill=lambda: events.append('killed'),
+            wait=lambda timeout: events.append('awaited'),
         )
 
     monkeypatch.setattr(fork_client.subprocess, 'Popen', start_server)
     with ForkClient() as client, servers[0] as server:
+        server.send(b'[]')
+        client.await_ready()
         for status in (3, 0):
             server.send(b'[1234]')
             assert client.start(NodeRequest('gyro_driver', [], {}), 2) == 1234

@@ -20,7 +20,13 @@ from ballbot_ros.parameters import GYRO, NODES, PLANT, RECORDER, VIEWER, Paramet
 from ballbot_ros.run import graph, node_process, separate_processes
 from ballbot_ros.run.fork_client import ForkClient
 from ballbot_ros.run.graph import RCLError, ros
-from ballbot_ros.run.node_process import GRACE_S, LAST_GRACE_S, NodeProcess, stop_all
+from ballbot_ros.run.node_process import (
+    GRACE_S,
+    LAST_GRACE_S,
+    STOPPED_GRACE_S,
+    NodeProcess,
+    stop_all,
+)
 from ballbot_ros.run.result import RunResult
 from ballbot_ros.run.separate_processes import merge_process_failures, run_nodes, watch
 from ballbot_ros.simulation.outcome import Outcome
@@ -92,7 +98,8 @@ def watched(victim, now_ns, *, plant_hangs=False, exit_status=-9):
     notices, times_s = [], []
     progress = SimpleNamespace(notice=notices.append, update=times_s.append)
     looks = iter([False, False, True])
-    reason = watch(processes, monitor, progress, lambda: next(looks))
+    client = SimpleNamespace(failure=lambda: '')
+    reason = watch(client, processes, monitor, progress, lambda: next(looks))
     assert notices[0] == f'{victim} was killed by SIGKILL'
     assert len(notices) == 1 + plant_hangs
     assert set(times_s) == ({(now_ns - FIRST_TICK_NS) * 1e-9} if now_ns else set())
@@ -166,11 +173,12 @@ def test_only_the_plant_keeps_the_lock_of_the_domain(monkeypatch, tmp_path):
     ):
         monkeypatch.setattr(separate_processes, name, stub)
     client = SimpleNamespace(
+        await_ready=lambda should_stop: None,
         start=lambda request, output, lock: events.append((request.name, lock)) or len(events),
         status_of=lambda process: 0,
     )
     observer = SimpleNamespace(notice=None)
-    run_nodes(client, [GYRO, PLANT, RECORDER], ParameterSet(), tmp_path, observer, None)
+    run_nodes(client, [GYRO, PLANT, RECORDER], ParameterSet(), tmp_path, observer, lambda: False)
     assert events == [(GYRO, None), (RECORDER, None), (PLANT, 7), 'release', 'watch']
 
 
@@ -211,7 +219,7 @@ def test_only_a_running_process_is_signalled(monkeypatch):
     monkeypatch.setattr(node_process.os, 'kill', lambda *arguments: signalled.append(arguments))
     for status in (None, 0, -9):
         client = SimpleNamespace(
-            status_of=lambda pid, status=status: status, await_end=lambda pid: None
+            status_of=lambda pid, status=status: status, await_end=lambda pid, timeout_s: None
         )
         node = bare(NodeProcess, pid=1234, _client=client)
         node.request_stop()
@@ -278,8 +286,13 @@ def test_a_node_that_does_not_end_is_killed_after_a_while_the_recorder_later(mon
 
     monkeypatch.setattr(node_process, 'time', SimpleNamespace(monotonic=lambda: now_s[0]))
     monkeypatch.setattr(node_process, 'threads_by_process', lambda pids: {pid: {} for pid in pids})
-    stop_all([Hanging(RECORDER, 1), Hanging(PLANT, 2)], last=RECORDER)
-    for name, expected in ((PLANT, 100.0 + GRACE_S), (RECORDER, killed[PLANT] + LAST_GRACE_S)):
+    monkeypatch.setattr(node_process, 'is_stopped', lambda pid: pid == 3)
+    stop_all([Hanging(RECORDER, 1), Hanging(PLANT, 2), Hanging(GYRO, 3)], last=RECORDER)
+    for name, expected in (
+        (GYRO, 100.0 + STOPPED_GRACE_S),
+        (PLANT, 100.0 + GRACE_S),
+        (RECORDER, killed[PLANT] + LAST_GRACE_S),
+    ):
         assert killed[name] == pytest.approx(expected, abs=0.11), name
 
 
