@@ -9,7 +9,7 @@ from ballbot_ros.conformance.bench import Bench
 from ballbot_ros.conformance.contract import CONTRACTS
 from ballbot_ros.conformance.nominal_run import TickMessages, nominal_run
 from ballbot_ros.messages.conversions import encode_header
-from ballbot_ros.messages.participation import RunStatus, decode_announcement, encode_run_status
+from ballbot_ros.messages.participation import decode_announcement, encode_run_status
 from ballbot_ros.messages.raw import stamp_of
 from ballbot_ros.messages.topics import (
     PARTICIPANTS,
@@ -21,7 +21,7 @@ from ballbot_ros.messages.topics import (
 )
 from ballbot_ros.parameters import NODES
 from ballbot_ros.simulation.lockstep import Run
-from ballbot_ros.simulation.participants import Announcement
+from ballbot_ros.simulation.participants import Announcement, RunStatus
 from ballbot_ros.timing import FIRST_TICK_NS, RESEND_S, SECOND_NS, next_start_ns
 
 START_S = 30.0

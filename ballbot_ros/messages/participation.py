@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, field
 from typing import TypeVar
 
 from ballbot_ros.messages.message_types import DiagnosticStatus
@@ -16,7 +15,13 @@ from ballbot_ros.messages.topics import PARTICIPANTS
 from ballbot_ros.recording.attachments import OUTCOME_KEYS
 from ballbot_ros.recording.encoding import encoder, new_message
 from ballbot_ros.simulation.outcome import Outcome
-from ballbot_ros.simulation.participants import Announcement, Membership, Objection, Participant
+from ballbot_ros.simulation.participants import (
+    Announcement,
+    Membership,
+    Objection,
+    Participant,
+    RunStatus,
+)
 from ballbot_ros.timing import SECOND_NS
 
 OK, ERROR = 0, 2
@@ -28,25 +33,6 @@ _AWAITS = 'awaits'
 _KEY_VALUE = 'diagnostic_msgs/msg/KeyValue'
 _encode = encoder(PARTICIPANTS.type_name)
 _decode = decoder(PARTICIPANTS.type_name)
-
-
-@dataclass(frozen=True)
-class RunStatus:
-    """The plant's status of a run, published at its first tick and at its end.
-
-    Attributes
-    ----------
-    run : str
-        Name of the run in ``plant/run``.
-    result : mapping of str to str
-        The `OUTCOME_KEYS` of a run that has ended; otherwise empty.
-    """
-
-    run: str
-    is_lockstep: bool
-    periodic_topics: tuple[str, ...]
-    participants: Mapping[str, str]
-    result: Mapping[str, str] = field(default_factory=dict)
 
 
 def encode_announcement(announcement: Announcement) -> bytes:

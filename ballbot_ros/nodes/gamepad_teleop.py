@@ -22,7 +22,7 @@ from ballbot_ros.nodes.teleop_terminal import TeleopTerminal
 from ballbot_ros.parameters import GamepadParameters
 from ballbot_ros.scenario.library import scenario_of
 from ballbot_ros.simulation.lockstep import Run
-from ballbot_ros.teleop.arbiter import SCENARIO, Arbiter, Command
+from ballbot_ros.teleop.arbiter import SCENARIO, Arbiter, Command, GivenAnswers
 from ballbot_ros.teleop.csv_log import CsvLog
 from ballbot_ros.teleop.device_list import list_devices
 from ballbot_ros.teleop.errors import TeleopError
@@ -31,12 +31,10 @@ from ballbot_ros.teleop.input_errors import InputErrors
 from ballbot_ros.teleop.sdl import SdlBackend
 from ballbot_ros.teleop.sticks import NEUTRAL
 from ballbot_ros.teleop.terminal import keyboard_unavailable_reason
-from ballbot_ros.timing import MAX_LEAD_TICKS, MILLISECOND_NS, SLOW_PERIOD_NS, TICK_NS
+from ballbot_ros.timing import MILLISECOND_NS, SLOW_PERIOD_NS
 
 LIST_DEVICES = '--list-devices'
 FLUSH_PERIOD_S = 0.5
-MAX_KEPT_ANSWERS = MAX_LEAD_TICKS * TICK_NS // SLOW_PERIOD_NS + 1
-"""Number of answers kept: the plant may ask again for any tick that the recorder lacks."""
 
 
 class GamepadTeleop(BallbotNode[GamepadParameters]):
@@ -46,7 +44,7 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
         super().__init__(GamepadParameters, parameters)
         self._scenario = scenario_of(self.parameters.scenario)
         self._start_ns = 0
-        self._answers: dict[int, Command] = {}
+        self._answers = GivenAnswers()
         self._command = Command(SCENARIO, NEUTRAL)
         self._output = self.output(GAMEPAD_JOY)
         self._sources = Arbiter()
@@ -113,7 +111,7 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
 
     def _on_run(self, run: Run) -> None:
         self._start_ns = run.start_ns
-        self._answers.clear()
+        self._answers = GivenAnswers()
         if self._log:
             self._log.begin_run(run.start_ns // MILLISECOND_NS)
 
@@ -127,22 +125,18 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
             self._answer(now_ns)
 
     def _answer(self, now_ns: int) -> None:
-        # A repeated request gets the same answer, whatever the live inputs are now.
-        answer = self._answers.get(now_ns)
-        if answer is None:
-            self._select((now_ns - self._start_ns) * 1e-9)
-            answer = self._answers[now_ns] = self._command
-            if len(self._answers) > MAX_KEPT_ANSWERS:
-                del self._answers[next(iter(self._answers))]
+        elapsed_s = (now_ns - self._start_ns) * 1e-9
+        answer = self._answers.at(now_ns, lambda: self._select(elapsed_s))
         self._output.publish(encode_sticks(now_ns, answer.sticks, answer.source))
         self.count_sample(now_ns)
 
-    def _select(self, elapsed_s: float) -> None:
+    def _select(self, elapsed_s: float) -> Command:
         before = self._source_name()
         scenario = self._scenario.sticks_at(elapsed_s)
         self._command = self._sources.select(time.monotonic(), scenario)
         if self._source_name() != before:
             self.get_logger().info(f'in command: {self._source_name()} (was {before})')
+        return self._command
 
     def _source_name(self) -> str:
         return self._command.source_name(self.parameters.scenario)

@@ -22,7 +22,7 @@ from ballbot_ros.nodes.graph_observer import guid_prefix
 from ballbot_ros.nodes.presence import Presence
 from ballbot_ros.parameters import PATHS, NodeParameters, Value
 from ballbot_ros.simulation.lockstep import Run
-from ballbot_ros.simulation.participants import MAP_HASH, Announcement, Objection, Participant
+from ballbot_ros.simulation.participants import MAP_HASH, Objection, Participant, RunMember
 from ballbot_ros.world.library import read_map_file
 
 
@@ -88,57 +88,45 @@ class Participation:
     ) -> None:
         self._node = node
         self._on_new_run, self._on_call = on_run, on_call
-        self._participant = participant_of(node)
+        self._member = RunMember(participant_of(node))
         presence = Presence(
             node.context.get_domain_id(),
             node.get_namespace(),
             node.role,
-            self._participant.instance,
+            self._member.participant.instance,
         )
         node.on_destroy.callback(presence.close)
-        self._objection: Objection | None = None
         self._publisher = node.output(PARTICIPANTS)
-        self.run: Run | None = None
+        self.includes = self._member.includes
         node.awaits = 'a run'
         node.subscribe(ROLL_CALL, self._on_roll_call)
 
-    def includes(self, stamp_ns: int) -> bool:
-        """Return whether a sample can belong to the run that the node has joined."""
-        return self.run is not None and stamp_ns >= self.run.start_ns
-
     def raise_objection(self, objection: Objection) -> None:
         """Tell the plant that a sample can't belong to its run, or that the node can't continue."""
-        if objection != self._objection:
-            self._objection = objection
+        if self._member.objects(objection):
             self._announce()
 
     def _on_roll_call(self, header: Header) -> None:
         run = Run(header.frame_id, time_ns(header.stamp))
-        if run != self.run:
+        if run != self._member.run:
             self._join(run)
         self._announce()
         self._on_call()
 
     def _join(self, run: Run) -> None:
-        if self.run and run.plant != self.run.plant:
+        member = self._member
+        if member.is_another_plants(run):
             self._node.recreate_publishers(exclude=PARTICIPANTS)
-        self.run = run
-        self._objection = None
+        member.join(run)
         self._node.now_ns = 0
         self._node.apply_parameters()
-        self._participant = with_parameters(
-            self._participant, self._node.parameters, self._node.announced_values()
+        member.participant = with_parameters(
+            member.participant, self._node.parameters, self._node.announced_values()
         )
         self._node.get_logger().info(f'takes part in run {run.number}')
         self._on_new_run(run)
 
     def _announce(self) -> None:
-        if self.run:
-            announcement = Announcement(
-                self._participant,
-                self.run.name,
-                self._node.now_ns,
-                self._objection,
-                self._node.awaited(),
-            )
+        announcement = self._member.announcement(self._node.now_ns, self._node.awaited())
+        if announcement:
             self._publisher.publish(encode_announcement(announcement))

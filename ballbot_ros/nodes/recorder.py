@@ -12,7 +12,7 @@ from typing import Any
 
 from ballbot_ros.messages.conversions import encode_header
 from ballbot_ros.messages.motor_stop import is_stop
-from ballbot_ros.messages.participation import RunStatus, decode_run_status
+from ballbot_ros.messages.participation import decode_run_status
 from ballbot_ros.messages.raw import decoder, stamp_of
 from ballbot_ros.messages.topics import MOTOR_DUTY, PARTICIPANTS, RECORDER_ACK, RUN, RUN_STATUS
 from ballbot_ros.nodes.base import BallbotNode, run_node
@@ -24,10 +24,9 @@ from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.writer import RUN_PARTICIPANTS, RecordingWriter
 from ballbot_ros.simulation.arrival_order import ArrivalOrder
 from ballbot_ros.simulation.lockstep import Run
-from ballbot_ros.simulation.outcome import Outcome
 from ballbot_ros.simulation.participants import Objection
-from ballbot_ros.simulation.recorded_ticks import RecordedTicks
-from ballbot_ros.simulation.recording_gate import RecordingGate, Stream
+from ballbot_ros.simulation.recording_gate import Stream
+from ballbot_ros.simulation.run_recording import RunRecording
 from ballbot_ros.viewer.derived_channels import DerivedChannels
 
 POLL_S = 5e-3
@@ -63,17 +62,12 @@ class Recorder(BallbotNode[RecorderParameters]):
             name_of=lambda topic: self.resolve_topic_name(topic.name),
             is_published=self._channels.is_published,
         )
-        self._gate = RecordingGate(self)
-        self._run: str | None = None
+        self._recording = RunRecording(
+            self, lambda: ((each.topic.name, each.stream) for each in self._channels)
+        )
         self._order: ArrivalOrder[Item] = ArrivalOrder()
-        self._ticks = RecordedTicks()
         self._lost = 0
-        self._announced = b''
         self._decode_run = decoder(RUN.type_name)
-        self._status: RunStatus | None = None
-        self._outcome: Mapping[str, str] = {}
-        self._stop: tuple[Stream, bytes, int] | None = None
-        self._members: Mapping[str, str] = {}
         self._ack = self.output(RECORDER_ACK)
         self._participation = Participation(self, self._on_run, self._repeat_ack)
         self.get_logger().info(f'records to {path}')
@@ -87,14 +81,14 @@ class Recorder(BallbotNode[RecorderParameters]):
         self._acknowledge()
 
     def _acknowledge(self) -> None:
-        if not self.exit_status and self._ticks.advance():
+        if not self.exit_status and self._recording.ticks.advance():
             self._send_ack()
 
     def _write_until(self, received_ns: float) -> None:
         if self.exit_status:
             return
-        if self._run is None:
-            self._gate.awaits_run = self.count_publishers(RUN.name) > 0
+        if self._recording.run is None:
+            self._recording.gate.awaits_run = self.count_publishers(RUN.name) > 0
         try:
             for channel, data, sequence in self._order.merge(self._channels.take(), received_ns):
                 self._take(channel, data, sequence)
@@ -104,50 +98,37 @@ class Recorder(BallbotNode[RecorderParameters]):
     def _take(self, channel: Channel, data: bytes, sequence: int) -> None:
         try:
             stamp_ns = stamp_of(data) if channel.is_stamped else 0
-            if channel.topic is RUN:
-                if data == self._announced:
-                    return
-                if self._run is None:
-                    # Begin the run here: a player announces runs, but does not call the roll.
-                    self._begin(Run(self._decode_run(data).frame_id, stamp_ns))
-                self._announced = data
+            if channel.topic is RUN and not self._recording.announces(
+                Run(self._decode_run(data).frame_id, stamp_ns)
+            ):
+                return
         except ValueError as error:
             self.warn_malformed(channel.topic, error)
             return
         if channel.topic is RUN_STATUS:
             self._note_status(data)
         elif channel.topic is MOTOR_DUTY and is_stop(data):
-            # Hold the stop back, and record it only if the run does not complete: a controller
-            # that leaves in mid-run sends one, too.
-            self._stop = self._stop or (channel.stream, data, sequence)
+            self._recording.hold_stop(channel.stream, stamp_ns, data, sequence)
             return
-        self._gate.take(channel.stream, stamp_ns, data, sequence)
+        self._recording.gate.take(channel.stream, stamp_ns, data, sequence)
 
     def _repeat_ack(self) -> None:
         """Send the acknowledgement again: the plant may only now have discovered this node."""
-        if self._ticks.acked_ns:
+        if self._recording.ticks.acked_ns:
             self._send_ack()
 
     def _send_ack(self) -> None:
-        self._ack.publish(encode_header(self._ticks.acked_ns))
+        self._ack.publish(encode_header(self._recording.ticks.acked_ns))
 
     def _on_run(self, run: Run) -> None:
         # Without an acknowledgement, which the plant of this run would take for its own.
         self._write_until(time.time_ns())
-        self._gate.takes_part = True
-        try:
-            self._write_stop()
-            self._begin(run)
-        except RecordingError as error:
-            self._fail(error)
-
-    def _begin(self, run: Run) -> None:
-        self._run, self._outcome, self._members, self._stop = run.name, {}, {}, None
         for channel in self._channels:
             channel.begin()
-        if self._gate.begin(run, [channel.stream for channel in self._channels]):
-            self._ticks.begin()
-        self._take_status()
+        try:
+            self._recording.join(run)
+        except RecordingError as error:
+            self._fail(error)
 
     def keep(self, stream: Stream, log_ns: int, data: bytes, sequence: int) -> None:
         """Write a message."""
@@ -161,7 +142,7 @@ class Recorder(BallbotNode[RecorderParameters]):
         if channel.is_source:
             self._derived.add(channel.topic, log_ns, data)
         if stream.period_ns:
-            self.count_sample(self._gate.now_ns)
+            self.count_sample(self._recording.gate.now_ns)
 
     def raise_objection(self, stream: Stream, stamp_ns: int) -> None:
         """Object to a sample that can't belong to the plant's run."""
@@ -181,22 +162,9 @@ class Recorder(BallbotNode[RecorderParameters]):
     def _note_status(self, data: bytes) -> None:
         """Note from the plant's status what the run requires, and how it ended."""
         try:
-            status = decode_run_status(data)
+            self._recording.note_status(decode_run_status(data))
         except ValueError as error:
             self.warn_malformed(RUN_STATUS, error)
-            return
-        self._status = status
-        self._take_status()
-
-    def _take_status(self) -> None:
-        status = self._status
-        if status and status.run == self._run:
-            self._gate.is_lockstep = status.is_lockstep
-            required = status.periodic_topics
-            self._ticks.require(
-                channel.stream for channel in self._channels if channel.topic.name in required
-            )
-            self._outcome, self._members = status.result, status.participants
 
     def _flush(self) -> None:
         if self.finished:
@@ -217,23 +185,16 @@ class Recorder(BallbotNode[RecorderParameters]):
         deadline = time.monotonic() + END_S
         self._write_until(math.inf)
         self._acknowledge()
-        is_under_way = self._gate.takes_part and self._gate.now_ns > 0 and not self.exit_status
-        while is_under_way and not (self._outcome or self._stop) and time.monotonic() < deadline:
+        while self._recording.is_under_way and not self.exit_status and time.monotonic() < deadline:
             time.sleep(POLL_S)
             self._write_until(math.inf)
             self._acknowledge()
-
-    def _write_stop(self) -> None:
-        """Write that the motors are off, unless the run has completed."""
-        if self._stop and self._outcome.get('outcome') != Outcome.COMPLETED:
-            stream, data, sequence = self._stop
-            self.keep(stream, stamp_of(data), data, sequence)
 
     def diagnose(self) -> Mapping[str, Any]:
         """Return the counts of the recording."""
         return {
             'file': self._writer.path,
-            'acknowledged [s]': f'{self._ticks.acked_ns * 1e-9:.3f}',
+            'acknowledged [s]': f'{self._recording.ticks.acked_ns * 1e-9:.3f}',
             'lost messages': self._lost,
         }
 
@@ -242,7 +203,7 @@ class Recorder(BallbotNode[RecorderParameters]):
         self._await_end()
         try:
             if self.exit_status == 0:
-                self._write_stop()
+                self._recording.write_stop()
                 self._write_metadata()
             self._writer.close()
         except RecordingError as error:
@@ -255,10 +216,10 @@ class Recorder(BallbotNode[RecorderParameters]):
 
     def _write_metadata(self) -> None:
         """Write the participants, the outcome, and whether messages are missing."""
-        if self._members:
-            self._writer.add_metadata(RUN_PARTICIPANTS, self._members)
-        if self._outcome:
-            self._writer.add_outcome(self._outcome)
+        if self._recording.members:
+            self._writer.add_metadata(RUN_PARTICIPANTS, self._recording.members)
+        if self._recording.outcome:
+            self._writer.add_outcome(self._recording.outcome)
         if self._lost:
             gaps = '1 gap' if self._lost == 1 else f'{self._lost} gaps'
             self._writer.mark_incomplete(f'{gaps} in the sequence of messages')

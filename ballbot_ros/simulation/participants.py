@@ -1,4 +1,4 @@
-"""A participant of a run, its announcements and its objections."""
+"""A participant of a run, its announcements and objections, and the status of a run."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import NamedTuple, cast
 from ballbot_ros.controllers.loading import OUR_PACKAGE
 from ballbot_ros.errors import one_line
 from ballbot_ros.parameters import parameters_of
+from ballbot_ros.simulation.lockstep import Run
 from ballbot_ros.timing import SECOND_NS
 
 MAP_HASH = 'map_sha256'
@@ -141,3 +142,60 @@ class Membership(NamedTuple):
     participant: Participant
     since_ns: int
     is_successor: bool = False
+
+
+@dataclass(frozen=True)
+class RunStatus:
+    """The plant's status of a run, published at its first tick and at its end.
+
+    Attributes
+    ----------
+    run : str
+        Name of the run in ``plant/run``.
+    result : mapping of str to str
+        The `OUTCOME_KEYS` of a run that has ended; otherwise empty.
+    """
+
+    run: str
+    is_lockstep: bool
+    periodic_topics: tuple[str, ...]
+    participants: Mapping[str, str]
+    result: Mapping[str, str] = field(default_factory=dict)
+
+
+class RunMember:
+    """A participant's part in runs: it joins each, and announces itself and its objections.
+
+    `run` is the run that it has joined; None before the first.
+    """
+
+    def __init__(self, participant: Participant) -> None:
+        self.participant = participant
+        self.run: Run | None = None
+        self._objection: Objection | None = None
+
+    def includes(self, stamp_ns: int) -> bool:
+        """Return whether a sample can belong to the run that the participant has joined."""
+        return self.run is not None and stamp_ns >= self.run.start_ns
+
+    def is_another_plants(self, run: Run) -> bool:
+        """Return whether a run belongs to another plant than the one before."""
+        return self.run is not None and run.plant != self.run.plant
+
+    def join(self, run: Run) -> None:
+        """Join a run; objections to the one before no longer count."""
+        self.run, self._objection = run, None
+
+    def objects(self, objection: Objection) -> bool:
+        """Note an objection; return whether it is new, so that it must be announced."""
+        is_new = objection != self._objection
+        self._objection = objection
+        return is_new
+
+    def announcement(
+        self, answered_ns: int, awaits: Mapping[str, int | None]
+    ) -> Announcement | None:
+        """Return what to announce, as in :class:`Announcement`; None before the first run."""
+        if self.run is None:
+            return None
+        return Announcement(self.participant, self.run.name, answered_ns, self._objection, awaits)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from threading import Lock
 from typing import NamedTuple
 
 from ballbot_ros.teleop.sticks import NEUTRAL, Sticks
+from ballbot_ros.timing import MAX_LEAD_TICKS, SLOW_PERIOD_NS, TICK_NS
 
 LIVE_SOURCES = DEVICE, JOY, VIEWER, KEYBOARD, CMD_VEL = (
     'device',
@@ -27,6 +29,9 @@ SILENCE_S = 0.5
 
 TAKEOVER_DELAY_S = 0.5
 """Time for which the sticks are neutral before a source of lower priority takes over."""
+
+MAX_KEPT_ANSWERS = MAX_LEAD_TICKS * TICK_NS // SLOW_PERIOD_NS + 1
+"""Number of answers kept: the plant may ask again for any tick that the recorder lacks."""
 
 _RANK = {source: rank for rank, source in enumerate((*LIVE_SOURCES, SCENARIO))}
 
@@ -83,3 +88,19 @@ class Arbiter:
     def _sticks(self, source: str, now_s: float) -> Sticks:
         sticks, at = self._reports.get(source, (NEUTRAL, now_s))
         return NEUTRAL if now_s - at > SILENCE_S else sticks
+
+
+class GivenAnswers:
+    """Repeats the answer of a tick that the plant asks for again, whatever the live inputs are."""
+
+    def __init__(self) -> None:
+        self._answers: dict[int, Command] = {}
+
+    def at(self, stamp_ns: int, select: Callable[[], Command]) -> Command:
+        """Return the answer given at a stamp [ns]; select it if there is none."""
+        answer = self._answers.get(stamp_ns)
+        if answer is None:
+            answer = self._answers[stamp_ns] = select()
+            if len(self._answers) > MAX_KEPT_ANSWERS:
+                del self._answers[next(iter(self._answers))]
+        return answer

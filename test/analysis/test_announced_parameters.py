@@ -6,7 +6,6 @@ import pytest
 
 from ballbot_ros.analysis.announced_parameters import AnnouncedParameters
 from ballbot_ros.messages.participation import (
-    RunStatus,
     encode_announcement,
     encode_run_status,
     membership_text,
@@ -14,7 +13,13 @@ from ballbot_ros.messages.participation import (
 from ballbot_ros.messages.topics import PARTICIPANTS, RUN_STATUS
 from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, SONAR, ParameterSet
 from ballbot_ros.recording.reader import AttachedFile
-from ballbot_ros.simulation.participants import MAP_HASH, Announcement, Membership, Participant
+from ballbot_ros.simulation.participants import (
+    MAP_HASH,
+    Announcement,
+    Membership,
+    Participant,
+    RunStatus,
+)
 
 RUN = '1 abc'
 FILES = {'map.png': AttachedFile('image/png', b'a map')}

@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 
 from ballbot_ros.messages.conversions import encode_motors
 from ballbot_ros.messages.participation import (
-    RunStatus,
     decode_announcement,
     decode_run_status,
     encode_announcement,
@@ -27,7 +26,13 @@ from ballbot_ros.parameters import NODES
 from ballbot_ros.plant.ground_truth import GroundTruth
 from ballbot_ros.recording.attachments import OUTCOME_KEYS
 from ballbot_ros.recording.encoding import encoder, new_message
-from ballbot_ros.simulation.participants import Announcement, Membership, Objection, Participant
+from ballbot_ros.simulation.participants import (
+    Announcement,
+    Membership,
+    Objection,
+    Participant,
+    RunStatus,
+)
 
 text = st.text(st.characters(exclude_categories=('Cs', 'Cc')))
 word = st.text(st.characters(categories=('L', 'N')), min_size=1)

@@ -20,7 +20,7 @@ from ballbot_ros.nodes.gamepad_teleop import GamepadTeleop
 from ballbot_ros.nodes.teleop_terminal import TeleopTerminal
 from ballbot_ros.parameters import GamepadParameters
 from ballbot_ros.simulation.lockstep import Run
-from ballbot_ros.teleop.arbiter import KEYBOARD, SCENARIO, Arbiter, Command
+from ballbot_ros.teleop.arbiter import KEYBOARD, SCENARIO, Arbiter, Command, GivenAnswers
 from ballbot_ros.teleop.errors import TeleopError
 from ballbot_ros.teleop.input_errors import InputErrors
 from ballbot_ros.teleop.sticks import NEUTRAL
@@ -39,7 +39,7 @@ def test_a_repeated_request_gets_the_same_answer_within_a_run():
 
     node = bare(
         GamepadTeleop,
-        _answers={},
+        _answers=GivenAnswers(),
         _command=Command(SCENARIO, NEUTRAL),
         _log=None,
         _output=SimpleNamespace(publish=sent.append),

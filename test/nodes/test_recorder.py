@@ -13,7 +13,6 @@ from stubs import bare  # noqa: E402
 
 from ballbot_ros.messages.conversions import encode_duty, encode_header  # noqa: E402
 from ballbot_ros.messages.motor_stop import encode_stop  # noqa: E402
-from ballbot_ros.messages.participation import RunStatus  # noqa: E402
 from ballbot_ros.messages.raw import decoder  # noqa: E402
 from ballbot_ros.messages.topics import (  # noqa: E402
     CLOCK,
@@ -55,32 +54,13 @@ def test_a_malformed_announcement_of_a_run_is_ignored(domain, monkeypatch, tmp_p
             for data in (*MALFORMED, ANNOUNCED):
                 publisher.publish(data)
             recorder._poll()
-            return recorder._run == '1 abc'
+            return recorder._recording.run == '1 abc'
 
         wait_for(has_begun, what='the run')
         recorder.close()
         recorder.destroy_node()
     finally:
         rclpy.try_shutdown()
-
-
-@pytest.mark.parametrize(('run', 'is_noted'), [('1 abc', False), ('2 abc', True), ('2 x', False)])
-def test_only_the_status_of_the_current_run_says_how_it_ended(run, is_noted):
-    required = []
-    recorder = SimpleNamespace(
-        _run='2 abc',
-        _status=RunStatus(run, is_lockstep=False, periodic_topics=(), participants={},
-                          result={'outcome': 'failed'}),
-        _gate=SimpleNamespace(is_lockstep=True),
-        _ticks=SimpleNamespace(require=required.append),
-        _channels={},
-        _outcome={},
-        _members={},
-    )  # fmt: skip
-    Recorder._take_status(recorder)
-    assert len(required) == is_noted
-    assert recorder._outcome == ({'outcome': 'failed'} if is_noted else {})
-    assert recorder._gate.is_lockstep is not is_noted
 
 
 RELIABLE, BEST_EFFORT = ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT
@@ -142,11 +122,11 @@ def test_a_stranger_may_publish_on_a_topic_or_on_its_history(counts, has_several
 def test_a_malformed_status_is_reported_and_changes_nothing():
     warned = []
     recorder = SimpleNamespace(
-        warn_malformed=lambda topic, error: warned.append(topic), _status='known'
+        warn_malformed=lambda topic, error: warned.append(topic),
+        _recording=SimpleNamespace(note_status=warned.append),
     )
     Recorder._note_status(recorder, RUN.message_class.__name__.encode())
     assert warned == [RUN_STATUS]
-    assert recorder._status == 'known'
 
 
 def channel_of(topic, *, history=None):
@@ -250,15 +230,17 @@ def test_the_qos_of_a_topic_without_publishers_is_the_usual_one():
     assert Channels.offered_qos(channels, '/talk') == [QosProfile.from_rclpy(offers[0].qos_profile)]
 
 
-def stub_recorder(events, **attributes):
+def stub_recorder(events, recording=None, **attributes):
     """Return a recorder with these attributes, which stores its calls in `events`."""
 
     def note(name):
         return lambda *given: events.append((name, *given))
 
     given = {
-        'exit_status': 0, '_announced': b'', '_run': None, '_stop': None, '_lost': 0,
-        '_outcome': {}, '_members': {}, '_await_end': note('await'), '_fail': note('fail'),
+        'exit_status': 0, '_lost': 0, '_await_end': note('await'), '_fail': note('fail'),
+        '_recording': SimpleNamespace(
+            **{'outcome': {}, 'members': {}, 'write_stop': lambda: None} | (recording or {})
+        ),
         'flush': note('flush'), 'warn': note('warn'),
         '_channels': SimpleNamespace(close=note('leave')),
         'get_logger': lambda: SimpleNamespace(info=note('log')),
@@ -273,17 +255,15 @@ def stub_recorder(events, **attributes):
 def test_a_recording_is_finished_before_the_recorder_leaves():
     finished = [('await',), ('close',), ('log', 'finished run.mcap'), ('flush', PARTICIPANTS)]
     for status, outcome, written, lines in (
-        (0, {}, [], finished),
+        (0, {}, ['stop'], finished),
         (0, {'outcome': 'failed'}, ['stop', ('outcome', {'outcome': 'failed'})], finished),
-        (0, {'outcome': 'completed'}, [('outcome', {'outcome': 'completed'})], finished),
         (1, {'outcome': 'failed'}, [], [each for each in finished if each[0] != 'log']),
     ):
         events = []
-        node = stub_recorder(
-            events, exit_status=status, _outcome=outcome,
-            _stop=('motor_duty', encode_stop(5), 9) if outcome else None,
-            keep=lambda *_, events=events: events.append('stop'),
-        )  # fmt: skip
+        recording = {
+            'outcome': outcome, 'write_stop': lambda events=events: events.append('stop')
+        }  # fmt: skip
+        node = stub_recorder(events, recording, exit_status=status)
         node.close()
         assert events == [lines[0], *written, *lines[1:], ('leave',)], (status, outcome)
 
@@ -303,7 +283,7 @@ def test_a_recording_that_can_not_be_finished_fails():
 def test_participants_outcome_and_gaps_are_noted_in_the_file():
     for lost, gaps in ((0, None), (1, '1 gap'), (2, '2 gaps')):
         events = []
-        node = stub_recorder(events, _members={'gyro': 'it'}, _outcome={'outcome': 'failed'})
+        node = stub_recorder(events, {'members': {'gyro': 'it'}, 'outcome': {'outcome': 'failed'}})
         for number in range(lost):
             node.report_loss(SimpleNamespace(name='/gyro'), number)
         assert [each for each in events if each[0] == 'warn'] == [
@@ -317,53 +297,63 @@ def test_participants_outcome_and_gaps_are_noted_in_the_file():
             ('outcome', {'outcome': 'failed'}),
             *([('incomplete', f'{gaps} in the sequence of messages')] if gaps else []),
         ]
-        node._ticks = SimpleNamespace(acked_ns=1_500_000_000)
+        node._recording.ticks = SimpleNamespace(acked_ns=1_500_000_000)
         assert node.diagnose() == {
             'file': 'run.mcap', 'acknowledged [s]': '1.500', 'lost messages': lost,
         }  # fmt: skip
 
 
-def test_each_message_is_kept_once_and_the_first_motor_stop_until_the_end():
+def test_each_message_goes_to_the_recording_as_what_it_is():
     events = []
+
+    def note(name, answer=None):
+        return lambda *given: events.append((name, *given)) or answer
+
     node = stub_recorder(
         events,
+        {
+            'announces': lambda run: run.name == '1 abc' and not events.append(run),
+            'hold_stop': note('stop'),
+            'gate': SimpleNamespace(take=lambda *given: events.append(given[1::2])),
+        },
         _decode_run=decoder(RUN.type_name),
-        _begin=lambda run: events.append(run) or vars(node).update(_run=run.name),
-        _note_status=lambda data: events.append('status'),
-        _gate=SimpleNamespace(
-            take=lambda stream, stamp_ns, data, sequence: events.append((stamp_ns, sequence))
-        ),
+        _note_status=note('status'),
     )
     run, duty, status, joy = map(channel_of, (RUN, MOTOR_DUTY, RUN_STATUS, JOY))
-    later = encode_header(2_000_000_000, '2 abc')
     for channel, data, expected in (
         (run, ANNOUNCED, [Run('1 abc', 1_000_000_000), (1_000_000_000, 7)]),
-        (run, ANNOUNCED, []),
-        (run, later, [(2_000_000_000, 7)]),
-        (status, b'status', ['status', (0, 7)]),
+        (run, encode_header(2_000_000_000, '2 abc'), []),
+        (status, b'status', [('status', b'status'), (0, 7)]),
         (duty, encode_duty(8, (1, 2)), [(8, 7)]),
-        (duty, encode_stop(9), []),
-        (duty, encode_stop(10), []),
+        (duty, encode_stop(9), [('stop', duty.stream, 9, encode_stop(9), 7)]),
         (joy, b'of any clock', [(0, 7)]),
     ):
         node._take(channel, data, 7)
         assert events == expected, channel.topic.name
         events.clear()
-    assert node._stop == (duty.stream, encode_stop(9), 7)
 
 
 def test_the_rest_of_a_run_is_not_acknowledged_to_the_plant_of_the_next():
     for how, expected in (('_poll', [('write',), ('ack',)]), ('_on_run', [('write',), ('begin',)])):
         events = []
+        recording = {
+            'run': '1 abc', 'ticks': SimpleNamespace(advance=lambda: True),
+            'join': lambda run, events=events: events.append(('begin',)),
+        }  # fmt: skip
         node = stub_recorder(
-            events, _order=SimpleNamespace(merge=lambda *_, events=events: note_write(events)),
-            _run='1 abc', _gate=SimpleNamespace(), _ticks=SimpleNamespace(advance=lambda: True),
-            _channels=SimpleNamespace(take=list), _send_ack=lambda events=events: events.append(
-                ('ack',)
-            ), _begin=lambda run, events=events: events.append(('begin',)),
+            events, recording,
+            _order=SimpleNamespace(merge=lambda *_, events=events: note_write(events)),
+            _channels=Streams(), _send_ack=lambda events=events: events.append(('ack',)),
         )  # fmt: skip
         getattr(node, how)(*([Run('1 next', 1)] if how == '_on_run' else []))
         assert events == expected, how
+
+
+class Streams(list):
+    """No channels of a recorder."""
+
+    def take(self):
+        return {}
 
 
 def note_write(events):
@@ -382,27 +372,26 @@ def test_a_recorder_that_is_stopped_with_its_run_awaits_the_end(monkeypatch):
             sleep=lambda delay_s: now_s.__setitem__(0, now_s[0] + delay_s),
         ),
     )
-    for takes_part, now_ns, status, ends_s, waited_s in (
-        (True, 5, 0, 9.0, recorder_node.END_S),
-        (True, 5, 0, 0.2, 0.2),
-        (True, 5, 0, 0.0, 0.0),
-        (False, 5, 0, 9.0, 0.0),
-        (True, 0, 0, 9.0, 0.0),
-        (True, 5, 1, 9.0, 0.0),
+    for is_under_way, status, ends_s, waited_s in (
+        (True, 0, 9.0, recorder_node.END_S),
+        (True, 0, 0.2, 0.2),
+        (True, 0, 0.0, 0.0),
+        (False, 0, 9.0, 0.0),
+        (True, 1, 9.0, 0.0),
     ):
         now_s[0], looks = 0.0, []
 
         def write(until, looks=looks, ends_s=ends_s):
             looks.append(until)
             if now_s[0] >= ends_s:
-                node._outcome = {'outcome': 'completed'}  # noqa: B023
+                node._recording.is_under_way = False  # noqa: B023
 
         node = stub_recorder(
-            [], exit_status=status, _write_until=write, _acknowledge=lambda: None,
-            _gate=SimpleNamespace(takes_part=takes_part, now_ns=now_ns),
+            [], {'is_under_way': is_under_way}, exit_status=status, _write_until=write,
+            _acknowledge=lambda: None,
         )  # fmt: skip
         Recorder._await_end(node)
-        assert now_s[0] == pytest.approx(waited_s, abs=0.011), (takes_part, now_ns, status)
+        assert now_s[0] == pytest.approx(waited_s, abs=0.011), (is_under_way, status)
         assert set(looks) == {math.inf}
 
 

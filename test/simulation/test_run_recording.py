@@ -1,0 +1,81 @@
+"""The recorder's part in the runs, without files and without ROS."""
+
+import pytest
+
+from ballbot_ros.simulation.lockstep import Run
+from ballbot_ros.simulation.participants import RunStatus
+from ballbot_ros.simulation.recording_gate import Stream
+from ballbot_ros.simulation.run_recording import RunRecording
+from ballbot_ros.timing import FIRST_TICK_NS, TICK_NS
+
+
+class File:
+    """What a recording keeps."""
+
+    def __init__(self):
+        self.clock = Stream('/clock', period_ns=TICK_NS, is_clock=True, is_live=True, is_same=same)
+        self.duty = Stream('/motor_duty', period_ns=TICK_NS, is_same=same)
+        self.kept = []
+        streams = (('/clock', self.clock), ('motor_duty', self.duty))
+        self.recording = RunRecording(self, lambda: streams)
+
+    def keep(self, stream, log_ns, data, sequence):
+        self.kept.append((stream.name, log_ns, data, sequence))
+
+    def has_several_publishers(self, stream):
+        return False
+
+
+def same(one, other):
+    return one == other
+
+
+def status(run, **result):
+    return RunStatus(run, True, ('/clock', 'motor_duty'), {'controller': 'it'}, result)
+
+
+@pytest.mark.parametrize('comes_first', [False, True])
+@pytest.mark.parametrize(('run', 'is_noted'), [('1 abc', False), ('2 abc', True), ('2 x', False)])
+def test_only_the_status_of_the_current_run_counts(run, is_noted, comes_first):
+    recording = File().recording
+    if comes_first:
+        recording.note_status(status(run, outcome='failed'))
+    recording.join(Run('2 abc', FIRST_TICK_NS))
+    if not comes_first:
+        recording.note_status(status(run, outcome='failed'))
+    assert recording.outcome == ({'outcome': 'failed'} if is_noted else {})
+    assert recording.members == ({'controller': 'it'} if is_noted else {})
+
+
+def test_a_run_is_announced_once_and_begins_the_first_recording():
+    recording = File().recording
+    first, second = Run('1 abc', FIRST_TICK_NS), Run('2 abc', 2 * FIRST_TICK_NS)
+    assert [recording.announces(run) for run in (first, first, second)] == [True, False, True]
+    assert recording.run == '1 abc'
+    assert not recording.gate.takes_part
+    recording.join(second)
+    assert recording.run == '2 abc'
+    assert recording.gate.takes_part
+
+
+@pytest.mark.parametrize('outcome', ['completed', 'failed', None])
+def test_the_first_motor_stop_is_recorded_unless_the_run_completes(outcome):
+    file = File()
+    file.recording.join(Run('1 abc', FIRST_TICK_NS))
+    for stamp_ns in (5, 9):
+        file.recording.hold_stop(file.duty, stamp_ns, b'stop', stamp_ns)
+    if outcome:
+        file.recording.note_status(status('1 abc', outcome=outcome))
+    file.recording.write_stop()
+    assert file.kept == ([] if outcome == 'completed' else [('/motor_duty', 5, b'stop', 5)])
+
+
+def test_a_run_is_under_way_from_its_first_tick_to_its_end():
+    file = File()
+    recording = file.recording
+    recording.join(Run('1 abc', FIRST_TICK_NS))
+    assert not recording.is_under_way
+    recording.gate.take(file.clock, FIRST_TICK_NS, b'', 1)
+    assert recording.is_under_way
+    recording.note_status(status('1 abc', outcome='stopped'))
+    assert not recording.is_under_way
