@@ -125,6 +125,7 @@ class LockstepTicks:
         self._histories = {name: SampleHistory(is_same[name]) for name in periods_ns}
         self._start_ns: int | None = None
         self._next_ns: int | None = None
+        self._answered_ns: int | None = None
         self._is_open = False
         self._received_ns: dict[str, int] = {}
 
@@ -135,6 +136,7 @@ class LockstepTicks:
             history.clear()
         self.releases.begin(start_ns, tasks)
         self._start_ns, self._next_ns, self._is_open = start_ns, None, False
+        self._answered_ns = None
         self._received_ns.clear()
 
     def take(self, name: str, stamp_ns: int, data: bytes, value: Any) -> SampleReaction | DueTick:
@@ -176,7 +178,8 @@ class LockstepTicks:
 
     def _answer_repeated(self, stamp_ns: int) -> SampleReaction:
         """Decide the reaction to a repeated sample: the plant still waits for the answer."""
-        if self._next_ns == stamp_ns + self._tick_ns:
+        # The tick before the next one may be another controller's, if this one has rejoined the run.
+        if stamp_ns == self._answered_ns:
             return SampleReaction.RESEND
         if self._next_ns == stamp_ns and self.gate.ready(stamp_ns):
             return SampleReaction.FORCE_RELEASES
@@ -226,6 +229,6 @@ class LockstepTicks:
         now = self._next_ns
         if now is None or not self.gate.ready(now) or self.releases.missing(now):
             return None
-        self._next_ns = now + self._tick_ns
+        self._answered_ns, self._next_ns = now, now + self._tick_ns
         self._received_ns.clear()
         return self.releases.take(now)

@@ -328,6 +328,14 @@ def test_a_rejoined_run_forces_the_first_releases_and_counts_them():
     assert ticks.forced == 2
 
 
+def test_a_controller_that_rejoins_repeats_no_answer_that_it_has_not_given():
+    """The tick before the one that it rejoins at is due for the battery."""
+    ticks = Ticks()
+    ticks.feed_all(('battery', 1500), ('gyro', 1504))
+    ticks.ticks.on_missed_start(1504 * MS, now_ns=1504 * MS, rejoin=True)
+    assert ticks.feed_all(('battery', 1500), ('gyro', 1504)) == [IGNORE, STORE]
+
+
 def shuffled(seed):
     """Return the ticks of a run whose messages are repeated, reordered and mixed with others'."""
     chance = random.Random(seed)
