@@ -104,10 +104,6 @@ class Stream:
             self._numbers.note(sequence)
         return sample
 
-    def follows(self, sequence: int) -> bool:
-        """Return whether `sequence` directly follows the newest number of a publisher."""
-        return self._numbers.follows(sequence)
-
     def has_lost_before(self, sequence: int) -> bool:
         """Note a sequence number; return whether messages before it are missing."""
         leaps = self._numbers.has_gap(sequence)
@@ -219,6 +215,11 @@ class RecordingGate:
         if is_ahead and self._run and self._may_have_stranger(message.stream):
             self._writer.raise_objection(message.stream, message.stamp_ns)
             return
+        if self.takes_part and message.stamp_ns < self.now_ns:
+            # The time of a plant never goes back: what came before was sent by an earlier plant,
+            # which has left, or this is another one's.
+            self._writer.raise_objection(message.stream, message.stamp_ns)
+            return
         begins = self.now_ns == 0
         self.now_ns = max(self.now_ns, message.stamp_ns)
         if begins and self._run and self.now_ns == self._first_ns:
@@ -274,12 +275,11 @@ class RecordingGate:
         return stream.name in self._with_strangers
 
     def _is_missed_before(self, message: _Message) -> bool:
-        """Return whether a stream skips a stamp of this run at a change of sender.
+        """Return whether a stream skips a stamp of this run.
 
-        If the sender is the same and its numbers have no gap, it skipped the stamp itself, and
-        nobody waited for that sample.
+        Its numbers do not tell: those of a restarted sender may continue those of the dead one.
         """
         stream = message.stream
-        if not (self._run and stream.newest_ns) or stream.follows(message.sequence):
+        if not (self._run and stream.newest_ns):
             return False
         return message.stamp_ns > max(stream.newest_ns + stream.period_ns, self._run.start_ns)
