@@ -69,6 +69,11 @@ POLL_S = 0.1
 )
 @click.option('--trial', type=click.IntRange(0), help='Run only this trial of the fault.')
 @click.option(
+    '--simulated',
+    is_flag=True,
+    help='Simulate the whole protocol without processes, thousands of trials a minute.',
+)
+@click.option(
     '--output',
     type=click.Path(path_type=Path, file_okay=False),
     help='Folder for the files of failed trials.  [default: runs/<date>_campaign]',
@@ -78,6 +83,7 @@ def campaign(
     seed: int | None,
     only: tuple[str, ...],
     trial: int | None,
+    simulated: bool,
     output: Path | None,
 ) -> int:
     """Break runs at random moments, and judge the outcome.
@@ -86,13 +92,17 @@ def campaign(
     until everything had ended. The exit status is 0 if everything held, else 1, with the command
     that repeats each failed trial. Ctrl-C ends the campaign with the table so far.
     """
-    if trial is not None and len(only) != 1:
+    if simulated and only:
+        raise click.UsageError('--simulated draws all faults: leave out --only')
+    if trial is not None and len(only) != 1 and not simulated:
         raise click.UsageError('--trial requires one fault: give --only once')
     seed = random.randrange(1_000_000) if seed is None else seed
     console = Console(highlight=False)
     if not console.is_terminal:
         console.width = WIDTH
     output = output or Path('runs', f'{datetime.now():%Y-%m-%d_%H-%M-%S}_campaign')
+    if simulated:
+        return simulate(seed, minutes, trial, output, console)
     wanted = [fault for fault in FAULTS if fault.name in (only or BY_NAME)]
     mounts = own_mounts()
     impossible = [fault.name for fault in wanted if fault.needs_mounts and not mounts]
@@ -111,6 +121,24 @@ def campaign(
         console.print(f'Failed trials: {len(conduct.failures)}; their files are in {output}')
         for command in conduct.failures:
             console.print(f'  {command}', soft_wrap=True, markup=False)
+    return 128 + stop.signal if stop.signal else 1 if conduct.failures else 0
+
+
+def simulate(
+    seed: int, minutes: float, trial: int | None, output: Path, console: Console
+) -> int:  # fmt: skip
+    """Run simulated trials, or one of them; return the exit status."""
+    # Imported only here: its modules are in test/.
+    from campaign.simulated import SimulatedCampaign
+
+    with StopRequest() as stop:
+        conduct = SimulatedCampaign(seed, output, console, stop)
+        if trial is None:
+            console.print(f'seed {seed}, {minutes:g} min, simulated')
+            conduct.follow(60.0 * minutes)
+            conduct.print_summary()
+        else:
+            conduct.follow_one(trial)
     return 128 + stop.signal if stop.signal else 1 if conduct.failures else 0
 
 

@@ -79,6 +79,8 @@ class Timer:
 class Brick:
     """The controller, whose timers use the plant's clock.
 
+    Its `hands` carry out what it decides, like the controller's node.
+
     Attributes
     ----------
     dropped : set of str
@@ -87,18 +89,17 @@ class Brick:
         Number of releases made without a timer.
     """
 
-    def __init__(self, parameters, answer, call_back):
-        self._parameters, self._answer, self._call_back = parameters, answer, call_back
+    def __init__(self, parameters, hands, is_same=operator.eq):
+        self._parameters, self._hands = parameters, hands
         self._tasks = task_timings(parameters.ts2_period, parameters.ts3_period)
         self._ticks = LockstepTicks(
             {topic.name: topic.period_ns for topic in INPUT_READERS},
             first=BATTERY_STATE.name,
             every_tick=GYRO_IMU.name,
-            is_same={topic.name: operator.eq for topic in INPUT_READERS},
+            is_same=dict.fromkeys((topic.name for topic in INPUT_READERS), is_same),
             tick_ns=TICK_NS,
         )
         self._timers = {each.name: Timer(each.period_ms) for each in self._tasks if each.period_ms}
-        self._answers = {}
         self._now_ns = 0
         self.dropped = set()
 
@@ -116,7 +117,7 @@ class Brick:
         self._now_ns = now_ns
         for task, timer in self._timers.items():
             if timer.is_ready(now_ns):
-                self._call_back(self.on_timer, task)
+                self._hands.call_back(self.on_timer, task)
 
     def on_timer(self, task):
         timer = self._timers[task]
@@ -137,16 +138,25 @@ class Brick:
         if self._timers[task].next_ns is not None:
             self._timers[task].next_ns += TICK_NS // 2
 
-    def on_sample(self, name, stamp_ns, reading):
-        reaction = self._ticks.take(name, stamp_ns, repr(reading), reading)
+    def on_sample(self, name, stamp_ns, data, reading):
+        reaction = self._ticks.take(name, stamp_ns, data, reading)
         if reaction is SampleReaction.FORCE_RELEASES:
             waits = any(timer.is_ready(self._now_ns) for timer in self._timers.values())
             reaction = self._ticks.force(callback_waits=waits)
         if isinstance(reaction, DueTick):
             self._run(reaction)
         elif reaction is SampleReaction.RESEND:
-            self._answer(stamp_ns, self._answers[stamp_ns])
-        assert reaction not in (SampleReaction.OBJECT, SampleReaction.MISSED_START)
+            self._hands.resend(stamp_ns)
+        elif reaction is SampleReaction.OBJECT:
+            self._hands.object_to(name, stamp_ns)
+        elif reaction is SampleReaction.MISSED_START:
+            rejoin = self._parameters.rejoin
+            missed = self._ticks.on_missed_start(stamp_ns, now_ns=self._now_ns, rejoin=rejoin)
+            if missed is SampleReaction.ABORT:
+                self._hands.abort(stamp_ns)
+
+    def awaited(self):
+        return self._ticks.awaited()
 
     def _run(self, tick):
         if self._now_ns == tick.time_ns:
@@ -154,8 +164,28 @@ class Brick:
                 self._timers[task].start(tick.time_ns)
         inputs = device_inputs(lambda topic: self._ticks.gate.newest(topic.name))
         outputs = self._program.run(tick.tasks, tick.time_ns // MILLISECOND_NS, inputs)
-        self._answers = {tick.time_ns: outputs.duty}
-        self._answer(tick.time_ns, outputs.duty)
+        self._hands.answer(tick.time_ns, inputs, outputs, self._program)
+
+
+class Hands:
+    """Carries out the decisions of a controller that no stranger disturbs."""
+
+    def __init__(self, world):
+        self._world = world
+        self._duties = {}
+
+    def answer(self, stamp_ns, inputs, outputs, program):
+        self._duties = {stamp_ns: outputs.duty}
+        self.resend(stamp_ns)
+
+    def resend(self, stamp_ns):
+        world, duty = self._world, self._duties[stamp_ns]
+        world.nodes[CONTROLLER].samples.add(stamp_ns)
+        data = data_of(stamp_ns, duty)
+        world.send(world.master.on_duty, stamp_ns, duty, data, route=(CONTROLLER, PLANT))
+
+    def call_back(self, event, task):
+        self._world.send(event, task, route=(CONTROLLER, CONTROLLER, task))
 
 
 class RobotWorld(LockstepWorld):
@@ -220,15 +250,7 @@ class RobotWorld(LockstepWorld):
         return Driver(topic, read, answer)
 
     def _make_controller(self):
-        def answer(stamp_ns, duty):
-            self.nodes[CONTROLLER].samples.add(stamp_ns)
-            data = data_of(stamp_ns, duty)
-            self.send(self.master.on_duty, stamp_ns, duty, data, route=(CONTROLLER, PLANT))
-
-        def call_back(event, task):
-            self.send(event, task, route=(CONTROLLER, CONTROLLER, task))
-
-        return Brick(self.parameter_set.of(ControllerParameters), answer, call_back)
+        return Brick(self.parameter_set.of(ControllerParameters), Hands(self))
 
     def leave(self, role):
         super().leave(role)
@@ -265,7 +287,8 @@ class RobotWorld(LockstepWorld):
         route = (sender, CONTROLLER, topic.name)
         brick = self.robot.get(CONTROLLER)
         if brick:
-            self.send(brick.on_sample, topic.name, stamp_ns, reading, route=route)
+            data = repr(reading)
+            self.send(brick.on_sample, topic.name, stamp_ns, data, reading, route=route)
 
     def _carry_out(self, action):
         super()._carry_out(action)

@@ -21,7 +21,8 @@ from ballbot_ros.messages.topics import (
 )
 from ballbot_ros.parameters import NODES
 from ballbot_ros.simulation.lockstep import Run
-from ballbot_ros.simulation.participants import Announcement, RunStatus
+from ballbot_ros.simulation.participants import Announcement
+from ballbot_ros.simulation.run_recording import RunStatus
 from ballbot_ros.timing import FIRST_TICK_NS, RESEND_S, SECOND_NS, next_start_ns
 
 START_S = 30.0

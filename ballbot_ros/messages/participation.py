@@ -15,13 +15,8 @@ from ballbot_ros.messages.topics import PARTICIPANTS
 from ballbot_ros.recording.attachments import OUTCOME_KEYS
 from ballbot_ros.recording.encoding import encoder, new_message
 from ballbot_ros.simulation.outcome import Outcome
-from ballbot_ros.simulation.participants import (
-    Announcement,
-    Membership,
-    Objection,
-    Participant,
-    RunStatus,
-)
+from ballbot_ros.simulation.participants import Announcement, Membership, Objection, Participant
+from ballbot_ros.simulation.run_recording import RunStatus
 from ballbot_ros.timing import SECOND_NS
 
 OK, ERROR = 0, 2

@@ -10,8 +10,8 @@ from ballbot_ros.former_names import FORMER_RESULT_KEYS, with_former_names
 from ballbot_ros.messages.participation import membership_json, membership_text
 from ballbot_ros.plant.ground_truth import Push
 from ballbot_ros.recording.attachments import OUTCOME_KEYS
-from ballbot_ros.simulation.participants import RunStatus
 from ballbot_ros.simulation.run_actions import PublishStatus, RunSummary
+from ballbot_ros.simulation.run_recording import RunStatus
 from ballbot_ros.timing import SECOND_NS
 
 

@@ -115,9 +115,8 @@ class Participation:
 
     def _join(self, run: Run) -> None:
         member = self._member
-        if member.is_another_plants(run):
+        if member.join(run):
             self._node.recreate_publishers(exclude=PARTICIPANTS)
-        member.join(run)
         self._node.now_ns = 0
         self._node.apply_parameters()
         member.participant = with_parameters(

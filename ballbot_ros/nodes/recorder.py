@@ -121,8 +121,9 @@ class Recorder(BallbotNode[RecorderParameters]):
         self._ack.publish(encode_header(self._recording.ticks.acked_ns))
 
     def _on_run(self, run: Run) -> None:
-        # Without an acknowledgement, which the plant of this run would take for its own.
-        self._write_until(time.time_ns())
+        # Without an acknowledgement, which the plant of this run would take for its own, and
+        # without holding anything back: what has arrived was sent before this run.
+        self._write_until(math.inf)
         for channel in self._channels:
             channel.begin()
         try:

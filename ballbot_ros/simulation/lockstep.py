@@ -178,7 +178,7 @@ class LockstepTicks:
 
     def _answer_repeated(self, stamp_ns: int) -> SampleReaction:
         """Decide the reaction to a repeated sample: the plant still waits for the answer."""
-        # The tick before the next one may be another controller's, if this one has rejoined the run.
+        # If this controller has rejoined the run, another one has answered the tick before.
         if stamp_ns == self._answered_ns:
             return SampleReaction.RESEND
         if self._next_ns == stamp_ns and self.gate.ready(stamp_ns):

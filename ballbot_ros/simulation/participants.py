@@ -1,4 +1,4 @@
-"""A participant of a run, its announcements and objections, and the status of a run."""
+"""A participant of a run, its announcements and its objections."""
 
 from __future__ import annotations
 
@@ -144,25 +144,6 @@ class Membership(NamedTuple):
     is_successor: bool = False
 
 
-@dataclass(frozen=True)
-class RunStatus:
-    """The plant's status of a run, published at its first tick and at its end.
-
-    Attributes
-    ----------
-    run : str
-        Name of the run in ``plant/run``.
-    result : mapping of str to str
-        The `OUTCOME_KEYS` of a run that has ended; otherwise empty.
-    """
-
-    run: str
-    is_lockstep: bool
-    periodic_topics: tuple[str, ...]
-    participants: Mapping[str, str]
-    result: Mapping[str, str] = field(default_factory=dict)
-
-
 class RunMember:
     """A participant's part in runs: it joins each, and announces itself and its objections.
 
@@ -178,19 +159,16 @@ class RunMember:
         """Return whether a sample can belong to the run that the participant has joined."""
         return self.run is not None and stamp_ns >= self.run.start_ns
 
-    def is_another_plants(self, run: Run) -> bool:
-        """Return whether a run belongs to another plant than the one before."""
-        return self.run is not None and run.plant != self.run.plant
-
-    def join(self, run: Run) -> None:
-        """Join a run; objections to the one before no longer count."""
+    def join(self, run: Run) -> bool:
+        """Join a run without earlier objections; return whether the plant is another one."""
+        is_another_plants = self.run is not None and run.plant != self.run.plant
         self.run, self._objection = run, None
+        return is_another_plants
 
     def objects(self, objection: Objection) -> bool:
         """Note an objection; return whether it is new, so that it must be announced."""
-        is_new = objection != self._objection
-        self._objection = objection
-        return is_new
+        before, self._objection = self._objection, objection
+        return objection != before
 
     def announcement(
         self, answered_ns: int, awaits: Mapping[str, int | None]

@@ -31,13 +31,9 @@ class _Numbers:
     def clear(self) -> None:
         self._newest.clear()
 
-    def follows(self, number: int) -> bool:
-        """Return whether `number` directly follows the newest number of a publisher."""
-        return number - 1 in self._newest
-
     def has_gap(self, number: int) -> bool:
         """Return whether `number` can only mean that a known publisher skipped some numbers."""
-        return not self.follows(number) and any(newest < number for newest in self._newest)
+        return number - 1 not in self._newest and any(newest < number for newest in self._newest)
 
     def note(self, number: int) -> None:
         """Assign a number to the publisher with the next lower one, or to a new publisher."""

@@ -3,12 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
 
 from ballbot_ros.simulation.lockstep import Run
 from ballbot_ros.simulation.outcome import Outcome
-from ballbot_ros.simulation.participants import RunStatus
 from ballbot_ros.simulation.recorded_ticks import RecordedTicks
 from ballbot_ros.simulation.recording_gate import RecordingGate, Stream, Writer
+
+
+@dataclass(frozen=True)
+class RunStatus:
+    """The plant's status of a run, published at its first tick and at its end.
+
+    Attributes
+    ----------
+    run : str
+        Name of the run in ``plant/run``.
+    result : mapping of str to str
+        The `OUTCOME_KEYS` of a run that has ended; otherwise empty.
+    """
+
+    run: str
+    is_lockstep: bool
+    periodic_topics: tuple[str, ...]
+    participants: Mapping[str, str]
+    result: Mapping[str, str] = field(default_factory=dict)
 
 
 class RunRecording:

@@ -13,13 +13,8 @@ from ballbot_ros.messages.participation import (
 from ballbot_ros.messages.topics import PARTICIPANTS, RUN_STATUS
 from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, SONAR, ParameterSet
 from ballbot_ros.recording.reader import AttachedFile
-from ballbot_ros.simulation.participants import (
-    MAP_HASH,
-    Announcement,
-    Membership,
-    Participant,
-    RunStatus,
-)
+from ballbot_ros.simulation.participants import MAP_HASH, Announcement, Membership, Participant
+from ballbot_ros.simulation.run_recording import RunStatus
 
 RUN = '1 abc'
 FILES = {'map.png': AttachedFile('image/png', b'a map')}

@@ -2,8 +2,10 @@
 
 import pytest
 from click.testing import CliRunner
+from rich.console import Console
 
 from campaign import campaign as module
+from campaign import simulated
 from campaign.fault import Verdict
 
 FAULT = 'leftovers in /dev/shm'
@@ -67,3 +69,31 @@ def test_a_fault_that_needs_mounts_is_reported_as_impossible_without_them(conduc
     done = conduct(Verdict((), 2.0, 10.0), '--only', FAULT, '--minutes', '0.1')
     assert done.return_value == 0
     assert 'not possible here' in done.output
+
+
+def test_a_simulated_trial_is_repeated_with_its_events(tmp_path):
+    words = ['--simulated', '--seed', '5', '--trial', '3', '--output', str(tmp_path)]
+    outputs = {CliRunner().invoke(module.campaign, words).output for _ in range(2)}
+    (output,) = outputs
+    assert 'held' in output
+    assert (tmp_path / 'trial_3.txt').read_text().count('\n') > 100
+
+
+def test_a_failed_simulated_trial_is_told_with_the_command_that_repeats_it(monkeypatch, capsys):
+    results = [
+        simulated.Result(0, (), '', 1.0),
+        simulated.Result(7, ('reset',), 'passed with [red] duties', 2.0),
+    ]
+    monkeypatch.setattr(simulated.SimulatedCampaign, '_results', lambda *_: iter([results]))
+    conduct = simulated.SimulatedCampaign(5, None, Console(width=100), None)
+    conduct.follow(60.0)
+    conduct.print_summary()
+    output = capsys.readouterr().out
+    assert 'passed with [red] duties' in output
+    assert '1 of 2 trials held' in output
+    assert 'scripts/campaign --simulated --seed 5 --trial 7' in output
+
+
+def test_simulated_trials_draw_all_faults():
+    words = ['--simulated', '--only', FAULT]
+    assert CliRunner().invoke(module.campaign, words).exit_code == 2

@@ -26,13 +26,8 @@ from ballbot_ros.parameters import NODES
 from ballbot_ros.plant.ground_truth import GroundTruth
 from ballbot_ros.recording.attachments import OUTCOME_KEYS
 from ballbot_ros.recording.encoding import encoder, new_message
-from ballbot_ros.simulation.participants import (
-    Announcement,
-    Membership,
-    Objection,
-    Participant,
-    RunStatus,
-)
+from ballbot_ros.simulation.participants import Announcement, Membership, Objection, Participant
+from ballbot_ros.simulation.run_recording import RunStatus
 
 text = st.text(st.characters(exclude_categories=('Cs', 'Cc')))
 word = st.text(st.characters(categories=('L', 'N')), min_size=1)

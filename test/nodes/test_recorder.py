@@ -334,7 +334,11 @@ def test_each_message_goes_to_the_recording_as_what_it_is():
 
 
 def test_the_rest_of_a_run_is_not_acknowledged_to_the_plant_of_the_next():
-    for how, expected in (('_poll', [('write',), ('ack',)]), ('_on_run', [('write',), ('begin',)])):
+    for how, expected in (
+        ('_poll', [('write',), ('ack',)]),
+        # Nothing that has arrived before is held back for the next run.
+        ('_on_run', [('write', math.inf), ('begin',)]),
+    ):
         events = []
         recording = {
             'run': '1 abc', 'ticks': SimpleNamespace(advance=lambda: True),
@@ -342,7 +346,9 @@ def test_the_rest_of_a_run_is_not_acknowledged_to_the_plant_of_the_next():
         }  # fmt: skip
         node = stub_recorder(
             events, recording,
-            _order=SimpleNamespace(merge=lambda *_, events=events: note_write(events)),
+            _order=SimpleNamespace(
+                merge=lambda unread, until_ns, events=events: note_write(events, until_ns)
+            ),
             _channels=Streams(), _send_ack=lambda events=events: events.append(('ack',)),
         )  # fmt: skip
         getattr(node, how)(*([Run('1 next', 1)] if how == '_on_run' else []))
@@ -356,8 +362,8 @@ class Streams(list):
         return {}
 
 
-def note_write(events):
-    events.append(('write',))
+def note_write(events, until_ns):
+    events.append(('write', until_ns) if until_ns == math.inf else ('write',))
     return []
 
 
