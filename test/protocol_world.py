@@ -317,6 +317,7 @@ class RecorderNode(Node):
     def __init__(self, world, role, name=''):
         super().__init__(world, role, name)
         self.file, self.lost, self.has_objected = {}, [], False
+        self.runs = []
         self._stamps = {}
         self.streams = [
             (
@@ -384,6 +385,7 @@ class RecorderNode(Node):
     def on_run(self, run):
         self._write()
         self.file, self._stamps, self.has_objected = {}, {}, False
+        self.runs.append(run.name)
         self.recording.join(run)
         # It begins with the motor stop of the run before.
         self.file.pop(MOTOR_DUTY.name, None)

@@ -222,6 +222,9 @@ class LockstepTicks:
         now = self._start_ns if self._next_ns is None else self._next_ns
         if now is None or not self._is_open:
             return {}
+        if self._next_ns is None and max(self._received_ns.values(), default=now) > now:
+            # It has missed the start, and this input tells it the present tick.
+            return {self._every_tick: self._received_ns.get(self._every_tick)}
         return {name: self._received_ns.get(name) for name in self.gate.missing(now)}
 
     def _due_tick(self) -> DueTick | None:

@@ -277,6 +277,15 @@ def test_it_says_which_samples_it_awaits_and_with_which_other_stamp_they_came():
     assert ticks.awaited() == {}
 
 
+def test_a_controller_that_has_missed_the_start_awaits_only_what_tells_it_the_present_tick():
+    """The samples of the other drivers are right, although not those of the start."""
+    ticks = Ticks()
+    ticks.feed_all(('battery', 1000), ('sonar', 1060))
+    assert ticks.ticks.awaited() == {'gyro': None}
+    ticks.feed('gyro', 1056)
+    assert ticks.ticks.awaited() == {'gyro': 1056 * MS}
+
+
 def test_before_a_run_is_known_everything_is_ignored():
     assert set(Ticks(None).feed_all(*FIRST, (TS1, 1000))) == {IGNORE, None}
 
