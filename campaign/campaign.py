@@ -124,9 +124,7 @@ def campaign(
     return 128 + stop.signal if stop.signal else 1 if conduct.failures else 0
 
 
-def simulate(
-    seed: int, minutes: float, trial: int | None, output: Path, console: Console
-) -> int:  # fmt: skip
+def simulate(seed: int, minutes: float, trial: int | None, output: Path, console: Console) -> int:
     """Run simulated trials, or one of them; return the exit status."""
     # Imported only here: its modules are in test/.
     from campaign.simulated import SimulatedCampaign

@@ -686,7 +686,7 @@ def give_up(trial):
     if victims and not victims[0].is_suspended:
         node = victims[0]
         trial.note(f'{node.role} gives up', node.role, node.pid, is_foreign=node.role == CONTROLLER)
-        node.raise_objection(Objection(f'{node.role}: No space left on device'))
+        node.object(Objection(f'{node.role}: No space left on device'))
         trial.later(0.01, lambda: node.is_alive and trial.world.leave(node))
 
 

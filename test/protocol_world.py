@@ -182,7 +182,7 @@ class Node(Process):
         if announcement := self.member.announcement(self.answered_ns, self.awaited()):
             self.publish(PARTICIPANTS.name, announcement)
 
-    def raise_objection(self, objection):
+    def object(self, objection):
         if self.member.objects(objection):
             self.announce()
 
@@ -235,9 +235,8 @@ class GamepadNode(Node):
             return
         elapsed_s = (now_ns - self.member.run.start_ns) * 1e-9
         scenario = self.world.scenario.sticks_at(elapsed_s)
-        answer = self._answers.at(
-            now_ns, lambda: self.sources.select(self.world.now_s, scenario)
-        )  # fmt: skip
+        now_s = self.world.now_s
+        answer = self._answers.at(now_ns, lambda: self.sources.select(now_s, scenario))
         self.world.note_sticks(now_ns, answer.sticks)
         self.publish(GAMEPAD_JOY.name, encode_sticks(now_ns, answer.sticks, answer.source))
         self.answered_ns = now_ns
@@ -288,11 +287,11 @@ class ControllerNode(Node):
         self.messages.resend(stamp_ns)
 
     def object_to(self, name, stamp_ns):
-        self.raise_objection(Objection.to_sample(name, stamp_ns))
+        self.object(Objection.to_sample(name, stamp_ns))
 
     def abort(self, stamp_ns):
         self.is_running = False
-        self.raise_objection(Objection('controller started in mid-run'))
+        self.object(Objection('controller started in mid-run'))
         self.world.leave(self)
 
     def call_back(self, event, task):
@@ -412,13 +411,9 @@ class RecorderNode(Node):
     def has_several_publishers(self, stream):
         return self.world.sees(self, stream.name) > 1
 
-    def raise_objection(self, *objection):
-        """Object to a sample, or to what makes it impossible to go on."""
+    def raise_objection(self, stream, stamp_ns):
         self.has_objected = True
-        if len(objection) == 2:
-            stream, stamp_ns = objection
-            objection = (Objection.to_sample(stream.name, stamp_ns),)
-        super().raise_objection(*objection)
+        self.object(Objection.to_sample(stream.name, stamp_ns))
 
     def close(self):
         self._write()
@@ -443,7 +438,6 @@ class PlantNode(Process):
             BATTERY_STATE.name: HISTORY,
         }
     )
-    kind = LockstepMaster
 
     def __init__(self, world, role=PLANT, name=''):
         super().__init__(world, role, name)
@@ -461,7 +455,7 @@ class PlantNode(Process):
             parameters=world.announced(PLANT),
         )
         self.parameters = parameters
-        self.warnings, self.founders = [], set()
+        self.founders = set()
         self._wakes = 0
         self._listens = {}
         self._heard = {}
@@ -476,9 +470,8 @@ class PlantNode(Process):
             (ROLL_CALL, self._on_run(ROLL_CALL), HISTORY, True),
         ):
             self.readers[topic.name] = (on_message, depth, gets_earlier)
-        self.master = self.kind(
-            self, self, RUN_TOPICS, self._set_up, f'{self.pid:x}', world.now_s
-        )  # fmt: skip
+        token = f'{self.pid:x}'
+        self.master = LockstepMaster(self, self, RUN_TOPICS, self._set_up, token, world.now_s)
         world.call_in(RESEND_S, self, self._on_time)
 
     def _set_up(self, start_ns):
@@ -548,8 +541,6 @@ class PlantNode(Process):
                 messages.begin(start_ns, world)
             case do.StopMotors(last_ns):
                 messages.stop_motors(last_ns)
-            case do.Warn(text):
-                self.warnings.append(text)
             case do.WakeIn(delay_s):
                 self._wakes += 1
                 self.world.call_in(delay_s, self, self._on_wake, self._wakes)
@@ -606,9 +597,8 @@ class PlantNode(Process):
         )
 
     def started_nodes(self):
-        return [
-            LocalNode(each.role, each.pid) for each in self.world.started if each.is_alive
-        ]  # fmt: skip
+        living = (each for each in self.world.started if each.is_alive)
+        return [LocalNode(each.role, each.pid) for each in living]
 
 
 KINDS = {
@@ -740,12 +730,18 @@ class ProtocolWorld:
         process.is_suspended = True
 
     def resume(self, process):
-        """Let a suspended process continue with what waits for it, topic by topic in any order."""
+        """Let a suspended process continue with what waits for it, the topics in any order."""
         self.note(f'resume {process.role} {process.pid}')
         process.is_suspended = False
         held, process.held = process.held, []
-        for event in held:
-            event[0] = max(event[0], self.now_s + 1e-6)
+        begun_s = {}
+        for number, event in enumerate(held):
+            sender, topic = event[3], event[5]
+            if topic not in begun_s:
+                begun_s[topic] = self.now_s + self.chance.choice((1e-6, self.delay_s()))
+            event[0] = begun_s[topic] + number * 1e-9
+            way = sender.pid, process.pid, topic
+            self._last_s[way] = max(event[0], self._last_s.get(way, 0.0))
             heapq.heappush(self._events, event)
 
     # The graph
