@@ -24,17 +24,19 @@ def test_only_the_sampling_times_of_its_run_are_answered():
         _read=lambda measured, now_ns: 7,
         _encode=lambda now_ns, reading: (now_ns, reading),
         _output=SimpleNamespace(publish=published.append),
-        count_sample=counted.append,
+        now_ns=0,
+        count_sample=lambda now_ns: counted.append(now_ns) or vars(driver).update(now_ns=now_ns),
         warn_malformed=lambda topic, error: ignored.append(topic),
     )
     truth = PLANT_ODOM.message_class()
-    for stamp_ns in (FIRST_TICK_NS - 5 * TICK_NS, FIRST_TICK_NS, FIRST_TICK_NS + TICK_NS):
+    first, second = FIRST_TICK_NS, FIRST_TICK_NS + 5 * TICK_NS
+    for stamp_ns in (first - 5 * TICK_NS, first, first + TICK_NS, second, first):
         fill_time(truth.header.stamp, stamp_ns)
         DeviceDriver._on_truth(driver, PLANT_ODOM, serialize_message(truth))
     DeviceDriver._on_truth(driver, PLANT_ODOM, b'')
     DeviceDriver._on_truth(driver, PLANT_STEPS, serialize_message(truth))
-    assert published == [(FIRST_TICK_NS, 7)]
-    assert counted == [FIRST_TICK_NS]
+    assert published == [(first, 7), (second, 7), (first, 7)]
+    assert counted == [first, second, second], 'it announces the newest as answered'
     assert ignored == [PLANT_ODOM]
 
 

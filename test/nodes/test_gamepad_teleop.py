@@ -31,7 +31,7 @@ FORWARD = (-50, 0)
 
 def test_a_repeated_request_gets_the_same_answer_within_a_run():
     """A restarted plant asks for the same ticks again, but in another run."""
-    asked, sent = [], []
+    asked, sent, counted = [], [], []
 
     def sticks_at(elapsed_s):
         asked.append(elapsed_s)
@@ -45,7 +45,8 @@ def test_a_repeated_request_gets_the_same_answer_within_a_run():
         _output=SimpleNamespace(publish=sent.append),
         _scenario=SimpleNamespace(sticks_at=sticks_at),
         _sources=Arbiter(),
-        count_sample=lambda now_ns: None,
+        now_ns=0,
+        count_sample=lambda now_ns: counted.append(now_ns) or vars(node).update(now_ns=now_ns),
         parameters=GamepadParameters(),
     )
     second_ns = FIRST_TICK_NS + SLOW_PERIOD_NS
@@ -56,6 +57,7 @@ def test_a_repeated_request_gets_the_same_answer_within_a_run():
             node._answer(stamp_ns)
             assert sent[-1] == encode_sticks(stamp_ns, (value, 0), SCENARIO), name
     assert asked == [0.0, 0.02] * 2
+    assert counted[:3] == [FIRST_TICK_NS, second_ns, second_ns], 'it announces the newest'
 
 
 def test_the_error_of_an_input_that_works_again_is_reported_once_more(monkeypatch):
