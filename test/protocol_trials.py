@@ -486,6 +486,17 @@ def suspend(trial):
             trial.later(length_s, trial.world.resume, victim)
 
 
+def starve(trial):
+    """Give a process no processor for a while, which does not count as its silence."""
+    victims = [each for each in trial.living(*NODES, PLANT) if not each.is_suspended]
+    if victims:
+        victim = trial.chance.choice(victims)
+        length_s = trial.chance.choice((0.3, 2.0, 6.0)) * trial.chance.uniform(0.2, 1.0)
+        trial.note(f'starve {victim.role} {length_s:.3f}', costs_s=0.2)
+        trial.world.suspend(victim, is_starved=True)
+        trial.later(length_s, trial.world.resume, victim)
+
+
 def lag(trial):
     """Delay all messages for a while."""
     lag_s = trial.chance.uniform(0.0, trial.timeout_s / 20)
@@ -693,6 +704,7 @@ def give_up(trial):
 FAULTS = {
     'nodes killed or ended': 3,
     'processes suspended': 3,
+    'processes without a processor': 2,
     'slow messages': 1,
     'slow discovery': 1,
     'silent drivers': 1,
@@ -714,7 +726,7 @@ APPLY = dict(
     zip(
         FAULTS,
         (
-            kill, suspend, lag, slow_discovery, mute, disturb_timers, stranger, second_node,
+            kill, suspend, starve, lag, slow_discovery, mute, disturb_timers, stranger, second_node,
             second_plant, restart_plant, pause, reset, change_pace, push, drive, give_up,
         ),
         strict=True,

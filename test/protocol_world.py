@@ -12,6 +12,7 @@ discovered yet, if its queue is full, or if its publisher or its reader dies bef
 import hashlib
 import heapq
 import math
+import operator
 import random
 from collections import Counter
 from functools import cache
@@ -82,8 +83,6 @@ TOPICS_OF = {
 }
 STREAM_TOPICS = (*PERIODIC.values(), RUN, RUN_STATUS)
 NUMBER_OF = {topic.name: number for number, topic in enumerate(LOCKSTEP_PUBLISHERS)}
-WAITING = {1: ThreadTime(cpu_s=1.0, queued_s=0.0, is_runnable=False)}
-
 LATENCY_S = 2e-4
 """Mean time that a message takes."""
 
@@ -113,6 +112,8 @@ class Process:
         For each topic that it reads: the callback, the depth, and whether it gets earlier messages.
     kept : dict of str to list
         Messages that it keeps for late readers, by topic.
+    is_starved : bool
+        Whether it is suspended because it gets no processor, not because it is stopped.
     """
 
     host = 'here'
@@ -124,12 +125,27 @@ class Process:
         self.pid = 100 + world.processes
         self.instance = f'{self.pid:x}'
         self.prefix = f'{self.pid:024x}'
-        self.is_alive, self.is_suspended = True, False
+        self.is_alive, self.is_suspended, self.is_starved = True, False, False
+        self._queued_s, self._starved_since_s = 0.0, 0.0
         self.died_s = self.gone_s = None
         self.named_s = world.now_s
         self.topics = TOPICS_OF.get(role, ())
         self.readers, self.kept, self.held = {}, {}, []
         self.numbers = Counter()
+
+    def starve(self):
+        """Get no processor from now on."""
+        self.is_starved, self._starved_since_s = True, self.world.now_s
+
+    def feed(self):
+        """Get a processor again: only now the system counts the time without one."""
+        self._queued_s += self.world.now_s - self._starved_since_s
+        self.is_starved = False
+
+    @property
+    def threads(self):
+        """The processor time of its thread."""
+        return {1: ThreadTime(1.0, self._queued_s, is_runnable=self.is_starved)}
 
     def publisher(self, topic, name):
         """Return a publisher of this process as the graph shows it."""
@@ -214,7 +230,7 @@ class DriverNode(Node):
             return
         reading = self._read(self._source.measured(data, now_ns), now_ns)
         self.publish(self._topic.name, self._encode(now_ns, reading))
-        self.answered_ns = now_ns
+        self.answered_ns = max(now_ns, self.answered_ns)
 
 
 class GamepadNode(Node):
@@ -239,7 +255,7 @@ class GamepadNode(Node):
         answer = self._answers.at(now_ns, lambda: self.sources.select(now_s, scenario))
         self.world.note_sticks(now_ns, answer.sticks)
         self.publish(GAMEPAD_JOY.name, encode_sticks(now_ns, answer.sticks, answer.source))
-        self.answered_ns = now_ns
+        self.answered_ns = max(now_ns, self.answered_ns)
 
 
 class ControllerNode(Node):
@@ -591,10 +607,10 @@ class PlantNode(Process):
                 self._heard[topic] = getattr(stamped, 'start_ns', stamped)
 
     def observe(self, processes):
-        living = {each.pid for each in self.world.nodes if each.is_alive and each.host == self.host}
-        return Observation(
-            self.world.now_s, {each: WAITING for each in processes if each in living}
-        )
+        observed = set(processes)
+        living = (each for each in self.world.nodes if each.is_alive and each.host == self.host)
+        threads = {each.pid: each.threads for each in living if each.pid in observed}
+        return Observation(self.world.now_s, threads)
 
     def started_nodes(self):
         living = (each for each in self.world.started if each.is_alive)
@@ -725,24 +741,36 @@ class ProtocolWorld:
         process.is_alive, process.died_s = False, self.now_s
         process.gone_s = self.now_s + self.chance.uniform(0.0, 0.05)
 
-    def suspend(self, process):
-        self.note(f'suspend {process.role} {process.pid}')
+    def suspend(self, process, *, is_starved=False):
+        """Suspend a process that is stopped, or that gets no processor."""
+        self.note(f'{"starve" if is_starved else "suspend"} {process.role} {process.pid}')
         process.is_suspended = True
+        if is_starved:
+            process.starve()
 
     def resume(self, process):
         """Let a suspended process continue with what waits for it, the topics in any order."""
         self.note(f'resume {process.role} {process.pid}')
         process.is_suspended = False
+        if process.is_starved:
+            process.feed()
         held, process.held = process.held, []
         begun_s = {}
         for number, event in enumerate(held):
-            sender, topic = event[3], event[5]
+            topic = event[5]
             if topic not in begun_s:
                 begun_s[topic] = self.now_s + self.chance.choice((1e-6, self.delay_s()))
             event[0] = begun_s[topic] + number * 1e-9
-            way = sender.pid, process.pid, topic
-            self._last_s[way] = max(event[0], self._last_s.get(way, 0.0))
-            heapq.heappush(self._events, event)
+        self._events += held
+        # Nothing that is on its way may overtake what has waited on the same way.
+        newest_s = {}
+        for event in sorted(self._events, key=operator.itemgetter(1)):
+            _, _, reader, sender, _, topic, _, _ = event
+            if reader is process and topic:
+                way = sender.pid, process.pid, topic
+                event[0] = newest_s[way] = max(event[0], newest_s.get(way, 0.0))
+                self._last_s[way] = max(event[0], self._last_s.get(way, 0.0))
+        heapq.heapify(self._events)
 
     # The graph
 
