@@ -372,13 +372,16 @@ class Roster:
         unheard = [role for role, heard in found.items() if not heard or heard.calls <= since_call]
         if unheard:
             return {role: silences_s[role] for role in unheard}
+        awaited = [role for role in found if heeds_awaited and self._awaited_of(role)]
         lacking = [
             role
             for role, heard in found.items()
-            if (heard and heard.announcement.answered_ns < due_ns[role])
-            or (heeds_awaited and self._awaited_of(role))
+            if (heard and heard.announcement.answered_ns < due_ns[role]) or role in awaited
         ]
-        return dict.fromkeys(lacking, min(silences_s[role] for role in lacking)) if lacking else {}
+        # What a starved controller awaits may be waiting in its own queue.
+        heard_by = [CONTROLLER] if awaited and CONTROLLER in found else []
+        lengths_s = [silences_s[role] for role in (*lacking, *heard_by)]
+        return dict.fromkeys(lacking, min(lengths_s)) if lacking else {}
 
     def _awaited_of(self, role: str) -> dict[str, int | None]:
         """Return what the controller awaits of a role, as in :class:`Announcement`.

@@ -577,6 +577,21 @@ def test_each_participant_has_its_own_silence_but_living_ones_may_wait_for_other
     assert silences_s() == dict.fromkeys(own_s, 1.0)
 
 
+def test_what_a_starved_controller_awaits_may_be_in_its_own_queue():
+    run = world().begin()
+    since, due_ns = run.roster.calls, START_NS + 4_000_000
+    run.roster.note_roll_call()
+    for role in ROLES:
+        awaits = {'gyro': None} if role == 'controller' else {}
+        run.roster.on_announcement(Announcement(a(role), RUN, due_ns, awaits=awaits))
+    due = {'gyro_driver': due_ns, 'sonar_driver': due_ns, 'controller': 0}
+    for own_s in (0.1, 3.0):
+        silences_s = run.roster.silences_s(
+            since, due, lambda each, own_s=own_s: own_s if each.role == 'controller' else 2.0
+        )
+        assert silences_s == {'gyro_driver': min(own_s, 2.0)}
+
+
 def test_an_answer_to_an_earlier_roll_call_does_not_end_this_silence():
     run = world().begin()
     run.roster.note_roll_call()
