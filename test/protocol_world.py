@@ -665,6 +665,7 @@ class ProtocolWorld:
         self._hash = hashlib.sha256()
         self.log = [] if keeps_log else None
         self._network = Process(self, 'network')
+        self.sent = set()
         self.sticks = {}
         self.ticks = {}
         self.members = {}
@@ -799,6 +800,8 @@ class ProtocolWorld:
         """Send a message to all readers that have discovered its publisher."""
         writer.numbers[topic] += 1
         number = writer.numbers[topic]
+        if topic in PERIODIC and isinstance(writer, Node):
+            self.sent.add((topic, stamp_of(message[0])))
         if depth := writer.latched.get(topic, 0):
             kept = writer.kept.setdefault(topic, [])
             kept.append((number, message))
