@@ -9,10 +9,11 @@ from ballbot_ros.studies.study_data import Row
 from ballbot_ros.studies.variables import SEED
 
 
-def rerun_of(study, samples, run, folder):
+def rerun_of(study, samples, run, folder, controller=None):
     """Return the specification of a run of some samples; its files are in a new folder."""
     columns = {**samples.values, **samples.events}
     values = {name: plain_value(column[run]) for name, column in columns.items()}
     seed = values.pop(SEED, study.spec.plant.seed)
     row = Row(run, seed, values, {}, True, Outcome.COMPLETED, False, 0, '')
-    return rerun_spec(job_of(study, folder).record, row, folder / 'again', Processes.NONE)
+    record = job_of(study, folder).record
+    return rerun_spec(record, row, folder / 'again', Processes.NONE, controller)

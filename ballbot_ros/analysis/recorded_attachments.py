@@ -93,7 +93,7 @@ def read_attachments(recording: RecordingReader) -> RecordedAttachments:
     attached = RecordedAttachments(files=files)
     # Write the attachments to files for their readers, whose errors name file and line.
     with temporary_folder() as folder:
-        for name in (SCENARIO, PARAMETERS, VERSIONS, *(name for name in MAPS if name in files)):
+        for name in (*(name for name in MAPS if name in files), SCENARIO, PARAMETERS, VERSIONS):
             if name not in files:
                 attached.notices.append(f'No {name} is attached; {_WITHOUT[name]}.')
                 continue
@@ -119,7 +119,11 @@ _WITHOUT = {
 
 def _read(attached: RecordedAttachments, name: str, path: Path) -> None:
     if name == SCENARIO:
-        attached.scenario = load_scenario(str(path))
+        # A recording can name any path, but only the attached image may be read.
+        maps = [path.with_name(each) for each in MAPS if each in attached.files]
+        attached.scenario = load_scenario(
+            str(path), map_file=next(iter(maps), path.with_name(MAPS[0]))
+        )
     elif name == PARAMETERS:
         attached.parameters = read_parameter_file(path)
         attached.has_parameters = True

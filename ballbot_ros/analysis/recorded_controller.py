@@ -7,7 +7,7 @@ import io
 import re
 import sys
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 
@@ -15,9 +15,11 @@ import yaml
 
 from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.controllers.loading import (
+    GROUP,
+    ControllerCode,
     LoadedController,
     find_code,
-    is_file_reference,
+    is_installed,
     load,
     public_reference,
     resolve_reference,
@@ -144,46 +146,40 @@ def find_recorded(
     recording : Path
         The recording.
     requested : str or None
-        Where the copy is; None for a file below the current folder, or an installed package.
+        Where the user says the copy is. None for the installed controller that the recording names:
+        it can't choose any other code, because it could also name the right hash.
 
     Raises
     ------
     ControllerError
         If there is none; the message says how to get it.
     """
-    problems = []
-    for reference in _candidates(identity, requested):
-        try:
-            code = find_code(reference)
-        except ControllerError as error:
-            problems.append(str(error))
-            continue
-        if code.source.sha256 != identity.sha256:
-            problems.append(f'{code.shown} has changed (sha256 {code.source.sha256[:SHOWN_HASH]})')
-        elif requested is not None and code.class_name != identity.class_name:
-            problems.append(f'{code.class_name} is another class of {code.shown}')
-        else:
+    try:
+        code = _find_copy(identity, requested)
+    except ControllerError as error:
+        problem = str(error)
+    else:
+        if code.source.sha256 == identity.sha256:
             return load(code)
-    remedy = 'give a copy of that code as --controller FILE.py:Class'
-    if not is_file_reference(identity.reference):
-        remedy = f'install that code of {identity.package or "its package"}'
+        problem = f'{code.shown} has changed (sha256 {code.source.sha256[:SHOWN_HASH]})'
+    remedy = 'give your copy of that code as --controller FILE.py:Class or package.module:Class'
+    if ':' not in identity.reference:
+        remedy = f'install that code of {printable(identity.package) or "its package"}'
     raise ControllerError(
-        f'{recording}: its controller is {identity}, but {", ".join(dict.fromkeys(problems))}; '
-        f'{remedy}, or run the attached code by --trust-attached-code'
+        f'{recording}: its controller is {identity}, but {problem}; {remedy}, or run the attached '
+        'code by --trust-attached-code'
     )
 
 
-def _candidates(identity: ControllerIdentity, requested: str | None) -> Iterator[str]:
-    if requested is not None:
-        yield resolve_reference(requested, Path.cwd())
-    elif is_file_reference(identity.reference):
-        # Look only below the current folder, whatever somebody has written into the recording.
-        name = _name(identity.reference)
-        is_below = not {'/', '..'} & set(Path(identity.reference).parts)
-        for reference in dict.fromkeys([identity.reference if is_below else name, name]):
-            yield resolve_reference(reference, Path.cwd())
-    else:
-        yield identity.reference
+def _find_copy(identity: ControllerIdentity, requested: str | None) -> ControllerCode:
+    if requested is None:
+        if not is_installed(identity.reference):
+            raise ControllerError(f'that is not installed as a controller (entry point of {GROUP})')
+        return find_code(identity.reference)
+    code = find_code(resolve_reference(requested, Path.cwd()))
+    if code.class_name != identity.class_name:
+        raise ControllerError(f'{code.class_name} is another class of {code.shown}')
+    return code
 
 
 def load_attached(

@@ -131,6 +131,12 @@ def _say_stopped(folder: Path) -> None:
 @click.argument('number', type=click.IntRange(0), required=False)
 @click.option('--worst', metavar='MEASURE', help='The run with the worst value of this measure.')
 @click.option('--failed', is_flag=True, help='The first run that did not pass.')
+@click.option(
+    '--controller',
+    metavar='CONTROLLER',
+    help="The study's controller, if it is not an installed one: FILE.py:Class or "
+    'package.module:Class.',
+)
 @processes_option
 @click.option(
     '--output', type=PATH, help='Folder for recording and picture.  [default: FOLDER/reruns/NUMBER]'
@@ -141,6 +147,7 @@ def rerun(
     number: int | None,
     worst: str | None,
     failed: bool,
+    controller: str | None,
     processes: str,
     output: Path | None,
     as_json: bool,
@@ -158,7 +165,7 @@ def rerun(
     data = StudyData.open(folder)
     row = choose_run(data, number, worst)
     place = output or new_folder(folder, row.number)
-    spec = rerun_spec(data.study, row, place, Processes(processes))
+    spec = rerun_spec(data.study, row, place, Processes(processes), controller)
     return _execute(spec, row.duty_sha256, as_json)
 
 

@@ -194,6 +194,13 @@ def installed_controllers() -> dict[str, list[EntryPoint]]:
     return dict(sorted(found.items()))
 
 
+def is_installed(reference: str) -> bool:
+    """Return whether a reference is the name or the class of an installed controller."""
+    installed = installed_controllers()
+    classes = (point.value for claims in installed.values() for point in claims)
+    return reference in installed or reference in classes
+
+
 def _find_installed(name: str) -> ControllerCode:
     installed = installed_controllers()
     claims = installed.get(name, [])

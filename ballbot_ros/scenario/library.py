@@ -19,10 +19,13 @@ def scenario_names() -> list[str]:
     return sorted(path.stem for path in (share_directory() / 'config/scenarios').glob('*.yaml'))
 
 
-def load_scenario(name_or_file: str, profile: str | None = None) -> Scenario:
+def load_scenario(
+    name_or_file: str, profile: str | None = None, map_file: Path | None = None
+) -> Scenario:
     """Load a shipped scenario by its name, or a file by its path.
 
-    `profile` is a device profile to use instead of the scenario's.
+    `profile` is a device profile to use instead of the scenario's, and `map_file` an image to read
+    instead of any that the scenario names.
 
     Raises
     ------
@@ -40,7 +43,7 @@ def load_scenario(name_or_file: str, profile: str | None = None) -> Scenario:
             f'shipped: {", ".join(scenario_names())} '
             '(for your own scenario, give the path of its file, ending in .yaml)'
         )
-    return ScenarioReader(YamlDocument(path), load_profile).scenario(profile)
+    return ScenarioReader(YamlDocument(path), load_profile, map_file).scenario(profile)
 
 
 def scenario_of(name_or_file: str) -> Scenario:

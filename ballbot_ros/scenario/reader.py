@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from itertools import pairwise
+from pathlib import Path
 
 import yaml
 
@@ -25,7 +26,7 @@ from ballbot_ros.scenario.errors import ScenarioError
 from ballbot_ros.scenario.scenario import PUSH_DIRECTIONS, Scenario, ScheduledPush, push_fault
 from ballbot_ros.scenario.signal import Segment, StickSignal, segment_fault
 from ballbot_ros.world.errors import WorldError
-from ballbot_ros.world.library import load_map
+from ballbot_ros.world.library import is_file_name, load_map
 from ballbot_ros.world.world import World
 from ballbot_ros.yaml_document import YamlDocument
 
@@ -54,11 +55,20 @@ SCENARIO_KEYS = {
 
 
 class ScenarioReader(ExpectationReader):
-    """Reads and checks one document; `load_profile` returns the parameters of a profile."""
+    """Reads and checks one document; `load_profile` returns the parameters of a profile.
 
-    def __init__(self, document: YamlDocument, load_profile: Callable[[str], ParameterSet]) -> None:
+    If `map_file` is given, it is read instead of any image that the document names.
+    """
+
+    def __init__(
+        self,
+        document: YamlDocument,
+        load_profile: Callable[[str], ParameterSet],
+        map_file: Path | None = None,
+    ) -> None:
         super().__init__(document)
         self._load_profile = load_profile
+        self._map_file = map_file
 
     def scenario(self, profile: str | None = None) -> Scenario:
         """Return the scenario in the document; `profile` replaces the document's device profile.
@@ -124,6 +134,8 @@ class ScenarioReader(ExpectationReader):
                 if name == 'implementation' and isinstance(value, str):
                     value = resolve_reference(value, self._document.path.parent)
                 self._set(parameters, node, name, value, keys)
+        if self._map_file and is_file_name(parameters.of(PlantParameters).map):
+            self._set(parameters, PLANT, 'map', str(self._map_file), ('map',))
         self._check_world(parameters)
         return parameters
 

@@ -7,8 +7,16 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from ballbot_ros.parameters import NODES, ParameterSet, PlantParameters
-from ballbot_ros.parameters.files import format_parameters
+from ballbot_ros.controllers.loading import is_installed
+from ballbot_ros.errors import short_text
+from ballbot_ros.parameters import (
+    DOCUMENTS_PROGRAM,
+    NODES,
+    ControllerParameters,
+    ParameterSet,
+    PlantParameters,
+)
+from ballbot_ros.parameters.files import format_parameters, read_parameter_file
 from ballbot_ros.run.processes import Processes
 from ballbot_ros.run.spec import RunOptions, RunSpec
 from ballbot_ros.scenario.library import load_scenario
@@ -75,13 +83,18 @@ def choose_run(data: StudyData, number: int | None, worst: str | None) -> Row:
     return data.row(first)
 
 
-def study_parameters(record: StudyRecord, path: Path) -> ParameterSet:
+def study_parameters(
+    record: StudyRecord, path: Path, controller: str | None = None
+) -> ParameterSet:
     """Return the parameters of a study, with those of its scenario's file for what varies.
 
     Parameters
     ----------
     path : Path
         A file to be written, for the scenario; the parameters are written next to it.
+    controller : str, optional
+        The user's reference to the study's controller. The files of a study can come from anyone,
+        so by themselves they only select an installed controller.
 
     Raises
     ------
@@ -91,12 +104,29 @@ def study_parameters(record: StudyRecord, path: Path) -> ParameterSet:
     parameter_file = path.with_name(PARAMETER_FILE)
     path.write_text(record.scenario, encoding='utf-8')
     parameter_file.write_text(record.parameters, encoding='utf-8')
-    options = RunOptions(processes=Processes.NONE, parameter_file=parameter_file)
+    if controller is None:
+        parameters = load_scenario(str(path)).parameters
+        parameters.update(read_parameter_file(parameter_file))
+        reference = parameters.of(ControllerParameters).implementation
+        if reference not in DOCUMENTS_PROGRAM and not is_installed(reference):
+            raise StudyError(
+                f'the controller of the study {record.name} is {short_text(reference)}, which is '
+                'not installed as a controller: run it by `ballbot study rerun --controller`'
+            )
+    options = RunOptions(
+        processes=Processes.NONE, parameter_file=parameter_file, controller=controller
+    )
     return RunSpec.of_scenario(str(path), options).parameters
 
 
-def rerun_spec(record: StudyRecord, row: Row, folder: Path, processes: Processes) -> RunSpec:
-    """Return a run of a study, ready to execute.
+def rerun_spec(
+    record: StudyRecord,
+    row: Row,
+    folder: Path,
+    processes: Processes,
+    controller: str | None = None,
+) -> RunSpec:
+    """Return a run of a study, ready to execute; for `controller` see :func:`study_parameters`.
 
     Its scenario and parameters are written into a new folder, which gets its recording, too; the
     command ``ballbot run SCENARIO --params PARAMETERS`` then is the run.
@@ -113,7 +143,7 @@ def rerun_spec(record: StudyRecord, row: Row, folder: Path, processes: Processes
     )
     try:
         folder.mkdir(parents=True)
-        changed = with_values(study_parameters(record, path), _values(row))
+        changed = with_values(study_parameters(record, path, controller), _values(row))
         parameter_file.write_text(parameter_text(changed), encoding='utf-8')
         text = scenario_text(_scenario(path, row), changed.of(PlantParameters))
         path.write_text(text, encoding='utf-8')

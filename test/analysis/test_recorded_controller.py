@@ -1,5 +1,6 @@
 """Which code replays a run of a user's controller."""
 
+import hashlib
 import re
 import subprocess
 import sys
@@ -13,8 +14,8 @@ from recordings import copy_recording
 
 from ballbot_ros.analysis.recorded_controller import (
     ControllerIdentity,
-    _candidates,
     decode_controller,
+    find_recorded,
     identity_of,
 )
 from ballbot_ros.analysis.recording_replay import RecordingReplay
@@ -64,7 +65,7 @@ def refusal(path, tmp_path, *arguments, **options):
 def test_the_users_own_file_replays_a_run(folder):
     Path('mine.py').write_text(BALANCE)
     path = record('mine.py:Balance', 'controller.user.rate=2.0')
-    (one,) = replay(path, folder)
+    (one,) = replay(path, folder, 'mine.py:Balance')
     assert (one.recorded, one.replayed, one.is_portable) == (*['mine.py:Balance'] * 2, True)
     with RecordingReader(path) as reader:
         files = reader.attachments()
@@ -73,7 +74,7 @@ def test_the_users_own_file_replays_a_run(folder):
     assert str(folder) not in files['controller.yaml'].data.decode()
 
     Path('mine.py').rename('renamed.py')
-    words = refusal(path, folder)
+    words = refusal(path, folder, 'mine.py:Balance')
     assert 'mine.py: No such file or directory' in words
     assert '--trust-attached-code' in words
     replay(path, folder, 'renamed.py:Balance')
@@ -83,32 +84,47 @@ def test_other_code_does_not_replay_it(folder):
     Path('mine.py').write_text(BALANCE)
     path = record('mine.py:Balance')
     Path('mine.py').write_text(BALANCE + "\nopen('executed', 'w')\n")
-    words = refusal(path, folder)
-    assert re.search(r'but mine.py has changed \(sha256 \w{12}\); give a copy', words)
-    assert 'give a copy of that code as --controller FILE.py:Class' in words
-    refusal(path, folder, 'mine.py:Balance')
+    words = refusal(path, folder, 'mine.py:Balance')
+    assert re.search(r'but mine.py has changed \(sha256 \w{12}\); give your copy', words)
+    assert 'of that code as --controller FILE.py:Class or package.module:Class, or' in words
     refusal(path, folder, 'none.py:Balance')
     for name in ('python', 'c'):
         assert 'can be replayed only by mine.py:Balance (sha256' in refusal(path, folder, name)
     assert not Path('executed').exists()  # other code is not even executed
 
 
-def test_a_file_below_the_current_folder_is_found_where_it_was(folder):
-    Path('mine').mkdir()
-    Path('mine/mine.py').write_text(BALANCE)
-    path = record('mine/mine.py:Balance')
-    (one,) = replay(path, folder)
-    assert one.recorded == 'mine/mine.py:Balance'
-    Path('mine/mine.py').rename('mine.py')
-    replay(path, folder)
+EXECUTES = "\nopen('executed', 'w')\n"
 
 
-@pytest.mark.parametrize(
-    'reference', ['/etc/mine.py:Mine', '../mine.py:Mine', 'a/../../mine.py:Mine']
-)
-def test_a_recording_can_not_point_to_other_folders(folder, reference):
-    identity = ControllerIdentity(reference, sha256='a' * 64)
-    assert list(_candidates(identity, None)) == [f'{folder}/mine.py:Mine']
+@pytest.mark.parametrize('reference', ['mine.py:Mine', './mine.py:Mine', 'mine:Mine', 'mine'])
+def test_a_recording_selects_neither_a_file_nor_a_module(folder, monkeypatch, reference):
+    monkeypatch.syspath_prepend(str(folder))
+    Path('mine.py').write_text(EXECUTES)
+    sha256 = hashlib.sha256(EXECUTES.encode()).hexdigest()
+    identity = ControllerIdentity(reference, 'mine:Mine', sha256)
+    with pytest.raises(ControllerError, match='but that is not installed as a controller') as error:
+        find_recorded(identity, Path('run.mcap'), None)
+    assert '--trust-attached-code' in str(error.value)
+    assert not Path('executed').exists()
+
+
+def test_a_replay_executes_nothing_that_only_the_recording_names(command, folder):
+    Path('mine.py').write_text(BALANCE)
+    path = record('mine.py:Balance')
+    Path('mine.py').write_text(EXECUTES)
+    other = hashlib.sha256(EXECUTES.encode()).hexdigest().encode()
+    own = hashlib.sha256(BALANCE.encode()).hexdigest().encode()
+    changed = copy_recording(
+        folder / 'changed.mcap',
+        path,
+        wanted=lambda topic: not topic.endswith('participants'),
+        attach=lambda data: data.replace(own, other),
+    )
+    status, output, errors = command('replay', changed)
+    assert (status, output) == (2, '')
+    assert errors.count('\n') == 1
+    assert 'its controller is mine.py:Balance' in errors
+    assert not Path('executed').exists()
 
 
 def test_attached_code_runs_only_by_request(folder):
@@ -144,15 +160,12 @@ def test_a_controller_of_a_package(folder, monkeypatch):
     )
     monkeypatch.syspath_prepend(str(package.parent))
     path = record('acme_bots.mine:Balance')
-    (one,) = replay(path, folder)
+    (one,) = replay(path, folder, 'acme_bots.mine:Balance')
     assert not one.is_portable
     words = [*BALLBOT, 'replay', str(path)]
     done = subprocess.run(words, capture_output=True, text=True, check=False)
     assert done.returncode == 2
-    assert (
-        "no package or module 'acme_bots' is installed; install that code of its package"
-        in done.stderr
-    )
+    assert 'but that is not installed as a controller' in done.stderr
     words.append('--trust-attached-code')
     done = subprocess.run(words, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
@@ -163,7 +176,7 @@ def test_a_controller_of_a_package(folder, monkeypatch):
     assert zipfile.ZipFile(content).namelist() == ['acme_bots/__init__.py', 'acme_bots/mine.py']
 
     (package / 'more.py').write_text('')
-    assert '; install that code of its package' in refusal(path, folder)
+    assert 'has changed' in refusal(path, folder, 'acme_bots.mine:Balance')
     # In this process the package is imported, and hides the attached one.
     assert 'hides the attached code' in refusal(path, folder, trust_attached_code=True)
     for name in [name for name in sys.modules if name.partition('.')[0] == 'acme_bots']:
@@ -207,12 +220,17 @@ def test_a_replay_can_not_set_another_controller(folder):
     for controller, other in (('mine.py:Balance', 'python'), ('python', 'lqg')):
         path = record(controller)
         with RecordingReader(path) as reader:
-            made = RecordingReplay(reader, folder / 'scratch')
+            own = controller if ':' in controller else None
+            made = RecordingReplay(reader, folder / 'scratch', own)
             with pytest.raises(ParameterError, match='can replay this run'):
                 made.replay_with([f'controller.implementation={other}'], lambda _: None)
             with pytest.raises(ParameterError, match='has no parameter'):
                 made.replay_with(['controller.user.none=1'], lambda _: None)
         path.unlink()
+
+
+def test_a_recording_can_name_the_class_of_an_installed_controller(folder):
+    replay(record('ballbot_ros.controllers.pid:PID'), folder)
 
 
 @pytest.mark.parametrize('name', ['pid', 'lqg', 'drift_filter', 'mpc'])

@@ -178,7 +178,7 @@ def test_all_ways_of_running_give_the_same_duties_and_replay_identically(
     for result, path in found:
         assert result['ticks'] == 375, result['reason']
         assert result['duty_sha256'] == without_nodes['duty_sha256']
-        status, output, errors = command('replay', path, '--json')
+        status, output, errors = command('replay', path, '--json', '--controller', arguments[2])
         assert status == 0, errors
         assert [each['identical'] for each in json.loads(output)] == [True, True]
 
