@@ -147,6 +147,22 @@ class Process:
         """The processor time of its thread."""
         return {1: ThreadTime(1.0, self._queued_s, is_runnable=self.is_starved)}
 
+    @property
+    def participant(self):
+        """What its node announces of itself."""
+        return Participant(
+            role=self.role,
+            node=self.name,
+            host=self.host,
+            process=self.pid,
+            instance=self.instance,
+            implementation='ballbot_ros 1 Node',
+            parameters_sha256='00',
+            guid_prefix=self.prefix,
+            topics=tuple(topic.name for topic in periodic_topics(self.role)),
+            parameters=self.world.announced(self.role),
+        )
+
     def publisher(self, topic, name):
         """Return a publisher of this process as the graph shows it."""
         gid = bytes.fromhex(f'{self.prefix}{NUMBER_OF[topic]:08x}')
@@ -165,20 +181,7 @@ class Node(Process):
     def __init__(self, world, role, name=''):
         super().__init__(world, role, name)
         self.answered_ns = 0
-        self.member = RunMember(
-            Participant(
-                role=role,
-                node=self.name,
-                host=self.host,
-                process=self.pid,
-                instance=self.instance,
-                implementation='ballbot_ros 1 Node',
-                parameters_sha256='00',
-                guid_prefix=self.prefix,
-                topics=tuple(topic.name for topic in periodic_topics(role)),
-                parameters=world.announced(role),
-            )
-        )
+        self.member = RunMember(self.participant)
         self.readers[ROLL_CALL.name] = (self._on_roll_call, 1, True)
 
     def _on_roll_call(self, run):
@@ -458,18 +461,6 @@ class PlantNode(Process):
     def __init__(self, world, role=PLANT, name=''):
         super().__init__(world, role, name)
         parameters = world.parameters.of(PlantParameters)
-        self.participant = Participant(
-            role=PLANT,
-            node=self.name,
-            host=self.host,
-            process=self.pid,
-            instance=self.instance,
-            implementation='ballbot_ros 1 PlantSim',
-            parameters_sha256='00',
-            guid_prefix=self.prefix,
-            topics=tuple(topic.name for topic in periodic_topics(PLANT)),
-            parameters=world.announced(PLANT),
-        )
         self.parameters = parameters
         self.founders = set()
         self._wakes = 0
@@ -865,7 +856,6 @@ class ProtocolWorld:
     def on_tick(self, controller, stamp_ns, inputs, outputs):
         """Note a tick of a controller."""
         self.ticks[stamp_ns] = (controller, inputs, outputs.duty)
-
         if self.watcher:
             self.watcher.on_tick(controller, stamp_ns, inputs, outputs)
 

@@ -150,6 +150,14 @@ class BallbotNode(ParameterNode[P]):
         self.now_ns = now_ns
         self._last_sample_at = time.monotonic()
 
+    def count_answer(self, now_ns: int) -> None:
+        """Count an answer to the tick at `now_ns`.
+
+        The newest tick counts as answered, also if the plant has asked again for an earlier one,
+        which the recorder lacks.
+        """
+        self.count_sample(max(now_ns, self.now_ns))
+
     def announced_values(self) -> Mapping[str, object]:
         """Return what the node announces when it joins a run, next to its parameters."""
         return {}

@@ -58,8 +58,7 @@ class DeviceDriver(BallbotNode[P]):
             self.warn_malformed(topic, error)
             return
         self._output.publish(self._encode(now_ns, reading))
-        # The newest, also if the plant has asked again for an earlier tick that the recorder lacks.
-        self.count_sample(max(now_ns, self.now_ns))
+        self.count_answer(now_ns)
 
 
 def messages_of(cls: type[DeviceParameters]) -> AnyDeviceMessages:

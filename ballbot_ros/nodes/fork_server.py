@@ -57,7 +57,7 @@ def main() -> None:
     # Python puts the current folder first, where a file may have the name of an installed module.
     with suppress(ValueError):  # it does not with PYTHONSAFEPATH
         sys.path.remove('')
-    # Not even a stopped one outlives the command.
+    # From now on it does not outlive the command, even if it is stopped.
     if not end_with_parent(signal.SIGKILL):
         return
     parent = os.getpid()

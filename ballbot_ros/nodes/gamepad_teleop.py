@@ -128,8 +128,7 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
         elapsed_s = (now_ns - self._start_ns) * 1e-9
         answer = self._answers.at(now_ns, lambda: self._select(elapsed_s))
         self._output.publish(encode_sticks(now_ns, answer.sticks, answer.source))
-        # The newest, also if the plant has asked again for an earlier tick that the recorder lacks.
-        self.count_sample(max(now_ns, self.now_ns))
+        self.count_answer(now_ns)
 
     def _select(self, elapsed_s: float) -> Command:
         before = self._source_name()

@@ -12,7 +12,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from ballbot_ros.simulation.participants import LocalNode
-from ballbot_ros.simulation.silence_timer import Observation, Threads, ThreadTime
+from ballbot_ros.simulation.silence_timer import Observation, SilenceTimer, Threads, ThreadTime
 
 END_WITH_PARENT = 'BALLBOT_END_WITH_PARENT'
 """Environment variable: the parent process, a command, whose end also ends the node."""
@@ -107,6 +107,20 @@ def threads_by_process(processes: Iterable[int]) -> dict[int, Threads]:
     """Return the processor time of the threads of each process for which it is known."""
     found = {process: threads_of(process) for process in processes}
     return {process: threads for process, threads in found.items() if threads}
+
+
+class ProcessSilence:
+    """The silence of a process since the creation of this object, without waits for a processor."""
+
+    def __init__(self, process: int) -> None:
+        self._process, self._timer = process, SilenceTimer()
+        self._begun_s = time.monotonic()
+
+    def measure_s(self) -> float:
+        """Return the silence so far [s]; call often."""
+        threads = threads_by_process([self._process])
+        self._timer.update(self._begun_s, time.monotonic(), threads)
+        return self._timer.silence_s(self._process)
 
 
 def children(parent: int) -> list[int]:

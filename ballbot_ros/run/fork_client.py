@@ -17,13 +17,12 @@ from ballbot_ros.errors import BallbotError
 from ballbot_ros.nodes.fork_server import PROGRAM, ROOM, NodeRequest
 from ballbot_ros.nodes.processes import (
     END_WITH_PARENT,
+    ProcessSilence,
     exit_description,
     exit_status_of,
     is_alive,
     is_stopped,
-    threads_by_process,
 )
-from ballbot_ros.simulation.silence_timer import SilenceTimer
 
 IMPORT_S = 30.0
 """Time that the fork server has to import the nodes [s]; waits for a processor do not count."""
@@ -66,6 +65,8 @@ class ForkClient:
                 start_new_session=True,
             )
 
+        self._name = f'fork_server (process {self._server.pid})'
+
     def __enter__(self) -> ForkClient:
         return self
 
@@ -80,16 +81,16 @@ class ForkClient:
 
     def failure(self) -> str:
         """Return why the fork server can't serve any more; '' while it can."""
-        name, now_s = f'fork_server (process {self._server.pid})', time.monotonic()
+        now_s = time.monotonic()
         if self._is_gone or self._server.poll() is not None:
             self._await_server()
-            return f'{name} {exit_description(self._server.returncode)}'
+            return f'{self._name} {exit_description(self._server.returncode)}'
         if not is_stopped(self._server.pid):
             self._stopped_at_s = None
         elif self._stopped_at_s is None:
             self._stopped_at_s = now_s
         elif now_s - self._stopped_at_s > ANSWER_S:
-            return f'{name} is stopped'
+            return f'{self._name} is stopped'
         return ''
 
     def await_ready(self, should_stop: Callable[[], bool] = lambda: False) -> None:
@@ -160,16 +161,15 @@ class ForkClient:
 
     def _await(self, is_done: Callable[[], bool], limit_s: float) -> None:
         """Receive messages until `is_done`; raise BallbotError if that takes too long."""
-        since_s, timer, server = time.monotonic(), SilenceTimer(), self._server.pid
+        silence = ProcessSilence(self._server.pid)
         while not is_done():
             if self._has_message(_POLL_S):
                 self._receive()
             if failure := self.failure():
                 raise BallbotError(failure)
-            timer.update(since_s, time.monotonic(), threads_by_process([server]))
-            if timer.silence_s(server) > limit_s:
-                state = 'is stopped' if is_stopped(server) else 'does not answer'
-                raise BallbotError(f'fork_server (process {server}) {state}')
+            if silence.measure_s() > limit_s:
+                state = 'is stopped' if is_stopped(self._server.pid) else 'does not answer'
+                raise BallbotError(f'{self._name} {state}')
 
     def _has_message(self, timeout_s: float) -> bool:
         return bool(select.select([self._control], [], [], timeout_s)[0])

@@ -31,10 +31,9 @@ from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.controllers.interface import Estimates, OperatingState, PlaneEstimates
 from ballbot_ros.controllers.loading import LoadedController, shown_line
 from ballbot_ros.errors import BallbotError, one_line
-from ballbot_ros.nodes.processes import end_with_parent, threads_by_process
+from ballbot_ros.nodes.processes import ProcessSilence, end_with_parent
 from ballbot_ros.parameters import ControllerParameters, PlantParameters
 from ballbot_ros.run.child_process import start_child
-from ballbot_ros.simulation.silence_timer import SilenceTimer
 
 _POLL_S = 0.05
 _STACK_S = 0.5
@@ -163,7 +162,7 @@ class _Child:
         """Return the answer; ControllerError if it is an error, or none within `timeout_s` [s]."""
         try:
             self._connection.send(request)
-            silence = _Silence(self._process.pid)
+            silence = ProcessSilence(self._process.pid)
             while not self._connection.poll(_POLL_S):
                 if silence.measure_s() > timeout_s:
                     raise ControllerError(f'no answer within {timeout_s:g} s{self._where()}')
@@ -182,7 +181,7 @@ class _Child:
     def _where(self) -> str:
         """Return the line at which the controller is; '' if it is unknown."""
         self._process.send_signal(signal.SIGUSR1)
-        silence = _Silence(self._process.pid)
+        silence = ProcessSilence(self._process.pid)
         text = ''
         while not text.endswith('\n\n') and silence.measure_s() < _STACK_S:
             time.sleep(_POLL_S)
@@ -191,20 +190,6 @@ class _Child:
             if self._loaded.code.has(Path(path)):
                 return f': {shown_line(path, int(line))} does not return'
         return ''
-
-
-class _Silence:
-    """The silence of a process since the creation of this object, without waits for a processor."""
-
-    def __init__(self, process: int) -> None:
-        self._process, self._timer = process, SilenceTimer()
-        self._begun_s = time.monotonic()
-
-    def measure_s(self) -> float:
-        """Return the silence so far [s]; call often."""
-        threads = threads_by_process([self._process])
-        self._timer.update(self._begun_s, time.monotonic(), threads)
-        return self._timer.silence_s(self._process)
 
 
 def _end(process: subprocess.Popen[bytes], connection: Connection, stack: IO[bytes]) -> None:

@@ -7,6 +7,7 @@ import pytest
 pytest.importorskip('rclpy')
 
 from rclpy.serialization import serialize_message
+from stubs import bare
 
 from ballbot_ros.messages.conversions import fill_time
 from ballbot_ros.messages.topics import PLANT_ODOM, PLANT_STEPS
@@ -17,7 +18,8 @@ from ballbot_ros.timing import FIRST_TICK_NS, TICK_NS
 
 def test_only_the_sampling_times_of_its_run_are_answered():
     published, counted, ignored = [], [], []
-    driver = SimpleNamespace(
+    driver = bare(
+        DeviceDriver,
         _source=messages_of(SonarParameters).source(SonarParameters()),
         _period_ns=5 * TICK_NS,
         _participation=SimpleNamespace(includes=lambda now_ns: now_ns >= FIRST_TICK_NS),
