@@ -20,6 +20,7 @@ from ballbot_ros.run.requirements import require_rclpy
 from ballbot_ros.run.result import RunResult
 from ballbot_ros.run.spec import RunSpec
 from ballbot_ros.simulation.outcome import Outcome
+from ballbot_ros.stop_request import defer_sigint
 from ballbot_ros.world.clearance import NO_WALLS
 from ballbot_ros.world.world import World
 
@@ -96,19 +97,22 @@ def _carry_out(
 ) -> RunResult:
     # Import only what these processes need: without ROS there is no rclpy.
     if spec.processes is Processes.NONE:
-        from ballbot_ros.run.offline import run_offline
+        with defer_sigint():
+            from ballbot_ros.run.offline import run_offline
 
         return run_offline(spec, recording, observer)
     with temporary_folder() as folder, ExitStack() as stack:
         scratch = Path(folder)
         if spec.processes is Processes.ONE:
-            require_rclpy(_OR_NONE)
-            from ballbot_ros.run.one_process import run_in_one_process
+            with defer_sigint():
+                require_rclpy(_OR_NONE)
+                from ballbot_ros.run.one_process import run_in_one_process
 
             return run_in_one_process(spec, recording, scratch, observer)
         client = client or stack.enter_context(ForkClient())
-        require_rclpy(_OR_NONE)
-        from ballbot_ros.run.separate_processes import run_in_separate_processes
+        with defer_sigint():
+            require_rclpy(_OR_NONE)
+            from ballbot_ros.run.separate_processes import run_in_separate_processes
 
         return run_in_separate_processes(
             client, spec, recording, scratch, observer, is_replaced, starts_paused=starts_paused
