@@ -25,7 +25,7 @@ def spin(
     for node in nodes:
         executor.add_node(node)
     while not (done.done() or (stop and stop.signal)):
-        executor.spin_until_future_complete(done, base.SPIN_S)
+        executor.spin_until_future_complete(done, base.SIGNAL_PERIOD_S)
 
 
 if __name__ == '__main__':

@@ -28,6 +28,7 @@ from ballbot_ros.nodes.shared_memory import clear_shared_memory
 from ballbot_ros.parameters import NODES
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.stop_request import STOP_SIGNALS
 
 BALLBOT = [sys.executable, '-m', 'ballbot_ros.cli.main']
 # Domains whose UDP ports the system does not assign to other programs: beyond 101 most domains use
@@ -50,6 +51,24 @@ def without_taken_ports(output):
     return _PORT_IS_TAKEN.sub('', output)
 
 
+@contextlib.contextmanager
+def kept_handlers():
+    """Restore the handlers of signals, which a command ignores after its end."""
+    before = {number: signal.getsignal(number) for number in STOP_SIGNALS}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def call_main():
+    """Run the command with the arguments in `sys.argv`; return its exit status."""
+    with kept_handlers(), pytest.raises(SystemExit) as ended:
+        main()
+    return ended.value.code
+
+
 def call(*words):
     """Run the command in this process; return a completed process, with text.
 
@@ -63,11 +82,10 @@ def call(*words):
         contextlib.redirect_stderr(stderr),
     ):
         patch.setattr(sys, 'argv', words)
-        with pytest.raises(SystemExit) as ended:
-            main()
+        status = call_main()
     for stream in (stdout, stderr):
         stream.seek(0)
-    return subprocess.CompletedProcess(words, ended.value.code, stdout.read(), stderr.read())
+    return subprocess.CompletedProcess(words, status, stdout.read(), stderr.read())
 
 
 def record(folder, scenario, *arguments):

@@ -3,8 +3,9 @@
 import signal
 
 import pytest
+from graph import kept_handlers
 
-from ballbot_ros.stop_request import StopRequest, defer_sigint
+from ballbot_ros.stop_request import STOP_SIGNALS, DeferredSignals, ProgramEnd, StopRequest
 
 
 def test_the_first_signal_is_noted():
@@ -43,13 +44,41 @@ def test_the_previous_handlers_are_restored():
     assert signal.getsignal(signal.SIGTERM) == before
 
 
-def test_an_interruption_within_the_block_is_raised_after_it():
-    def interrupted():
-        with defer_sigint():
-            try:
-                signal.raise_signal(signal.SIGINT)
-            except KeyboardInterrupt:
-                pytest.fail('not held back')
+@pytest.mark.parametrize(
+    ('number', 'end'),
+    [
+        (signal.SIGINT, KeyboardInterrupt()),
+        (signal.SIGTERM, SystemExit(143)),
+        (signal.SIGHUP, SystemExit(129)),
+    ],
+)
+def test_the_first_signal_ends_a_program_and_later_ones_do_not_disturb_its_end(number, end):
+    events = []
 
-    with pytest.raises(KeyboardInterrupt):
-        interrupted()
+    def program():
+        with ProgramEnd():
+            try:
+                with DeferredSignals():
+                    signal.raise_signal(number)
+                    events.append('imported')
+                events.append('not ended')
+            finally:
+                for each in STOP_SIGNALS:
+                    signal.raise_signal(each)
+                events.append('cleaned up')
+
+    with kept_handlers():
+        with pytest.raises(type(end)) as ended:
+            program()
+        assert ended.value.args == end.args
+        assert events == ['imported', 'cleaned up']
+        for each in STOP_SIGNALS:
+            signal.raise_signal(each)  # while the interpreter ends
+
+
+def test_a_deferred_signal_has_its_usual_effect_afterwards():
+    with StopRequest() as stop:
+        with DeferredSignals():
+            signal.raise_signal(signal.SIGTERM)
+            assert stop.signal == 0
+        assert stop.signal == signal.SIGTERM

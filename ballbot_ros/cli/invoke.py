@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import os
-import sys
-from io import TextIOWrapper
 
 import click
 
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.standard_streams import open_standard_streams
+from ballbot_ros.standard_streams import (
+    STANDARD_OUTPUT,
+    open_standard_streams,
+    prepare_standard_output,
+)
 
 
 def invoke(command: click.Command, name: str, failed: int = 2) -> int:
@@ -19,9 +21,7 @@ def invoke(command: click.Command, name: str, failed: int = 2) -> int:
     invalid arguments it is 2.
     """
     open_standard_streams()
-    if isinstance(sys.stdout, TextIOWrapper):
-        # Characters that a terminal or file can't encode, such as θ in ASCII, become \u03b8.
-        sys.stdout.reconfigure(errors='backslashreplace')
+    prepare_standard_output()
     try:
         status = command(prog_name=name, standalone_mode=False)
         print(end='', flush=True)
@@ -35,13 +35,13 @@ def invoke(command: click.Command, name: str, failed: int = 2) -> int:
         click.echo(f'error: {error}', err=True)
         return failed
     except OSError as error:
-        # Discard the rest of the output, which Python would try to print again when it ends.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        if error.filename == STANDARD_OUTPUT:
+            # Discard the rest, which Python would try to print again when it ends.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         if isinstance(error, BrokenPipeError):
             return 1  # like click
-        # An error that names no file comes from the command's output: code that opens files names
-        # them.
-        click.echo(f'error: {error.filename or "standard output"}: {error.strerror}', err=True)
+        where = f'{error.filename}: ' if error.filename else ''
+        click.echo(f'error: {where}{error.strerror or error}', err=True)
         return failed
     except (click.Abort, KeyboardInterrupt):
         return 130

@@ -11,7 +11,7 @@ from ballbot_ros.cli.file_progress import file_progress
 from ballbot_ros.cli.path_types import NEW_FILE, RECORDING
 from ballbot_ros.cli.picture_options import size_option, view_option
 from ballbot_ros.cli.value_types import FloatRange
-from ballbot_ros.stop_request import defer_sigint
+from ballbot_ros.stop_request import DeferredSignals
 from ballbot_ros.timing import TICK_S
 from ballbot_ros.viewer.address import require_viser
 from ballbot_ros.viewer.browser import browser_program
@@ -75,7 +75,7 @@ def command(
     require_viser()
     browser_program()
     # Imported only here: viser takes a second.
-    with importing(), defer_sigint():
+    with importing(), DeferredSignals():
         from ballbot_ros.cli.recordings import read_playback_runs
         from ballbot_ros.viewer.render import Rendering
 

@@ -20,7 +20,7 @@ from ballbot_ros.cli.value_types import Choice, FloatRange
 from ballbot_ros.parameters import ROLES
 from ballbot_ros.run.fork_client import ForkClient
 from ballbot_ros.run.processes import Processes
-from ballbot_ros.stop_request import defer_sigint
+from ballbot_ros.stop_request import DeferredSignals
 
 
 @click.command('run')
@@ -89,7 +89,7 @@ def command(
     page = page_options(viewer=viewer, no_browser=no_browser, no_wait=no_wait)
     # Start the fork server first: it imports the nodes while this process imports what it needs.
     with ForkClient() if arrangement is Processes.SEPARATE else nullcontext() as client:
-        with defer_sigint():
+        with DeferredSignals():
             from ballbot_ros.cli.scenario_run import run_and_print
             from ballbot_ros.run.requirements import require_rclpy
             from ballbot_ros.run.spec import RunOptions

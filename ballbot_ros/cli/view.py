@@ -10,7 +10,7 @@ import click
 from ballbot_ros.cli.options import no_browser_option
 from ballbot_ros.cli.path_types import RECORDING
 from ballbot_ros.cli.web_browser import open_browser
-from ballbot_ros.stop_request import StopRequest, defer_sigint
+from ballbot_ros.stop_request import DeferredSignals, StopRequest
 from ballbot_ros.viewer.address import (
     address_line,
     check_address,
@@ -51,7 +51,7 @@ def command(recording: Path, other: Path | None, host: str, port: int, *, no_bro
     check_address(host, port)
     runs = read_playback_runs(recording, other)
     # Imported only here: viser takes a second.
-    with defer_sigint():
+    with DeferredSignals():
         from ballbot_ros.viewer.page import UPDATE_S, Page
         from ballbot_ros.viewer.recording_page import RecordingPage
 

@@ -20,12 +20,12 @@ from ballbot_ros.parameters import VIEWER, ParameterSet, ViewerParameters
 from ballbot_ros.parameters.files import write_parameter_file
 from ballbot_ros.run.execution import execute
 from ballbot_ros.run.fork_client import ForkClient
-from ballbot_ros.run.graph import ros
 from ballbot_ros.run.node_process import NodeProcess, stop_all
 from ballbot_ros.run.node_thread import NodeThread
 from ballbot_ros.run.observer import RunObserver
 from ballbot_ros.run.requirements import require_viewer
 from ballbot_ros.run.result import RunResult
+from ballbot_ros.run.ros_context import ros
 from ballbot_ros.run.spec import RunOptions, RunSpec
 from ballbot_ros.run.start_observer import StartObserver
 from ballbot_ros.standard_streams import stdout_to_stderr

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, nullcontext
 from typing import Any, TypeAlias
 
 import rclpy
@@ -20,17 +21,18 @@ from ballbot_ros.errors import BallbotError, one_line
 from ballbot_ros.messages.conversions import fill_time
 from ballbot_ros.messages.raw import decoder
 from ballbot_ros.messages.topics import DIAGNOSTICS, Topic
+from ballbot_ros.nodes.end_guard import guarded_end
 from ballbot_ros.nodes.middleware import prepare_middleware, ros_domain, start_failure
 from ballbot_ros.nodes.node_parameters import P, ParameterNode
 from ballbot_ros.nodes.own_ports import OwnPorts
 from ballbot_ros.nodes.participant_ports import avoid_stale_ports
-from ballbot_ros.nodes.processes import end_with_parent
+from ballbot_ros.nodes.processes import END_WITH_PARENT, end_with_parent
 from ballbot_ros.nodes.shared_memory import mark_dead_readers
 from ballbot_ros.nodes.topic_publisher import TopicPublisher, flush, requested_qos
 from ballbot_ros.stop_request import StopRequest
 
 DIAGNOSTICS_PERIOD_S = 1.0
-SPIN_S = 0.05
+SIGNAL_PERIOD_S = 0.05
 PORTS_PERIOD_S = 0.5
 """Period of the port checks [s]: shorter than the 1 s or more that Fast DDS needs to detect a dead
 reader, because its recovery from one may deadlock."""
@@ -246,7 +248,9 @@ def run_node(make: Callable[[], AnyNode]) -> int:
         return 0
     node: AnyNode | None = None
     # A second signal must not interrupt the closing, so rclpy's own handlers are not installed.
-    with StopRequest() as stop:
+    # A command kills its nodes if they hang.
+    guard = nullcontext() if END_WITH_PARENT in os.environ else guarded_end()
+    with guard, StopRequest() as stop:
         try:
             prepare_middleware()
             rclpy.init(signal_handler_options=rclpy.SignalHandlerOptions.NO)
@@ -276,8 +280,8 @@ def run_node(make: Callable[[], AnyNode]) -> int:
 def spin(nodes: Sequence[AnyNode], done: rclpy.Future, stop: StopRequest | None = None) -> None:
     """Run the callbacks of the nodes until `done`, or until a stop is requested.
 
-    Unlike ``spin_once``, the executor stays in C++ between callbacks. It returns to Python now and
-    then even without callbacks, so that signals are noticed.
+    Unlike ``spin_once``, the executor stays in C++ between callbacks. Signals are noticed in one of
+    them: it does not return while there is always another one.
     """
     steady = Clock(clock_type=ClockType.STEADY_TIME)
     for check in (mark_dead_readers, OwnPorts().repair):
@@ -285,5 +289,13 @@ def spin(nodes: Sequence[AnyNode], done: rclpy.Future, stop: StopRequest | None 
     executor = EventsExecutor()
     for node in nodes:
         executor.add_node(node)
-    while not (done.done() or (stop and stop.signal)):
-        executor.spin_until_future_complete(done, SPIN_S)
+    end = rclpy.Future()
+    done.add_done_callback(lambda _: end.set_result(None))
+
+    def check_signal() -> None:
+        if stop and stop.signal:
+            end.set_result(None)
+
+    nodes[0].create_timer(SIGNAL_PERIOD_S, check_signal, clock=steady)
+    while not end.done():
+        executor.spin_until_future_complete(end, SIGNAL_PERIOD_S)

@@ -50,6 +50,12 @@ class DomainLock:
                 ) from None
             self.file = name.detach()
 
+    def __enter__(self) -> DomainLock:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.release()
+
     def release(self) -> None:
         """Release the domain for another plant."""
         os.close(self.file)

@@ -22,9 +22,11 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
-from ballbot_ros.nodes.domain_lock import LOCK_FD_ENV
 from ballbot_ros.nodes.executables import start
 from ballbot_ros.nodes.processes import END_WITH_PARENT, end_with_parent
+
+MAX_FILES = 4
+"""Descriptors in a request: its own, of the output, and two that a plant inherits."""
 
 PROGRAM = f'from {__name__} import main; main()'
 ROOM = ' ' * 512
@@ -44,11 +46,14 @@ class NodeRequest(NamedTuple):
     arguments : sequence of str
         Its command line.
     environment : dict of str to str
+    inherited : sequence of str
+        The variables of its environment with the descriptors that it inherits.
     """
 
     name: str
     arguments: Sequence[str]
     environment: dict[str, str]
+    inherited: Sequence[str] = ()
 
 
 def main() -> None:
@@ -62,9 +67,9 @@ def main() -> None:
         return
     parent = os.getpid()
     with socket.socket(fileno=int(sys.argv[1])) as control:
-        import_nodes()
+        missing = import_nodes()
         with suppress(OSError):  # the command has just ended
-            control.send(_encode())
+            control.send(_encode(missing))
         forked = serve(control)
     if forked is None:
         os._exit(0)  # there is nothing to clean up
@@ -79,8 +84,15 @@ def main() -> None:
         os._exit(end.code)
 
 
-def import_nodes() -> None:
-    """Import what the nodes of a run need, but leave errors to the nodes, which report them."""
+def import_nodes() -> str:
+    """Import what the nodes of a run need; return why there is no ROS, or ''.
+
+    Other errors are left to the nodes, which report them.
+    """
+    try:
+        import rclpy  # noqa: F401
+    except ImportError as error:
+        return str(error)
     with suppress(ImportError):
         from std_srvs.srv import SetBool, Trigger
 
@@ -92,6 +104,7 @@ def import_nodes() -> None:
             REGISTRY[name].load()
         for kind in (*(topic.message_class for topic in TOPICS), SetBool, Trigger):
             type(kind).__import_type_support__()
+    return ''
 
 
 def serve(control: socket.socket) -> tuple[NodeRequest, list[int]] | None:
@@ -102,7 +115,7 @@ def serve(control: socket.socket) -> tuple[NodeRequest, list[int]] | None:
     request : NodeRequest
         In a fork: the node that it is to become.
     files : list of int
-        Descriptors of the node's output and, for a plant, of the lock of the ROS domain.
+        Descriptors of the node's output, and of what else it inherits.
     """
     with selectors.DefaultSelector() as selector:
         selector.register(control, selectors.EVENT_READ)
@@ -135,18 +148,18 @@ def serve(control: socket.socket) -> tuple[NodeRequest, list[int]] | None:
 def _receive(control: socket.socket) -> list[int]:
     """Return the descriptors of a request; none if the command has ended."""
     try:
-        return socket.recv_fds(control, 1, 3)[1]
+        return socket.recv_fds(control, 1, MAX_FILES)[1]
     except ConnectionResetError:  # it has ended without reading how nodes ended
         return []
 
 
-def _encode(*numbers: int) -> bytes:
-    return json.dumps(numbers).encode()
+def _encode(*content: int | str) -> bytes:
+    return json.dumps(content).encode()
 
 
 def become_node(request: NodeRequest, files: list[int], parent: int) -> None:
     """Run a node in this fork as in a process of its own, which ends with `parent`."""
-    output, *lock = files
+    output, *inherited = files
     # Keep Ctrl-C from the node: it is for the run, which then stops its nodes in order.
     os.setsid()
     standard_input = os.open(os.devnull, os.O_RDONLY)
@@ -158,8 +171,7 @@ def become_node(request: NodeRequest, files: list[int], parent: int) -> None:
     os.environ.update(request.environment)
     # Do not ask for the parent, which is another process if the fork server has already ended.
     os.environ[END_WITH_PARENT] = str(parent)
-    if lock:
-        os.environ[LOCK_FD_ENV] = str(lock[0])
+    os.environ.update(zip(request.inherited, map(str, inherited), strict=True))
     sys.argv = list(request.arguments)
     set_command_line(request.name, request.arguments)
     start(request.name)

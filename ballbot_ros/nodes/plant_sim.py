@@ -28,6 +28,7 @@ from ballbot_ros.messages.topics import (
 from ballbot_ros.nodes.base import BallbotNode, run_node
 from ballbot_ros.nodes.domain_lock import DomainLock
 from ballbot_ros.nodes.graph_observer import GraphObserver
+from ballbot_ros.nodes.heartbeat import HEARTBEAT_S, Heartbeat, HeartbeatSender
 from ballbot_ros.nodes.one_shot import OneShotTimer
 from ballbot_ros.nodes.participation import participant_of, with_parameters
 from ballbot_ros.nodes.plant_actions import PlantActions
@@ -68,6 +69,9 @@ class PlantSim(BallbotNode[PlantParameters]):
         )
         PlantEvents(self)
         self.create_wall_timer(RESEND_S, self._on_time)
+        self._heartbeats = HeartbeatSender()
+        if self._heartbeats.file is not None:
+            self.create_wall_timer(HEARTBEAT_S, self._send_heartbeat)
         self._free_timer = None
         if isinstance(self.master, FreeRunningMaster):
             on_tick = self.master.on_tick
@@ -79,6 +83,11 @@ class PlantSim(BallbotNode[PlantParameters]):
 
     def _on_time(self) -> None:
         self.dispatch(self.master.on_time)
+
+    def _send_heartbeat(self) -> None:
+        master = self.master
+        now_ns = master.time_ns if master.has_begun else 0
+        self._heartbeats.send(Heartbeat(now_ns, has_ended=master.summary is not None))
 
     def _on_wake(self) -> None:
         self.dispatch(self.master.on_wake)
@@ -150,6 +159,7 @@ class PlantSim(BallbotNode[PlantParameters]):
     def close(self) -> None:
         """Save the trajectory, and wait until the last messages have reached their readers."""
         self.stop()
+        self._send_heartbeat()
         if path := self.parameters.trajectory_file:
             try:
                 save_trajectory(Path(path), self.log.trajectory(), self.summary)

@@ -11,7 +11,7 @@ from ballbot_ros.conformance.examination import Row
 from ballbot_ros.nodes.conformance_bench import ConformanceBench
 from ballbot_ros.nodes.domain_lock import DomainLock
 from ballbot_ros.nodes.middleware import require_discovery, ros_domain
-from ballbot_ros.run.graph import ros
+from ballbot_ros.run.ros_context import ros
 from ballbot_ros.stop_request import StopRequest
 
 
@@ -30,10 +30,10 @@ def examine(role: str, command: Sequence[str] = ()) -> Iterator[Row]:
         If ROS can't start, a plant or player is in the ROS domain, or there is no such program.
     """
     require_discovery()
-    with StopRequest() as stop, ros():
-        lock = DomainLock(ros_domain())
-        try:
-            with closing(ConformanceBench(role, command, stop)) as bench:
-                yield from examination.examine(role, bench, uuid4().hex)
-        finally:
-            lock.release()
+    with (
+        StopRequest() as stop,
+        ros(),
+        DomainLock(ros_domain()),
+        closing(ConformanceBench(role, command, stop)) as bench,
+    ):
+        yield from examination.examine(role, bench, uuid4().hex)

@@ -25,11 +25,12 @@ from ballbot_ros.parameters import (
 )
 from ballbot_ros.parameters.assignment import assign
 from ballbot_ros.run.fork_client import ForkClient
-from ballbot_ros.run.graph import graph_parameters, ros
+from ballbot_ros.run.graph import graph_parameters
 from ballbot_ros.run.node_thread import NodeThread
 from ballbot_ros.run.observer import RunObserver
 from ballbot_ros.run.output_folder import output_files
 from ballbot_ros.run.requirements import require_viewer
+from ballbot_ros.run.ros_context import ros
 from ballbot_ros.run.separate_processes import run_nodes
 from ballbot_ros.run.spec import RunSpec, check_reserved_parameters, resolve_map
 from ballbot_ros.run.start_observer import StartObserver

@@ -12,19 +12,18 @@ from ballbot_ros.analysis.metrics import judge, measure
 from ballbot_ros.analysis.recorded_pushes import scheduled_pushes
 from ballbot_ros.analysis.style import png_of
 from ballbot_ros.files import temporary_folder
+from ballbot_ros.nodes.middleware import require_middleware
 from ballbot_ros.run.fork_client import ForkClient
 from ballbot_ros.run.observer import LogObserver, RunObserver
 from ballbot_ros.run.output_folder import output_files
 from ballbot_ros.run.processes import Processes
-from ballbot_ros.run.requirements import require_rclpy
+from ballbot_ros.run.requirements import OR_NONE, require_rclpy
 from ballbot_ros.run.result import RunResult
 from ballbot_ros.run.spec import RunSpec
 from ballbot_ros.simulation.outcome import Outcome
-from ballbot_ros.stop_request import defer_sigint
+from ballbot_ros.stop_request import DeferredSignals
 from ballbot_ros.world.clearance import NO_WALLS
 from ballbot_ros.world.world import World
-
-_OR_NONE = ', or use --processes none'
 
 
 def execute(
@@ -97,21 +96,21 @@ def _carry_out(
 ) -> RunResult:
     # Import only what these processes need: without ROS there is no rclpy.
     if spec.processes is Processes.NONE:
-        with defer_sigint():
+        with DeferredSignals():
             from ballbot_ros.run.offline import run_offline
 
         return run_offline(spec, recording, observer)
     with temporary_folder() as folder, ExitStack() as stack:
         scratch = Path(folder)
         if spec.processes is Processes.ONE:
-            with defer_sigint():
-                require_rclpy(_OR_NONE)
+            with DeferredSignals():
+                require_rclpy(OR_NONE)
                 from ballbot_ros.run.one_process import run_in_one_process
 
             return run_in_one_process(spec, recording, scratch, observer)
         client = client or stack.enter_context(ForkClient())
-        with defer_sigint():
-            require_rclpy(_OR_NONE)
+        require_middleware()
+        with DeferredSignals():
             from ballbot_ros.run.separate_processes import run_in_separate_processes
 
         return run_in_separate_processes(

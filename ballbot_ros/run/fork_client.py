@@ -10,7 +10,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 
 from ballbot_ros.errors import BallbotError
@@ -36,18 +36,24 @@ _POLL_S = 0.05
 class ForkClient:
     """A fork server (:mod:`ballbot_ros.nodes.fork_server`), which lives as long as this context.
 
-    The two exchange JSON over a socket that keeps messages apart. The server sends ``[]`` when it
-    has imported the nodes. A request consists of descriptors: of a file with a
-    :class:`~ballbot_ros.nodes.fork_server.NodeRequest`, whose environment may be too large for a
-    message, of the node's output and, for a plant, of the lock of the ROS domain. The answer is
+    The two exchange JSON over a socket that keeps messages apart. The server sends ``[error]``
+    when it has imported the nodes: why there is no ROS, or ''. A request consists of descriptors:
+    of a file with a :class:`~ballbot_ros.nodes.fork_server.NodeRequest`, whose environment may be
+    too large for a message, of the node's output, and of what else it inherits. The answer is
     ``[pid]``. When a node has ended, ``[pid, status]`` follows. All nodes end when the fork server
     does.
+
+    Attributes
+    ----------
+    ros_error : str
+        Why the fork server found no ROS; '' if it did, or is not ready.
     """
 
     def __init__(self) -> None:
         self._control, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._statuses: dict[int, int] = {}
         self._is_gone = self._is_ready = False
+        self.ros_error = ''
         self._started = 0
         self._stopped_at_s: float | None = None
         with theirs:
@@ -103,7 +109,7 @@ class ForkClient:
         """
         self._await(lambda: self._is_ready or should_stop(), IMPORT_S)
 
-    def start(self, request: NodeRequest, output: int, lock: int | None = None) -> int:
+    def start(self, request: NodeRequest, output: int, inherited: Sequence[int] = ()) -> int:
         """Start a node, and return its process.
 
         Parameters
@@ -111,8 +117,8 @@ class ForkClient:
         request : NodeRequest
         output : int
             Descriptor of its standard output and standard error.
-        lock : int or None
-            Descriptor of a lock of the ROS domain that it takes over.
+        inherited : sequence of int
+            Descriptors for the variables that ``request.inherited`` names.
 
         Raises
         ------
@@ -125,7 +131,7 @@ class ForkClient:
             with os.fdopen(os.memfd_create(request.name), 'w+', encoding='utf-8') as text:
                 json.dump(request, text)
                 text.seek(0)
-                files = [text.fileno(), output] if lock is None else [text.fileno(), output, lock]
+                files = [text.fileno(), output, *inherited]
                 with suppress(OSError):  # it has ended, which the wait for its answer finds out
                     socket.send_fds(self._control, [b' '], files)
             self._await(lambda: self._started > 0, ANSWER_S)
@@ -177,16 +183,18 @@ class ForkClient:
     def _receive(self) -> None:
         """Receive a message."""
         try:
-            message = self._control.recv(1024)
+            message = self._control.recv(1 << 16)
         except OSError:
             message = b''
         if not message:
             self._is_gone = True
             return
-        process, status = [*json.loads(message), None, None][:2]
-        self._is_ready = True
-        if status is not None:
-            self._statuses[process] = status
-        elif process is not None:
-            self._started = process
-            self._statuses.pop(process, None)  # of an earlier node with the same number
+        content = json.loads(message)
+        if not self._is_ready:
+            self._is_ready = True
+            self.ros_error = content[0]
+        elif len(content) == 2:
+            process, self._statuses[process] = content
+        else:
+            self._started = content[0]
+            self._statuses.pop(self._started, None)  # of an earlier node with the same number

@@ -12,7 +12,6 @@ from pathlib import Path
 from types import MappingProxyType
 
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.nodes.domain_lock import DomainLock
 from ballbot_ros.nodes.fork_server import NodeRequest
 from ballbot_ros.nodes.processes import exit_description, is_stopped, threads_by_process
 from ballbot_ros.run.fork_client import ForkClient
@@ -42,8 +41,8 @@ class NodeProcess:
     ----------
     notice : callable
         Receives each line of the node's output.
-    lock : DomainLock or None
-        The lock of the ROS domain, passed on to a plant; None for any other node.
+    inherited : mapping of str to int
+        Descriptors that it inherits, by the environment variables that tell them.
     variables : mapping of str to str
         Further environment variables.
     """
@@ -54,7 +53,7 @@ class NodeProcess:
         name: str,
         parameter_file: Path,
         notice: Callable[[str], None],
-        lock: DomainLock | None = None,
+        inherited: Mapping[str, int] = MappingProxyType({}),
         variables: Mapping[str, str] = MappingProxyType({}),
     ) -> None:
         self.name = name
@@ -72,7 +71,9 @@ class NodeProcess:
         output, theirs = os.pipe()
         try:
             self.pid = client.start(
-                NodeRequest(name, arguments, environment), theirs, lock.file if lock else None
+                NodeRequest(name, arguments, environment, tuple(inherited)),
+                theirs,
+                tuple(inherited.values()),
             )
         except BallbotError:
             os.close(output)

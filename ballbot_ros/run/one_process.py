@@ -22,10 +22,11 @@ from ballbot_ros.parameters import (
     RecorderParameters,
 )
 from ballbot_ros.progress import PROGRESS_PERIOD_S
-from ballbot_ros.run.graph import call_for_external, graph_parameters, ros
+from ballbot_ros.run.graph import call_for_external, graph_parameters
 from ballbot_ros.run.guarded_controller import guarded_implementation
 from ballbot_ros.run.observer import RunObserver
 from ballbot_ros.run.result import RunResult
+from ballbot_ros.run.ros_context import ros
 from ballbot_ros.run.spec import RunSpec
 from ballbot_ros.stop_request import StopRequest
 from ballbot_ros.timing import SECOND_NS, TICK_NS

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import NamedTuple
 
 from ballbot_ros.errors import BallbotError
@@ -49,9 +50,7 @@ def _remove_if_empty(folder: Path) -> None:
 def _make_folder(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        probe = folder / '.ballbot_probe'
-        probe.touch()
-        probe.unlink()
+        TemporaryFile(dir=folder).close()
     except (FileExistsError, NotADirectoryError):
         raise BallbotError(f'--output {folder}: not a folder; choose another --output') from None
     except OSError as error:

@@ -1,22 +1,16 @@
-"""Watches the plant of a running graph without slowing it down."""
+"""Watches the plant of a running graph."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from itertools import islice
 
-from rclpy.qos import QoSProfile, ReliabilityPolicy
-
-from ballbot_ros.messages.conversions import time_ns
-from ballbot_ros.messages.topics import CLOCK
-from ballbot_ros.nodes.inbox import drain, hidden_node
-from ballbot_ros.nodes.plant_reports import PlantReports
+from ballbot_ros.nodes.heartbeat import HeartbeatPipe
 from ballbot_ros.nodes.processes import is_waiting, threads_by_process
 from ballbot_ros.simulation.silence_timer import SilenceTimer, Threads
 
 PLANT_SILENCE_S = 2.3
-"""Silence after which the plant, which reports at 1 Hz, counts as hung [s]. Time in which the
+"""Silence after which the plant counts as hung [s]. Time in which the
 machine is too busy to run it does not count."""
 
 PLANT_WAIT_S = 6.0
@@ -24,8 +18,8 @@ PLANT_WAIT_S = 6.0
 held the lock of its port, publishing blocks for 3 s, until Fast DDS gives up."""
 
 PLANT_BUSY_S = 30.0
-"""The same before the plant's first report, while its process starts, and after the end of its run,
-while it saves the result."""
+"""The same before the plant's first heartbeat, while its process starts, and after the end of its
+run, while it saves the result."""
 
 
 class PlantWatchdog:
@@ -59,30 +53,28 @@ class PlantWatchdog:
 class PlantMonitor:
     """Sim time and the plant's signs of life; before the first tick, `now_ns` is 0.
 
-    No executor spins its node: the cost is per poll, not per tick.
+    Attributes
+    ----------
+    pipe : HeartbeatPipe
+    now_ns : int
     """
 
-    def __enter__(self) -> PlantMonitor:
-        self._node = hidden_node('ballbot_monitor')
-        newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-        self._clock = self._node.create_subscription(
-            CLOCK.message_class, CLOCK.name, lambda message: None, newest
-        )
-        self._reports = PlantReports(self._node)
+    def __init__(self) -> None:
+        self.pipe = HeartbeatPipe()
         self.now_ns = 0
         self._watchdog = PlantWatchdog(time.monotonic())
+
+    def __enter__(self) -> PlantMonitor:
         return self
 
     def __exit__(self, *error: object) -> None:
-        self._node.destroy_node()
+        self.pipe.close()
 
     def poll(self) -> None:
-        """Process the messages that have arrived since the last poll."""
-        for clock, _ in islice(drain(self._clock), 1):
-            self.now_ns = time_ns(clock.clock)
-            self._watchdog.feed(time.monotonic())
-        for report in self._reports.take():
-            self._watchdog.feed(time.monotonic(), has_ended=bool(report.outcome))
+        """Process what has arrived since the last poll."""
+        if beat := self.pipe.newest():
+            self.now_ns = beat.now_ns
+            self._watchdog.feed(time.monotonic(), has_ended=beat.has_ended)
 
     def plant_hangs(self, process: int) -> bool:
         """Return whether the plant, which runs as `process`, hangs."""

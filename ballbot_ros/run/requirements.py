@@ -7,6 +7,9 @@ from ballbot_ros.nodes.middleware import require_middleware
 from ballbot_ros.parameters import ParameterSet, ViewerParameters
 from ballbot_ros.run.processes import Processes
 
+OR_NONE = ', or use --processes none'
+"""Alternative of a run."""
+
 
 def require_rclpy(alternative: str = '') -> None:
     """Check that ROS is installed.
@@ -25,10 +28,15 @@ def require_rclpy(alternative: str = '') -> None:
     try:
         import rclpy  # noqa: F401
     except ImportError as error:
-        raise BallbotError(
-            f'ROS 2 not found ({error}): source ROS 2 Jazzy, or run '
-            f'`pip install "ballbot_ros[ros]"`{alternative}'
-        ) from None
+        raise ros_not_found(str(error), alternative) from None
+
+
+def ros_not_found(error: str, alternative: str = '') -> BallbotError:
+    """Return the error of a command that needs ROS."""
+    return BallbotError(
+        f'ROS 2 not found ({error}): source ROS 2 Jazzy, or run '
+        f'`pip install "ballbot_ros[ros]"`{alternative}'
+    )
 
 
 def require_viewer(parameters: ParameterSet, processes: Processes = Processes.SEPARATE) -> None:

@@ -4,20 +4,28 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
-from ballbot_ros.nodes.domain_lock import DomainLock
-from ballbot_ros.nodes.middleware import require_discovery, ros_domain
+from ballbot_ros.nodes.domain_lock import LOCK_FD_ENV, DomainLock
+from ballbot_ros.nodes.heartbeat import HEARTBEAT_FD_ENV
+from ballbot_ros.nodes.middleware import (
+    prepare_middleware,
+    require_discovery,
+    ros_domain,
+    stay_local,
+)
 from ballbot_ros.nodes.processes import started_nodes_variable
 from ballbot_ros.nodes.shared_memory import SETTLED_S, sweep
 from ballbot_ros.parameters import ALL_NODES, NODES, PLANT, RECORDER, ParameterSet
 from ballbot_ros.parameters.files import write_parameter_file
 from ballbot_ros.run.fork_client import ForkClient
-from ballbot_ros.run.graph import call_for_external, graph_parameters, ros
+from ballbot_ros.run.graph import call_for_external, graph_parameters
 from ballbot_ros.run.node_process import NodeProcess, stop_all
 from ballbot_ros.run.observer import RunObserver
 from ballbot_ros.run.plant_monitor import PlantMonitor
+from ballbot_ros.run.requirements import OR_NONE, ros_not_found
 from ballbot_ros.run.result import RunResult
 from ballbot_ros.run.spec import RunSpec
 from ballbot_ros.simulation.outcome import Outcome
@@ -58,7 +66,9 @@ def run_in_separate_processes(
     if starts_paused:
         # Not in the recording's parameters: a replay waits for nobody.
         parameters.set(PLANT, 'start_paused', True)
-    with StopRequest() as stop, ros():
+    stay_local()
+    with StopRequest() as stop:
+        prepare_middleware()
 
         def should_stop() -> bool:
             return bool(stop.signal) or is_replaced()
@@ -94,27 +104,25 @@ def run_nodes(
     require_discovery()
     processes: dict[str, NodeProcess] = {}
     client.await_ready(should_stop)
+    if client.ros_error:
+        raise ros_not_found(client.ros_error, OR_NONE)
     if should_stop():
         return {}, ''
-    try:
-        lock = DomainLock(ros_domain())
-        try:
+    with PlantMonitor() as monitor, ExitStack() as stack:
+        stack.callback(lambda: stop_all(processes.values(), last=RECORDER))
+        with DomainLock(ros_domain()) as lock:
             for name in names:
                 if name != PLANT:
                     processes[name] = NodeProcess(client, name, parameter_file, observer.notice)
             # Last, because it must know the others: it waits until all of them have joined.
             participants = {name: each.pid for name, each in processes.items() if name in NODES}
             plant = NodeProcess(
-                client, PLANT, parameter_file, observer.notice, lock,
+                client, PLANT, parameter_file, observer.notice,
+                {LOCK_FD_ENV: lock.file, HEARTBEAT_FD_ENV: monitor.pipe.theirs},
                 started_nodes_variable(participants),
             )  # fmt: skip
             processes = {PLANT: plant, **processes}
-        finally:
-            lock.release()
-        with PlantMonitor() as monitor:
-            return processes, watch(client, processes, monitor, observer, should_stop)
-    finally:
-        stop_all(processes.values(), last=RECORDER)
+        return processes, watch(client, processes, monitor, observer, should_stop)
 
 
 def watch(

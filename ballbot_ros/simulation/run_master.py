@@ -547,6 +547,11 @@ class RunMaster(ABC):
         return self._plant.time_ns
 
     @property
+    def has_begun(self) -> bool:
+        """Whether the first truth of the current run has been published."""
+        return self._phase not in (Phase.DISCOVERING, Phase.GATHERING)
+
+    @property
     def is_fallen(self) -> bool:
         """Whether the robot has fallen."""
         return self._plant.fallen

@@ -1,12 +1,14 @@
+import errno
 import os
 import subprocess
 import sys
 from pathlib import Path
 
+import click
 import pytest
-from graph import BALLBOT, environment
+from graph import BALLBOT, call_main, environment
 
-from ballbot_ros.cli.main import main
+from ballbot_ros.cli.invoke import invoke
 from ballbot_ros.recording.reader import RecordingReader
 
 
@@ -20,9 +22,7 @@ class InterruptedImport:
 def test_ctrl_c_while_modules_load_ends_quietly(monkeypatch, capsys):
     monkeypatch.delitem(sys.modules, 'ballbot_ros.cli.command', raising=False)
     monkeypatch.setattr(sys, 'meta_path', [InterruptedImport()])
-    with pytest.raises(SystemExit) as end:
-        main()
-    assert end.value.code == 130
+    assert call_main() == 130
     assert capsys.readouterr() == ('', '')
 
 
@@ -34,6 +34,16 @@ def test_unprintable_output_is_one_line(words):
         )
     assert done.stderr == 'error: standard output: No space left on device\n'
     assert done.returncode == 2
+
+
+def test_an_error_without_a_file_is_not_one_of_the_output(monkeypatch, capsys):
+    @click.command
+    def command():
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    monkeypatch.setattr(sys, 'argv', ['ballbot'])
+    assert invoke(command, 'ballbot', failed=1) == 1
+    assert capsys.readouterr().err == 'error: Input/output error\n'
 
 
 def test_a_closed_standard_output_is_not_an_error():

@@ -1,10 +1,12 @@
 """`ballbot run` as a user types it: outcome, files, errors, signals."""
 
+import itertools
 import json
 import os
 import resource
 import signal
 import subprocess
+import time
 from contextlib import suppress
 from pathlib import Path
 
@@ -21,6 +23,7 @@ from ballbot_ros.parameters.assignment import assign
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.simulation.golden import duty_sha256
+from ballbot_ros.stop_request import STOP_SIGNALS
 
 AT_TRACK = ['--set=plant_sim.map=track', '--output=/dev/null/no']
 FAST = ['--processes=none', '--set=plant_sim.duration=3']
@@ -209,17 +212,17 @@ def test_without_rclpy_the_error_names_an_alternative(start_run, tmp_path, monke
 @pytest.mark.graph
 # Each signal with each arrangement: scripts/campaign.
 @pytest.mark.parametrize(
-    ('processes', 'number'),
+    ('processes', 'factor', 'number'),
     [
-        ('separate', signal.SIGINT),
-        ('one', signal.SIGTERM),
-        ('none', signal.SIGHUP),
+        ('separate', 1, signal.SIGINT),
+        ('one', 0, signal.SIGTERM),
+        ('none', 1, signal.SIGHUP),
     ],
 )
-def test_a_signal_stops_everything(start_run, tmp_path, processes, number):
+def test_a_signal_stops_everything(start_run, tmp_path, processes, factor, number):
     recording = tmp_path / 'stationary.mcap'
     run = start_run('stationary', '--json', '--processes', processes, '--output', tmp_path,
-                    '--set=plant_sim.duration=600', '--real-time-factor=1')  # fmt: skip
+                    '--set=plant_sim.duration=600', f'--real-time-factor={factor}')  # fmt: skip
     pids = run.nodes() if processes == 'separate' else {}
     await_recording(recording, run=run)
     run.process.send_signal(number)
@@ -276,7 +279,7 @@ def name_of(process):
     ('moment', 'number'),
     [
         ('before the first fork', None),
-        ('before the first fork', signal.SIGINT),
+        ('before the first fork', signal.SIGHUP),
         ('in mid-run', None),
         ('in mid-run', signal.SIGTERM),
     ],
@@ -299,6 +302,20 @@ def test_a_run_ends_in_spite_of_a_stopped_fork_server(start_run, tmp_path, momen
         assert status in (1, 2)
         assert f'fork_server (process {server}) is stopped' in run.stdout + run.stderr
     assert not any(map(alive, [server, *nodes.values()]))
+
+
+@pytest.mark.graph
+def test_further_signals_do_not_kill_a_command(start_run, tmp_path):
+    run = start_run('stationary', '--output', tmp_path, '--set=plant_sim.duration=600')
+    pids = run.nodes()
+    await_recording(tmp_path / 'stationary.mcap', run=run)
+    signals = itertools.cycle([signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+    while run.process.poll() is None:
+        run.process.send_signal(next(signals))
+        time.sleep(0.005)
+    assert run.finish() in {128 + number for number in STOP_SIGNALS}
+    assert 'Traceback' not in run.stderr
+    assert not any(map(alive, pids.values()))
 
 
 @pytest.mark.graph

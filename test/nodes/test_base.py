@@ -1,5 +1,6 @@
 """What every node has in common, without the graph: diagnostics, topics, start and end."""
 
+import signal
 from contextlib import nullcontext
 from types import SimpleNamespace
 
@@ -8,6 +9,7 @@ import pytest
 pytest.importorskip('rclpy')
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy import Future
 from rclpy.qos import DurabilityPolicy
 from rclpy.serialization import serialize_message
 from stubs import bare
@@ -187,24 +189,25 @@ def test_a_mistake_before_the_start_is_status_2_and_a_failure_at_the_end_1(
     assert without_ros == []
 
 
-def test_nodes_are_spun_until_they_are_done_or_asked_to_stop(monkeypatch):
+@pytest.mark.parametrize('ends_by', ['done', 'signal'])
+def test_nodes_are_spun_until_they_are_done_or_asked_to_stop(monkeypatch, ends_by):
     """Meanwhile their process looks after the ports in shared memory."""
     spun, checks = [], []
-    state = SimpleNamespace(done=False, signal=0)
+    done, stop = Future(), SimpleNamespace(signal=0)
 
-    def wait(done, limit_s):
-        spun.append(limit_s)
+    def wait(end, limit_s):
+        spun.append(end.done())
         if len(spun) == 3:
-            vars(state)[ends_by] = 1
+            if ends_by == 'done':
+                done.set_result(None)
+            else:
+                stop.signal = signal.SIGTERM
+            checks[-1]()  # as long as there are callbacks, an executor does not return
+            assert end.done()
 
     executor = SimpleNamespace(add_node=spun.append, spin_until_future_complete=wait)
     monkeypatch.setattr(base, 'EventsExecutor', lambda: executor)
     node = SimpleNamespace(create_timer=lambda period_s, check, clock: checks.append(check))
-    for ends_by, stop in (('done', None), ('done', state), ('signal', state)):
-        spun.clear()
-        state.done = state.signal = 0
-        spin([node], SimpleNamespace(done=lambda: bool(state.done)), stop)
-        assert spun[0] is node
-        assert len(spun) == 3, ends_by
-    assert len(checks) == 6
+    spin([node], done, stop)
+    assert spun == [node, False, False]
     assert base.mark_dead_readers in checks

@@ -11,6 +11,7 @@ from stubs import bare
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.messages.topics import CLOCK, DIAGNOSTICS, MAP, MOTOR_DUTY, RUN_STATUS
 from ballbot_ros.nodes import plant_sim
+from ballbot_ros.nodes.heartbeat import Heartbeat
 from ballbot_ros.nodes.plant_actions import PlantActions
 from ballbot_ros.nodes.plant_sim import PlantSim
 from ballbot_ros.parameters import PlantParameters
@@ -130,13 +131,16 @@ def test_a_plant_that_ends_saves_its_trajectory_and_releases_the_domain(monkeypa
         PlantSim,
         _lock=SimpleNamespace(release=lambda: calls.append('release')),
         flush=lambda *topics: flushed.extend(topics),
-        master=SimpleNamespace(log=TrajectoryLog(), summary=summary('fell')),
+        master=SimpleNamespace(
+            log=TrajectoryLog(), summary=summary('fell'), has_begun=True, time_ns=8_000_000
+        ),
         parameters=PlantParameters(trajectory_file=str(tmp_path / 'trajectory.npz')),
         stop=lambda: calls.append('stop'),
+        _heartbeats=SimpleNamespace(send=calls.append),
     )
     node.close()
     assert load_trajectory(tmp_path / 'trajectory.npz')[1]['reason'] == 'fell'
-    assert calls == ['stop', 'release']
+    assert calls == ['stop', Heartbeat(8_000_000, has_ended=True), 'release']
     assert {CLOCK, MOTOR_DUTY, RUN_STATUS, DIAGNOSTICS} <= set(flushed)
     node.parameters = PlantParameters()
     node.close()

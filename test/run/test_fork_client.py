@@ -16,7 +16,7 @@ from graph import LAST_RESORT_S, alive, wait_for
 pytest.importorskip('rclpy')
 
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.nodes.domain_lock import DomainLock
+from ballbot_ros.nodes.domain_lock import LOCK_FD_ENV, DomainLock
 from ballbot_ros.nodes.fork_server import NodeRequest
 from ballbot_ros.nodes.processes import children
 from ballbot_ros.run import fork_client
@@ -37,10 +37,13 @@ class Nodes:
         }
         self._started = []
 
-    def start(self, name, *arguments, lock=None, **environment):
+    def start(self, name, *arguments, inherited=None, **environment):
         with self.output_of(name).open('wb') as output:
-            request = NodeRequest(name, [name, *arguments], self._environment | environment)
-            self._started.append(self.client.start(request, output.fileno(), lock))
+            variables = self._environment | environment
+            inherited = inherited or {}
+            request = NodeRequest(name, [name, *arguments], variables, [*inherited])
+            files = list(inherited.values())
+            self._started.append(self.client.start(request, output.fileno(), files))
         return self._started[-1]
 
     def end(self):
@@ -124,7 +127,7 @@ def test_a_wait_is_not_longer_than_allowed(nodes):
 
 def test_a_plant_takes_over_the_lock_of_its_domain(nodes, domain):
     lock = DomainLock(domain)
-    process = nodes.start('plant_sim', lock=lock.file)
+    process = nodes.start('plant_sim', inherited={LOCK_FD_ENV: lock.file})
     lock.release()
     nodes.await_start('plant_sim')
     with pytest.raises(BallbotError, match='another plant'):
@@ -254,7 +257,7 @@ def test_a_process_number_may_be_used_again(monkeypatch):
 
     monkeypatch.setattr(fork_client.subprocess, 'Popen', start_server)
     with ForkClient() as client, servers[0] as server:
-        server.send(b'[]')
+        server.send(b'[""]')
         client.await_ready()
         for status in (3, 0):
             server.send(b'[1234]')

@@ -56,3 +56,11 @@ def test_a_recording_is_never_overwritten_but_a_folder_may_be_used_again(tmp_pat
     ):
         pass
     assert [path.name for path in (tmp_path / 'run').iterdir()] == ['push.mcap']
+
+
+def test_nothing_in_the_folder_is_touched(tmp_path):
+    own = tmp_path / '.ballbot_probe'  # a name that the check of the folder once used
+    own.write_text('mine')
+    with output_files(spec_of(output=tmp_path)):
+        pass
+    assert own.read_text() == 'mine'

@@ -1,24 +1,18 @@
 """Observation of a running graph."""
 
-import contextlib
+import os
 import signal
 import subprocess
 import time
-from itertools import count, repeat
+from itertools import count
 from types import SimpleNamespace
 
 import pytest
-from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from graph import wait_for
-from rclpy.serialization import serialize_message
 
-from ballbot_ros.messages.topics import CLOCK, DIAGNOSTICS
-from ballbot_ros.nodes import plant_reports
+from ballbot_ros.nodes.heartbeat import HEARTBEAT_FD_ENV, Heartbeat, HeartbeatSender
 from ballbot_ros.nodes.processes import is_waiting
-from ballbot_ros.parameters import PLANT, RECORDER
 from ballbot_ros.run import plant_monitor
-from ballbot_ros.run.graph import ros
 from ballbot_ros.run.plant_monitor import (
     PLANT_BUSY_S,
     PLANT_SILENCE_S,
@@ -28,14 +22,10 @@ from ballbot_ros.run.plant_monitor import (
 )
 from ballbot_ros.simulation.silence_timer import ThreadTime
 
-pytestmark = pytest.mark.graph
-
 
 @pytest.fixture
-def monitor(domain, monkeypatch):
-    monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
-    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    with ros(), PlantMonitor() as monitor:
+def monitor():
+    with PlantMonitor() as monitor:
         yield monitor
 
 
@@ -63,33 +53,6 @@ def test_a_plant_that_never_reports_hangs(
         looks = next(look for look in count() if monitor.plant_hangs(plant.pid))
         plant.kill()
     assert 0.1 * looks == pytest.approx(patience_s, abs=0.35)
-
-
-@pytest.mark.parametrize('how', ['stopped', 'spinning'])
-def test_a_plant_that_falls_silent_hangs(monitor, start_node, how):
-    # Start a free-running plant, which waits for no other process.
-    plant = start_node('plant_sim', lockstep='false')
-    wait_for(lambda: monitor.poll() or monitor.now_ns, what='the first tick')
-    assert not monitor.plant_hangs(plant.process.pid)
-    plant.process.send_signal(signal.SIGSTOP)
-    with contextlib.ExitStack() as stack:
-        pid = plant.process.pid
-        if how == 'spinning':
-            spinner = stack.enter_context(subprocess.Popen(['sh', '-c', 'while :; do :; done']))
-            stack.callback(spinner.kill)
-            pid = spinner.pid
-        wait_for(lambda: monitor.poll() or monitor.plant_hangs(pid), what='its end')
-
-
-def test_a_poll_ends_even_under_a_flood_of_messages(monitor, monkeypatch):
-    flood = {
-        CLOCK.name: CLOCK.message_class(),
-        DIAGNOSTICS.name: b'bytes that are no report of plant_sim',
-    }
-    monkeypatch.setattr(
-        plant_monitor, 'drain', lambda subscription: repeat((flood[subscription.topic_name], {}))
-    )
-    monitor.poll()
 
 
 def test_a_starting_plant_and_a_saving_one_have_more_time():
@@ -156,49 +119,50 @@ def test_a_plant_starved_of_processor_time_does_not_hang():
             watchdog.feed(now)
 
 
-def deliver(monkeypatch, come):
-    """Let messages arrive, by topic."""
-    for module in (plant_monitor, plant_reports):
-        monkeypatch.setattr(module, 'drain', lambda topic: come[topic.topic_name])
+@pytest.fixture
+def beat(monitor, monkeypatch):
+    monkeypatch.setenv(HEARTBEAT_FD_ENV, str(monitor.pipe.theirs))
+    return HeartbeatSender().send
 
 
-def test_a_clock_message_is_a_sign_of_life(monitor, monkeypatch):
-    now_s = time.monotonic()
-    monkeypatch.setattr(plant_monitor, 'time', SimpleNamespace(monotonic=lambda: now_s))
-    monkeypatch.setattr(plant_monitor, 'threads_by_process', lambda pids: dict.fromkeys(pids, IDLE))
-    monkeypatch.setattr(plant_monitor, 'is_waiting', lambda process: False)
-    clock = CLOCK.message_class(clock=Time(sec=7))
-    come = {CLOCK.name: [(clock, {})], DIAGNOSTICS.name: []}
-    deliver(monkeypatch, come)
+def test_the_newest_heartbeat_counts(monitor, beat):
     monitor.poll()
-    assert monitor.now_ns == 7_000_000_000
-    begun_s = now_s
-    while not monitor.plant_hangs(1):
-        now_s += 0.1
-    assert now_s - begun_s == pytest.approx(PLANT_SILENCE_S, abs=0.15)
+    assert monitor.now_ns == 0
+    for now_ns in (0, 7_000_000_000, 8_000_000_000):
+        beat(Heartbeat(now_ns, has_ended=False))
+    monitor.poll()
+    assert monitor.now_ns == 8_000_000_000
+
+
+def test_a_command_that_does_not_read_holds_no_plant(monitor, beat):
+    for now_ns in range(20_000):
+        beat(Heartbeat(now_ns, has_ended=False))
+    monitor.poll()
+    assert monitor.now_ns > 0
+
+
+def test_a_plant_outlives_the_pipe_and_needs_none(monkeypatch):
+    with PlantMonitor() as monitor:
+        theirs = os.dup(monitor.pipe.theirs)
+    monkeypatch.setenv(HEARTBEAT_FD_ENV, str(theirs))
+    HeartbeatSender().send(Heartbeat(1, has_ended=False))
+    os.close(theirs)
+    monkeypatch.delenv(HEARTBEAT_FD_ENV)
+    HeartbeatSender().send(Heartbeat(1, has_ended=False))
 
 
 @pytest.mark.parametrize(
-    ('values', 'patience_s'),
-    [
-        ({'role': PLANT}, PLANT_SILENCE_S),
-        ({'role': PLANT, 'outcome': 'completed'}, PLANT_BUSY_S),
-        ({'role': RECORDER, 'file': f'{PLANT}.mcap', 'outcome': 'completed'}, PLANT_SILENCE_S),
-    ],
+    ('has_ended', 'patience_s'), [(False, PLANT_SILENCE_S), (True, PLANT_BUSY_S)]
 )
-def test_a_report_of_the_outcome_gives_the_plant_time_to_save(
-    monitor, monkeypatch, values, patience_s
+def test_a_heartbeat_is_a_sign_of_life_and_the_last_one_gives_the_plant_time_to_save(
+    monitor, beat, monkeypatch, has_ended, patience_s
 ):
     now_s = time.monotonic()
     monkeypatch.setattr(plant_monitor, 'time', SimpleNamespace(monotonic=lambda: now_s))
     monkeypatch.setattr(plant_monitor, 'threads_by_process', lambda pids: dict.fromkeys(pids, IDLE))
     monkeypatch.setattr(plant_monitor, 'is_waiting', lambda process: False)
-    for reported in ({'role': PLANT}, values):
-        status = DiagnosticStatus(values=[KeyValue(key=k, value=v) for k, v in reported.items()])
-        data = serialize_message(DIAGNOSTICS.message_class(status=[status]))
-        come = {CLOCK.name: [], DIAGNOSTICS.name: [(data, {})]}
-        deliver(monkeypatch, come)
-        monitor.poll()
+    beat(Heartbeat(1, has_ended))
+    monitor.poll()
     begun_s = now_s
     while not monitor.plant_hangs(1):
         now_s += 0.1

@@ -15,11 +15,11 @@ from graph import LAST_RESORT_S
 from stubs import bare
 
 from ballbot_ros.errors import BallbotError
+from ballbot_ros.nodes.domain_lock import DomainLock
 from ballbot_ros.nodes.middleware import DISCOVERY_RANGE
 from ballbot_ros.parameters import GYRO, NODES, PLANT, RECORDER, VIEWER, ParameterSet
-from ballbot_ros.run import graph, node_process, separate_processes
+from ballbot_ros.run import node_process, ros_context, separate_processes
 from ballbot_ros.run.fork_client import ForkClient
-from ballbot_ros.run.graph import RCLError, ros
 from ballbot_ros.run.node_process import (
     GRACE_S,
     LAST_GRACE_S,
@@ -28,6 +28,7 @@ from ballbot_ros.run.node_process import (
     stop_all,
 )
 from ballbot_ros.run.result import RunResult
+from ballbot_ros.run.ros_context import RCLError, ros
 from ballbot_ros.run.separate_processes import merge_process_failures, run_nodes, watch
 from ballbot_ros.simulation.outcome import Outcome
 from ballbot_ros.timing import FIRST_TICK_NS, TICK_NS
@@ -164,22 +165,26 @@ def test_a_node_that_refuses_to_start_gives_the_reason(domain, monkeypatch, tmp_
 
 def test_only_the_plant_keeps_the_lock_of_the_domain(monkeypatch, tmp_path):
     events = []
-    lock = SimpleNamespace(file=7, release=lambda: events.append('release'))
+    lock = bare(DomainLock, file=7, release=lambda: events.append('release'))
+    monitor = SimpleNamespace(pipe=SimpleNamespace(theirs=8))
     for name, stub in (
         ('DomainLock', lambda domain: lock),
         ('require_discovery', lambda: None),
-        ('PlantMonitor', nullcontext),
+        ('PlantMonitor', lambda: nullcontext(monitor)),
         ('watch', lambda *_: events.append('watch')),
     ):
         monkeypatch.setattr(separate_processes, name, stub)
     client = SimpleNamespace(
+        ros_error='',
         await_ready=lambda should_stop: None,
-        start=lambda request, output, lock: events.append((request.name, lock)) or len(events),
+        start=lambda request, output, inherited: (
+            events.append((request.name, inherited)) or len(events)
+        ),
         status_of=lambda process: 0,
     )
     observer = SimpleNamespace(notice=None)
     run_nodes(client, [GYRO, PLANT, RECORDER], ParameterSet(), tmp_path, observer, lambda: False)
-    assert events == [(GYRO, None), (RECORDER, None), (PLANT, 7), 'release', 'watch']
+    assert events == [(GYRO, ()), (RECORDER, ()), (PLANT, (7, 8)), 'release', 'watch']
 
 
 def test_a_node_that_dies_gives_no_reason():
@@ -204,7 +209,7 @@ def test_how_a_node_has_ended_is_described():
 
 
 def test_a_node_that_can_not_be_started_leaves_no_pipe(tmp_path):
-    def fail(request, output, lock):
+    def fail(request, output, inherited):
         raise BallbotError('the process that forks it has ended')
 
     before = set(Path('/proc/self/fd').iterdir())
@@ -246,7 +251,7 @@ def test_the_recorder_is_stopped_when_the_others_have_ended():
 class Client:
     """A fork server's client whose only node is a pipe."""
 
-    def start(self, request, output, lock=None):
+    def start(self, request, output, inherited):
         self.output = os.fdopen(os.dup(output), 'w')
         return 1
 
@@ -314,8 +319,8 @@ def test_ros_ends_with_its_block(monkeypatch, raised):
     monkeypatch.setattr('rclpy.ok', lambda: False)
     monkeypatch.setattr('rclpy.init', lambda **options: events.append('init'))
     monkeypatch.setattr('rclpy.try_shutdown', lambda: events.append('shutdown'))
-    monkeypatch.setattr(graph, 'prepare_middleware', lambda: events.append('prepare'))
-    monkeypatch.setattr(graph, 'avoid_stale_ports', lambda domain: nullcontext())
+    monkeypatch.setattr(ros_context, 'prepare_middleware', lambda: events.append('prepare'))
+    monkeypatch.setattr(ros_context, 'avoid_stale_ports', lambda domain: nullcontext())
     with pytest.raises(BallbotError, match='peer') if raised else nullcontext(), ros():
         events.append('block')
         if raised:

@@ -8,6 +8,7 @@ import sys
 
 import numpy as np
 import pytest
+from graph import call_main
 
 import ballbot_ros as bb
 from ballbot_ros.analysis.run_data import read_run
@@ -150,26 +151,18 @@ def test_a_page_for_the_network_warns():
     ],
 )
 def test_a_mistake_is_one_line(words, told, monkeypatch, capsys, tmp_path):
-    from ballbot_ros.cli.main import main
-
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr('sys.argv', ['ballbot', *words])
-    with pytest.raises(SystemExit) as ended:
-        main()
+    assert call_main() == 2
     error = capsys.readouterr().err
-    assert ended.value.code == 2
     assert told in error
     assert error.count('\n') == 1
 
 
 def test_without_viser_there_is_a_hint(monkeypatch, capsys, recording):
-    from ballbot_ros.cli.main import main
-
     monkeypatch.setitem(__import__('sys').modules, 'viser', None)
     monkeypatch.setattr('sys.argv', ['ballbot', 'view', str(recording)])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    assert ended.value.code == 2
+    assert call_main() == 2
     assert 'pip install "ballbot_ros[viewer]"' in capsys.readouterr().err
 
 
