@@ -154,15 +154,21 @@ class Channels:
                     f'{name}: type {topic.type_name} not found: not recorded'
                 )
                 continue
-            self._subscribe(
-                topic,
-                QoSProfile(
-                    depth=HISTORY,
-                    # The weakest QoS on offer, which matches all publishers.
-                    reliability=max(offer.qos_profile.reliability for offer in offers),
-                    durability=max(offer.qos_profile.durability for offer in offers),
-                ),
+            qos = QoSProfile(
+                depth=HISTORY,
+                # The weakest QoS on offer, which matches all publishers.
+                reliability=max(offer.qos_profile.reliability for offer in offers),
+                durability=max(offer.qos_profile.durability for offer in offers),
             )
+            try:
+                self._subscribe(topic, qos)
+            except RuntimeError:
+                # It succeeds at a later look if the other node adapts, as that of ``cmd_vel`` does.
+                self._node.get_logger().warning(
+                    f'{name}: not recorded yet: another node of this process reads it with a type '
+                    f'other than {topic.type_name}',
+                    once=True,
+                )
 
     def close(self) -> None:
         """Remove the subscriptions."""

@@ -48,6 +48,7 @@ class TeleopInputs:
         self._listen_to_joy(VIEWER_JOY, arbiter.VIEWER, lambda: self._screen_mapping)
         self._cmd_vel: Topic | None = None
         self._cmd_vel_subscription: Subscription | None = None
+        self._look_for_cmd_vel()
         node.create_wall_timer(TYPE_POLL_S, self._look_for_cmd_vel)
         self._device: str = node.parameters.device
         self._gamepad = self._open_gamepad()
@@ -120,10 +121,13 @@ class TeleopInputs:
         )
 
     def _look_for_cmd_vel(self) -> None:
-        """Subscribe to ``cmd_vel`` with its published type: the middleware allows one type only."""
+        """Subscribe to ``cmd_vel`` with its published type: the middleware allows one type only.
+
+        Without a publisher, tools find the topic by this subscription.
+        """
         offers = self._node.get_publishers_info_by_topic(CMD_VEL.name)
-        types = {offer.topic_type for offer in offers}
-        if not types or (self._cmd_vel and types == {self._cmd_vel.type_name}):
+        types = {offer.topic_type for offer in offers} or {(self._cmd_vel or CMD_VEL).type_name}
+        if self._cmd_vel and types == {self._cmd_vel.type_name}:
             self._input_errors.clear(f'{CMD_VEL.name} type')
             return
         # Keep the type that is read already for as long as it is published.

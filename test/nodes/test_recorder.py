@@ -180,18 +180,20 @@ def offer(node, type_name='std_msgs/msg/String'):
     )
 
 
-def discovered(graph, *, looks=2):
+def discovered(graph, *, looks=2, refusals=0):
     """Return the topics that a recorder subscribes to in a graph, and its warnings."""
-    subscribed, warnings = [], []
+    subscribed, warnings, refused = [], [], iter(range(refusals))
 
     def subscribe(topic, qos):
+        if next(refused, None) is not None:
+            raise RuntimeError('incompatible type')
         subscribed.append(topic.name)
         channels._channels[topic.name] = None
 
     node = SimpleNamespace(
         get_topic_names_and_types=lambda: [(name, []) for name in graph],
         get_publishers_info_by_topic=lambda name: graph.get(f'/{name.lstrip("/")}', []),
-        get_logger=lambda: SimpleNamespace(warning=warnings.append),
+        get_logger=lambda: SimpleNamespace(warning=lambda text, **_: warnings.append(text)),
     )
     channels = bare(
         Channels, _channels={'/known': None}, _sighted=set(), _ignored={'/own'},
@@ -218,6 +220,10 @@ def test_other_topics_are_recorded_except_those_of_unknown_types():
     graph = {'/talk': [offer(unknown)]}
     assert discovered(graph, looks=1) == ([], [])
     assert discovered(graph, looks=3) == (['/talk'], [])
+    # Another node of the process may read a topic with another type until it adapts.
+    subscribed, warnings = discovered({'/talk': [offer('talker')]}, refusals=1)
+    assert (subscribed, len(warnings)) == (['/talk'], 1)
+    assert warnings[0].startswith('/talk: not recorded yet: another node of this process reads it')
 
 
 def test_the_qos_of_a_topic_without_publishers_is_the_usual_one():
