@@ -22,7 +22,6 @@ from benchmark.figures import MILLISECONDS, RATIO, REAL_TIME, Figure, as_json, t
 from benchmark.film import measure_films
 from benchmark.long_page import measure_long_pages
 from benchmark.runs import SCENARIO, Run, RunError, run_ballbot, run_nodes, run_relay
-from benchmark.study import measure_studies
 
 Measurements = dict[str, list[Run]]
 
@@ -126,6 +125,9 @@ def bench(print_json: bool, repeat: int, duration: float, only: tuple[str, ...])
     duty_sha256 = common_hash(measurements)
     figures = figures_of(measurements)
     if STUDY in (only or PARTS):
+        # The only part that needs the extra cluster.
+        from benchmark.study import measure_studies
+
         figures += measure_studies(repeat, progress)
     if FILM in (only or PARTS):
         figures += measure_films(repeat, progress)

@@ -152,7 +152,7 @@ def test_manifest_declares_every_tool(setup, manifest, extra):
 
 
 def test_every_import_is_declared(setup, manifest):
-    declared = {MODULES.get(name, name) for name in run_time_requirements(setup)}
+    declared = {module_of(name) for name in run_time_requirements(setup)}
     declared |= texts(manifest, 'exec_depend') | {'ballbot_ros'} | sys.stdlib_module_names
     undeclared = {
         f'{file.relative_to(ROOT)}: {module}'
@@ -164,12 +164,41 @@ def test_every_import_is_declared(setup, manifest):
     assert undeclared == set()
 
 
+def test_the_scripts_start_without_the_extras_that_they_do_not_install(setup, manifest):
+    """For each, the imports at the start of its program and of the modules of its folder."""
+    extras = re.search(r' extras=ros,([\w,]+)', (ROOT / 'scripts/environment.sh').read_text())[1]
+    installed = names(setup['install_requires']).union(
+        *(names(setup['extras_require'][extra]) for extra in extras.split(','))
+    )
+    installed = {module_of(name) for name in installed} | texts(manifest, 'exec_depend')
+    installed |= sys.stdlib_module_names | {'ballbot_ros', 'benchmark', 'campaign'}
+    text = '\n'.join(script.read_text() for script in (ROOT / 'scripts').iterdir())
+    modules = re.findall(r'-m ((?:benchmark|campaign)\.\w+)', text)
+    assert 'benchmark.bench' in modules
+    for module in modules:  # grows
+        tree = ast.parse((ROOT / f'{module.replace(".", "/")}.py').read_text(encoding='utf-8'))
+        for node in tree.body:
+            for name in names_imported(node):
+                assert name.split('.')[0] in installed, f'{module}: {name}'
+                if name.startswith(('benchmark.', 'campaign.')) and name not in modules:
+                    modules.append(name)
+
+
+def module_of(name):
+    """Return the module of a distribution."""
+    return MODULES.get(name, name.replace('-', '_'))
+
+
 def imported_modules(file):
     for node in ast.walk(ast.parse(file.read_text(encoding='utf-8'))):
-        if isinstance(node, ast.Import):
-            yield from (alias.name.split('.')[0] for alias in node.names)
-        elif isinstance(node, ast.ImportFrom) and not node.level:
-            yield node.module.split('.')[0]
+        yield from (name.split('.')[0] for name in names_imported(node))
+
+
+def names_imported(node):
+    if isinstance(node, ast.Import):
+        yield from (alias.name for alias in node.names)
+    elif isinstance(node, ast.ImportFrom) and not node.level:
+        yield node.module
 
 
 def test_every_node_is_a_program(setup):

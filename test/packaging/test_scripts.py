@@ -45,12 +45,13 @@ match sys.argv[1:]:
         write('w', env + '/bin/pip', '#!/bin/sh', f'"{{env}}/bin/python" && echo in "{{env}}/lib"')
     case ['-m', 'pip', *_]:
         exec(open(machine + '/pip').read())
-        write('w', os.path.dirname(__file__) + '/ballbot', '#!{INTERPRETER} -IS', '{PRINT}')
+        program = "'''", 'from ballbot_ros.cli.main import main', "'''", '{PRINT}'
+        write('w', os.path.dirname(__file__) + '/ballbot', '#!{INTERPRETER} -IS', *program)
     case ['-m', 'pytest', *_]:
         {PRINT}
     case ['-m', 'sphinx', *_]:
         exec(open(machine + '/sphinx').read())
-    case ['-m', 'jupyter', *_]:
+    case ['-m', 'jupyter' | 'benchmark.bench', *_]:
         {PRINT}
 """
 
@@ -248,6 +249,15 @@ def test_the_notebook_script_opens_markdown_as_notebooks(machine):
     )
     (settings,) = (machine.project / '.venv').rglob('overrides.json')
     assert 'Jupytext Notebook' in str(json.loads(settings.read_text()))
+
+
+def test_the_benchmark_has_the_packages_of_all_its_parts_and_its_help_needs_none(machine):
+    for words, extra in (['--help'], ''), ([], ',cluster'):
+        assert machine.run('bench', *words).arguments == ['-m', 'benchmark.bench', *words]
+        assert (
+            machine.calls()[-1]
+            == f'pip install --no-input -e .[ros,drive,gym,mpc,viewer,pandas,report,study{extra}]'
+        )
 
 
 # --- Installation --------------------------------------------------------------------------------
