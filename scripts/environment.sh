@@ -29,11 +29,13 @@ is_current() {
   [[ -e $venv/$1.stamp && $(<"$venv/$1.stamp") == "$(stamp)" ]]
 }
 
-# Prints what an installation depends on, including the nodes, each of which has a command.
+# Prints what an installation depends on, including the nodes, each of which has a command, and the
+# files that are linked.
 stamp() {
   echo "$("$venv/bin/python" -V 2>&1) in $project"
   grep -h 'node: ClassVar' "$project"/ballbot_ros/parameters/*.py
-  cat "$project"/{setup.py,pyproject.toml}
+  printf '%s\n' "$project"/launch/*.launch.py
+  cat "$project"/{setup.py,pyproject.toml,scripts/environment.sh}
 }
 
 set_up() (
@@ -52,8 +54,24 @@ set_up() (
   "$venv/bin/python" -m pip install --no-input -e ".[$extras]" ${numpy:+"numpy==$numpy"} \
     >"$log" 2>&1 || fail "cannot install the packages (no network?):" \
     "$(grep -o 'ERROR: .*' "$log" | tail -n 1) (details in $log)"
+  index_package || exit 2
   for purpose in run "$1"; do stamp >"$venv/$purpose.stamp"; done
 )
+
+# Makes the environment a prefix in which `ros2` finds the package, as colcon does. These are links
+# to this source tree, since pip installs no data files in editable mode. Each launch file has its
+# own: `ros2 launch` does not look into linked folders.
+index_package() {
+  local index=$venv/share/ament_index/resource_index/packages program
+  local share=$venv/share/ballbot_ros programs=$venv/lib/ballbot_ros
+  rm -rf "$share" "$programs" && mkdir -p "$index" "$share/launch" "$programs" &&
+    ln -sf "$project/resource/ballbot_ros" "$index" &&
+    ln -s "$project"/{package.xml,config,urdf} "$share" &&
+    ln -s "$project"/launch/*.launch.py "$share/launch" || return
+  for program in "$venv"/bin/*; do
+    ! grep -qs '^from ballbot_ros\.' "$program" || ln -s "$program" "$programs" || return
+  done
+}
 
 create() {
   [[ ! -e $venv || -e $log ]] || fail "$venv was not made by these scripts: move it away"

@@ -1,6 +1,7 @@
 """setup.py, package.xml and the package's imports agree with each other."""
 
 import ast
+import os
 import re
 import runpy
 import subprocess
@@ -12,6 +13,7 @@ import pytest
 import setuptools
 
 from ballbot_ros.nodes.registry import REGISTRY
+from ballbot_ros.parameters import EXECUTABLES
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -205,6 +207,25 @@ def test_every_node_is_a_program(setup):
     scripts = setup['entry_points']['console_scripts']
     nodes = {name: f'{name} = ballbot_ros.nodes.executables:{name}' for name in REGISTRY}
     assert scripts == ['ballbot = ballbot_ros.cli.main:main', *nodes.values()]
+
+
+def test_ros2_finds_every_program_and_launch_file_without_colcon(monkeypatch):
+    index = pytest.importorskip('ament_index_python')
+    prefix = Path(sys.prefix)
+    if not (prefix / 'run.stamp').exists():
+        pytest.skip('this environment was not made by the scripts')
+    monkeypatch.setenv('AMENT_PREFIX_PATH', str(prefix))
+    assert index.get_package_prefix('ballbot_ros') == str(prefix)
+    programs = list((prefix / 'lib/ballbot_ros').iterdir())
+    assert {program.name for program in programs} == {'ballbot', *EXECUTABLES}
+    assert all(os.access(program, os.X_OK) for program in programs)
+    share = Path(index.get_package_share_directory('ballbot_ros'))
+    for name in ('package.xml', 'config', 'urdf', *files_in('launch')):
+        assert (share / name).samefile(ROOT / name), name
+
+
+def files_in(folder):
+    return (file.relative_to(ROOT) for file in (ROOT / folder).glob('*.py'))
 
 
 def test_the_list_of_nodes_needs_no_dependency():

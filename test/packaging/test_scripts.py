@@ -13,7 +13,10 @@ import pytest
 from graph import LAST_RESORT_S, wait_for
 
 ROOT = Path(__file__).resolve().parents[2]
-TOOLS = ('bash', 'basename', 'cat', 'dirname', 'flock', 'grep', 'mkdir', 'readlink', 'rm', 'tail')
+TOOLS = (
+    'bash', 'basename', 'cat', 'dirname', 'flock', 'grep', 'ln', 'mkdir', 'readlink', 'rm',
+    'tail',
+)  # fmt: skip
 INTERPRETER = Path(sys.executable).resolve()
 PRINT = 'import json, os, sys; print(json.dumps([sys.argv[1:], dict(os.environ)]))'
 
@@ -67,7 +70,8 @@ class Machine:
         (folder / 'bin').mkdir()
         for tool in TOOLS:
             (folder / 'bin' / tool).symlink_to(shutil.which(tool))
-        shutil.copytree(ROOT / 'scripts', self.project / 'scripts')
+        for folder in ('scripts', 'launch'):
+            shutil.copytree(ROOT / folder, self.project / folder)
         (self.project / 'ballbot_ros/parameters').mkdir(parents=True)
         for name in ('setup.py', 'pyproject.toml', 'ballbot_ros/parameters/nodes.py'):
             (self.project / name).write_text("node: ClassVar[str] = 'first'")
@@ -293,6 +297,25 @@ def test_changed_requirements_and_nodes_update_the_environment(machine):
     assert machine.calls() == [
         'pip install --no-input -e .[ros,drive,gym,mpc,viewer,pandas,report,study,test]'
     ]
+
+
+def test_ros2_finds_the_package_in_the_environment(machine):
+    machine.run('run')
+    links = {
+        'share/ament_index/resource_index/packages/ballbot_ros': machine.project
+        / 'resource/ballbot_ros',
+        'share/ballbot_ros/package.xml': machine.project / 'package.xml',
+        'share/ballbot_ros/launch/ballbot.launch.py': machine.project / 'launch/ballbot.launch.py',
+        'lib/ballbot_ros/ballbot': machine.venv / 'bin/ballbot',
+    }
+    assert {name: (machine.venv / name).readlink() for name in links} == links
+    assert len(list((machine.venv / 'lib/ballbot_ros').iterdir())) == 1
+
+    (machine.project / 'launch/new.launch.py').touch()
+    (machine.venv / 'lib/ballbot_ros/former_node').touch()
+    machine.run('run')
+    assert (machine.venv / 'share/ballbot_ros/launch/new.launch.py').exists()
+    assert not (machine.venv / 'lib/ballbot_ros/former_node').exists()
 
 
 def test_a_failed_update_leaves_the_environment_as_it_was(machine):
