@@ -1,13 +1,24 @@
-"""The decisions of the launch file; ROS's own launch is not installed with the tests."""
+"""The decisions of the launch file and, where ROS's own launch is installed, the launched graph."""
 
+import os
+import signal
+import subprocess
 import sys
-from importlib.util import module_from_spec, spec_from_file_location
+from contextlib import suppress
+from importlib.util import find_spec, module_from_spec, spec_from_file_location
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
 import pytest
+from graph import LAST_RESORT_S, environment
 
-FILE = Path(__file__).parents[2] / 'launch/ballbot.launch.py'
+from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.recording.writer import RUN_OUTCOME
+from ballbot_ros.simulation.outcome import Outcome
+
+ROOT = Path(__file__).resolve().parents[2]
+FILE = ROOT / 'launch/ballbot.launch.py'
+LAUNCH_TEST = Path(__file__).with_name('launched_graph.py')
 NAMES = {
     'launch': ['LaunchDescription'],
     'launch.actions': [
@@ -101,3 +112,43 @@ def test_the_launch_ends_as_the_run_does(launch_file, name):
         else:
             decisions.append(ENDS if done else GOES_ON)
     assert decisions == expected
+
+
+@pytest.fixture
+def launch_environment(domain, tmp_path):
+    """Return the variables with which `launch_testing` is found, also that of scripts/ros2."""
+    copy = Path(sys.prefix) / 'ros2'
+    modules = [str(folder) for folder in copy.glob('lib/python*/site-packages')]
+    if find_spec('launch_testing'):
+        modules = []
+    elif not modules:
+        pytest.skip('launch_testing not found: source a ROS 2 Jazzy, or run scripts/ros2 once')
+    paths = {
+        'PYTHONPATH': [str(ROOT), str(ROOT / 'test'), *modules],
+        'AMENT_PREFIX_PATH': [sys.prefix, str(copy)],
+    }
+    return {
+        **environment(domain),
+        **{name: os.pathsep.join([*new, os.environ.get(name, '')]) for name, new in paths.items()},
+        'ROS_LOG_DIR': str(tmp_path),
+        'BALLBOT_TEST_FOLDER': str(tmp_path),
+    }
+
+
+@pytest.mark.graph
+@pytest.mark.launched
+def test_the_launched_graph_runs_and_records(launch_environment, tmp_path):
+    process = subprocess.Popen(
+        [sys.executable, '-m', 'launch_testing.launch_test', LAUNCH_TEST],
+        env=launch_environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        start_new_session=True,
+    )  # fmt: skip
+    try:
+        output, _ = process.communicate(timeout=LAST_RESORT_S)
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+    assert process.returncode == 0, output
+    with RecordingReader(tmp_path / 'x.mcap') as recording:
+        assert recording.complete
+        assert recording.metadata()[RUN_OUTCOME]['outcome'] == Outcome.STOPPED
