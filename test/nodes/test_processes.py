@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from graph import wait_for
@@ -12,6 +13,7 @@ from graph import wait_for
 from ballbot_ros.nodes import processes
 from ballbot_ros.nodes.processes import (
     LocalProcessObserver,
+    ProcessSilence,
     children,
     is_waiting,
     started_nodes_variable,
@@ -73,6 +75,51 @@ def test_a_process_queues_while_others_have_its_processor(start):
         what='their wait for the processor',
     )
     assert all(map(is_runnable, competitors))
+
+
+@contextlib.contextmanager
+def scheduled_when_idle(process):
+    """Let a process run only when no other one wants its processor."""
+    os.sched_setscheduler(process.pid, os.SCHED_IDLE, os.sched_param(0))
+    yield
+
+
+@contextlib.contextmanager
+def limited_by_quota(process):
+    """Let a process run for 1 ms of 100 ms."""
+    group = Path(f'/sys/fs/cgroup/cpu/ballbot_test_{process.pid}')
+    try:
+        group.mkdir()
+    except OSError as error:
+        pytest.skip(f'no control group can be made here: {error}')
+    try:
+        (group / 'cpu.cfs_period_us').write_text('100000')
+        (group / 'cpu.cfs_quota_us').write_text('1000')
+        (group / 'cgroup.procs').write_text(str(process.pid))
+        yield
+    finally:
+        process.kill()
+        process.wait()
+        group.rmdir()
+
+
+@pytest.mark.parametrize('starve', [scheduled_when_idle, limited_by_quota])
+def test_a_starved_process_is_not_silent(start, starve):
+    (cpu, *_) = os.sched_getaffinity(0)
+    starved, competitor, waiting = start(SPIN), start(SPIN), start(WAIT)
+    for process in (starved, competitor):
+        os.sched_setaffinity(process.pid, {cpu})
+    with starve(starved):
+        wait_for(lambda: cpu_s(waiting) and not is_runnable(waiting), what='its wait')
+        silences = [ProcessSilence(process.pid) for process in (starved, waiting)]
+        measured_s = [0.0, 0.0]
+
+        def has_measured():
+            measured_s[:] = [silence.measure_s() for silence in silences]
+            return measured_s[1] > 1.5
+
+        wait_for(has_measured, what='a silence of the other process')
+        assert measured_s[0] < 0.5
 
 
 def test_a_process_that_is_stopped_neither_runs_nor_queues(start):
