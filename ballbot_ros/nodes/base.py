@@ -22,7 +22,7 @@ from ballbot_ros.messages.conversions import fill_time
 from ballbot_ros.messages.raw import decoder
 from ballbot_ros.messages.topics import DIAGNOSTICS, Topic
 from ballbot_ros.nodes.end_guard import guarded_end
-from ballbot_ros.nodes.middleware import prepare_middleware, ros_domain, start_failure
+from ballbot_ros.nodes.middleware import prepare_middleware, ros_domain
 from ballbot_ros.nodes.node_parameters import P, ParameterNode
 from ballbot_ros.nodes.own_ports import OwnPorts
 from ballbot_ros.nodes.participant_ports import avoid_stale_ports
@@ -269,7 +269,7 @@ def run_node(make: Callable[[], AnyNode]) -> int:
         except (RuntimeError, UnicodeError) as error:  # raised by rclpy for bad --ros-args
             if node is not None:
                 raise
-            print(f'error: {start_failure(error)}', file=sys.stderr)
+            print(f'error: {one_line(error)}', file=sys.stderr)
             return 2
         finally:
             if node is not None:

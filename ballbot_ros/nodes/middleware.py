@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import os
 import re
+import socket
 import subprocess
 import sys
+from pathlib import Path
+from tempfile import TemporaryFile
 
 from ballbot_ros.errors import BallbotError, one_line
 from ballbot_ros.nodes.processes import END_WITH_PARENT
@@ -18,6 +21,9 @@ PROFILES = 'FASTRTPS_DEFAULT_PROFILES_FILE'
 DISCOVERY_RANGE, LOCAL = 'ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST'
 STATIC_PEERS = 'ROS_STATIC_PEERS'
 """Environment variable: hosts whose nodes are discovered in any range."""
+
+LOG_FOLDER = 'ROS_LOG_DIR'
+"""Environment variable: folder of the nodes' logs."""
 
 DEFAULT_RMW = 'rmw_fastrtps_cpp'
 DOMAIN = 'ROS_DOMAIN_ID'
@@ -67,11 +73,13 @@ def prepare_middleware() -> None:
     """Remove what killed processes left, and speed up discovery.
 
     A node started by a command removes nothing: the command has already done so. It raises
-    BallbotError for an invalid ROS domain, or a leftover that can't be removed and would hold up
-    the node.
+    BallbotError for an invalid ROS domain, an unknown peer, a log folder that is not writable, or a
+    leftover that can't be removed and would hold up the node.
     """
     ros_domain()
+    prepare_log_folder()
     if END_WITH_PARENT not in os.environ:
+        require_peers()
         clear_shared_memory()
     use_profiles()
 
@@ -81,7 +89,28 @@ def use_profiles() -> None:
     os.environ.setdefault(PROFILES, str(share_directory() / 'config' / 'fastdds.xml'))
 
 
-def start_failure(error: RuntimeError | UnicodeError) -> str:
-    """Return the error of `rclpy.init`, with advice if the log folder is not writable."""
-    hint = '; set ROS_LOG_DIR to a folder that can be written to' if 'log' in str(error) else ''
-    return one_line(error) + hint
+def require_peers() -> None:
+    """Raise BallbotError if a host in :data:`STATIC_PEERS` is unknown: no node would start."""
+    for peer in filter(None, os.environ.get(STATIC_PEERS, '').split(';')):
+        try:
+            socket.getaddrinfo(peer, None)
+        except OSError as error:
+            raise BallbotError(f'{STATIC_PEERS}: {peer}: {error.strerror}') from None
+
+
+def prepare_log_folder() -> None:
+    """Create the folder of ROS's logs, also without the variable HOME, which rcl requires.
+
+    It raises BallbotError if the folder is not writable.
+    """
+    home = os.environ.get('ROS_HOME') or '~/.ros'
+    folder = os.environ.get(LOG_FOLDER) or f'{home}/log'
+    try:
+        folder = os.environ[LOG_FOLDER] = str(Path(folder).expanduser())
+        Path(folder).mkdir(parents=True, exist_ok=True)
+        TemporaryFile(dir=folder).close()
+    except (OSError, RuntimeError) as error:  # RuntimeError: nobody knows the home folder
+        reason = getattr(error, 'strerror', None) or one_line(error)
+        raise BallbotError(
+            f'{folder}: {reason}; set {LOG_FOLDER} to a folder that can be written to'
+        ) from None

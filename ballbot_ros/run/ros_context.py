@@ -13,7 +13,6 @@ from ballbot_ros.nodes.end_guard import guarded_end
 from ballbot_ros.nodes.middleware import (
     prepare_middleware,
     ros_domain,
-    start_failure,
     stay_local,
 )
 from ballbot_ros.nodes.participant_ports import avoid_stale_ports
@@ -39,11 +38,11 @@ def ros(log_level: str = 'WARN') -> Iterator[None]:
                 signal_handler_options=rclpy.SignalHandlerOptions.NO,
             )
         except RuntimeError as error:
-            raise BallbotError(start_failure(error)) from None
+            raise BallbotError(one_line(error)) from None
         try:
             with avoid_stale_ports(ros_domain()):
                 yield
-        except RCLError as error:  # for example, a peer that can't be resolved
+        except RCLError as error:  # for example, a profile that Fast DDS refuses
             raise BallbotError(one_line(error)) from None
         finally:
             rclpy.try_shutdown()

@@ -2,10 +2,12 @@
 
 import contextlib
 import os
+import pwd
 import socket
 import subprocess
 import sys
 from collections import Counter
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -17,11 +19,11 @@ from ballbot_ros.nodes.middleware import (
     DISCOVERY_RANGE,
     DOMAIN,
     PROFILES,
+    prepare_log_folder,
     prepare_middleware,
     require_discovery,
     require_middleware,
     ros_domain,
-    start_failure,
 )
 from ballbot_ros.parameters import GYRO
 
@@ -91,9 +93,23 @@ def test_another_middleware_may_be_chosen(monkeypatch):
     require_middleware()
 
 
-def test_a_failed_start_gives_advice_on_the_folder_of_logs_only_if_that_is_the_cause():
-    assert start_failure(RuntimeError('bad\nargument')) == 'bad argument'
-    assert start_failure(RuntimeError('no log')).startswith('no log; set ROS_LOG_DIR to a folder')
+def test_the_folder_of_logs_needs_no_variable(monkeypatch, tmp_path):
+    home = Path(pwd.getpwuid(os.getuid()).pw_dir)
+    for name in ('HOME', 'ROS_HOME', 'ROS_LOG_DIR'):
+        monkeypatch.delenv(name, raising=False)
+    prepare_log_folder()
+    assert os.environ['ROS_LOG_DIR'] == str(home / '.ros/log')
+    monkeypatch.delenv('ROS_LOG_DIR')
+    monkeypatch.setenv('ROS_HOME', str(tmp_path))
+    prepare_log_folder()
+    assert os.environ['ROS_LOG_DIR'] == str(tmp_path / 'log')
+
+
+def test_a_folder_of_logs_that_is_not_writable_is_named(monkeypatch, tmp_path):
+    (tmp_path / 'file').touch()
+    monkeypatch.setenv('ROS_LOG_DIR', str(tmp_path / 'file/log'))
+    with pytest.raises(BallbotError, match=r'/file/log: Not a directory; set ROS_LOG_DIR to a '):
+        prepare_log_folder()
 
 
 @pytest.mark.parametrize('name', ['', 'rmw_fastrtps_cpp'])
