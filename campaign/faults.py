@@ -6,11 +6,12 @@ from functools import partial
 from signal import Signals
 
 from campaign.damaged_files import DamagedRecording, FuzzedInput
+from campaign.environments import UnusualEnvironment
 from campaign.fault import Fault
 from campaign.restarts import Restarts
-from campaign.signals import CommandSignal, Moment, NodeSignal
+from campaign.signals import CommandSignal, HelperSignal, Moment, NodeSignal
 from campaign.strangers import Stranger
-from campaign.surroundings import BusyMachine, FullDisk, Leftovers
+from campaign.surroundings import BusyMachine, FailingDisk, FullDisk, Leftovers
 
 KILL = (Signals.SIGKILL,)
 HANG = (Signals.SIGSTOP,)
@@ -32,6 +33,9 @@ FAULTS = (
     Fault('a stranger in the loop', partial(Stranger.draw, in_the_loop=True), 12.0),
     Fault('full disk', FullDisk.draw, 10.0, needs_mounts=True),
     Fault('leftovers in /dev/shm', Leftovers.draw, 15.0, needs_mounts=True),
+    Fault('failing disk', FailingDisk.draw, 10.0, needs_mounts=True),
+    Fault('unusual environment', UnusualEnvironment.draw, 8.0, needs_mounts=True),
+    Fault('signal to a helper process', HelperSignal.draw, 12.0),
     Fault('damaged recording', DamagedRecording.draw, 15.0),
     _node('kill -9 of a node', Moment.END, KILL, 10.0),
     _node('SIGSTOP of a node', Moment.MIDDLE, HANG, 14.0),

@@ -94,6 +94,7 @@ class Run:
     domain : int, optional
         A domain other than the site's first.
     real_time_factor : float
+    processes : str
     """
 
     def __init__(
@@ -105,10 +106,11 @@ class Run:
         name: str = 'run',
         domain: int | None = None,
         real_time_factor: float = 1.0,
+        processes: str = 'separate',
     ) -> None:
         folder = output or site.folder / f'{name}_output'
         words = ['run', write_scenario(site.folder), '--json', '--output', folder]
-        words += ['--real-time-factor', real_time_factor]
+        words += ['--real-time-factor', real_time_factor, '--processes', processes]
         for setting in (f'{PLANT}.duration={duration}', *settings):
             words += ['--set', setting]
         self._site = site

@@ -8,6 +8,7 @@ import time
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
+from functools import partial
 from signal import Signals
 
 from ballbot_ros.parameters import NODES, PLANT, RECORDER
@@ -231,6 +232,104 @@ class CommandSignal:
             motors_off=not (completed or _has_every_tick(run)),
         )
         return failures
+
+
+class Helper(Enum):
+    """A process that belongs to a run, but is none of its nodes."""
+
+    FORK_SERVER = 'fork_server'
+    END_GUARD = 'end_guard'
+
+    @property
+    def processes(self) -> str:
+        """The way of running that has this process."""
+        return 'separate' if self is Helper.FORK_SERVER else 'one'
+
+
+class HelperMoment(Enum):
+    """The moment of a signal to a helper."""
+
+    START = 'before the first fork'
+    NODES = 'before the first tick'
+    MIDDLE = 'in mid-run'
+    END = 'near the end'
+
+
+@dataclass(frozen=True)
+class HelperSignal:
+    """A signal to a helper of a run.
+
+    Attributes
+    ----------
+    helper : Helper
+    number : Signals
+    moment : HelperMoment
+    delay_s : float
+        Delay from the moment [s].
+    """
+
+    helper: Helper
+    number: Signals
+    moment: HelperMoment
+    delay_s: float
+
+    def __str__(self) -> str:
+        what = f'{self.number.name} to {self.helper.value} {self.moment.value}'
+        return f'{what}, after {self.delay_s:.3f} s'
+
+    @classmethod
+    def draw(cls, generator: random.Random, index: int) -> HelperSignal:
+        """Draw a signal; in twelve consecutive trials the fork server gets each at each moment."""
+        moments = list(HelperMoment)
+        numbers = (Signals.SIGSTOP, Signals.SIGKILL, Signals.SIGTERM)
+        moment, number = moments[index % 4], numbers[index // 4 % 3]
+        helper = Helper.END_GUARD if generator.random() < 0.2 else Helper.FORK_SERVER
+        delay = {
+            HelperMoment.START: 0.3,
+            HelperMoment.NODES: 0.6,
+            HelperMoment.MIDDLE: 2.5,
+            HelperMoment.END: SHORT_S + 0.5,
+        }[moment]
+        return cls(helper, number, moment, generator.uniform(0.0, delay))
+
+    def carry_out(self, site: Site) -> Verdict:
+        """Send the signal, and judge the end of the run."""
+        duration = SHORT_S if self.moment is HelperMoment.END or self._is_guard else LONG_S
+        run = Run(site, duration, processes=self.helper.processes)
+        find = partial(run.program.find, self.helper.value)
+        wait_until(lambda: bool(find()) or run.program.status is not None, self.helper.value)
+        if self.moment is HelperMoment.NODES and not self._is_guard:
+            wait_until(lambda: bool(run.program.nodes()), 'the first node')
+        elif self.moment is not HelperMoment.START:
+            run.await_ticks()
+        time.sleep(self.delay_s)
+        if helper := find():
+            with suppress(ProcessLookupError):
+                os.kill(helper, self.number)
+        end = run.await_end(STOP_S)
+        expected = undisturbed_duties(site, end.most_ticks)
+        failures = self.judge(end, expected, undisturbed(site, ticks_of(SHORT_S)).duty_sha256)
+        return Verdict(tuple(failures), end.end.took_s, STOP_S)
+
+    @property
+    def _is_guard(self) -> bool:
+        return self.helper is Helper.END_GUARD
+
+    def judge(
+        self, run: RunEnd, expected: list[tuple[float, float]], short_sha256: str
+    ) -> list[str]:
+        """Return the broken guarantees; arguments as for a node's signal."""
+        failures = judge_printed(run.text) + judge_end(run.end, STOP_S)
+        if run.end.status is None:
+            return failures
+        completed = run.completed and (self._is_guard or self.moment is HelperMoment.END)
+        if completed or self._is_guard:
+            return failures + judge_completed(run, short_sha256) + judge_recording(run, expected)
+        if run.result:
+            failures += judge_failed(run, [self.helper.value])
+        elif run.end.status != 2 or self.helper.value not in run.text:
+            failures.append(f'status {run.end.status}, without naming {self.helper.value}')
+        return failures + judge_recording(run, expected)
 
 
 def _has_every_tick(run: RunEnd) -> bool:

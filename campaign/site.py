@@ -21,6 +21,7 @@ MARK = 'BALLBOT_CAMPAIGN_TRIAL'
 
 BALLBOT = ('ballbot_ros.cli.main',)
 DOMAINS_EACH = 3
+DIRECTLY = 'exec "$@"'
 
 _POLL_S = 0.05
 START_S = 60.0
@@ -104,16 +105,23 @@ class Program:
     folder : Path
         Folder for the files.
     environment : mapping of str to str
+    shell : str
+        What ``sh -c`` does with the command, which is ``"$@"``.
     """
 
     def __init__(
-        self, name: str, words: Sequence[object], folder: Path, environment: Mapping[str, str]
+        self,
+        name: str,
+        words: Sequence[object],
+        folder: Path,
+        environment: Mapping[str, str],
+        shell: str = DIRECTLY,
     ) -> None:
         self.name = name
         self._paths = [folder / f'{name}.{stream}' for stream in ('stdout', 'stderr')]
         with self._paths[0].open('wb') as stdout, self._paths[1].open('wb') as stderr:
             self._process = subprocess.Popen(
-                [sys.executable, '-m', *map(str, words)],
+                ['sh', '-c', shell, 'sh', sys.executable, '-m', *map(str, words)],
                 env=environment,
                 stdin=subprocess.DEVNULL,
                 stdout=stdout,
@@ -143,11 +151,19 @@ class Program:
 
     def nodes(self) -> dict[str, int]:
         """Return the process ids of the nodes that it has started, by name."""
+        commands = self._commands().items()
+        return {name: child for child, words in commands for name in NODES if name in words}
+
+    def find(self, helper: str) -> int | None:
+        """Return the process that it has started whose command line contains `helper`."""
+        commands = self._commands().items()
+        return next((child for child, words in commands if helper in ' '.join(words)), None)
+
+    def _commands(self) -> dict[int, list[str]]:
         found = {}
         for child in descendants(self.pid):
             with suppress(OSError):
-                words = Path(f'/proc/{child}/cmdline').read_text().split('\0')
-                found.update({name: child for name in NODES if name in words})
+                found[child] = Path(f'/proc/{child}/cmdline').read_text().split('\0')
         return found
 
 
@@ -160,12 +176,21 @@ class Site:
         Contains everything that the trial writes.
     domains : sequence of int
         ROS domains that no other program uses meanwhile.
+
+    Attributes
+    ----------
+    variables : mapping
+        Environment variables of its processes; None removes one.
+    shell : str
+        What ``sh -c`` does with a command, which is ``"$@"``.
     """
 
     def __init__(self, folder: Path, domains: Sequence[int]) -> None:
         self.folder = folder.resolve()
         self.domains = domains
         self.temporary = self.folder / 'tmp'
+        self.variables: Mapping[str, str | None] = {}
+        self.shell = DIRECTLY
 
     def __enter__(self) -> Site:
         self.temporary.mkdir(parents=True)
@@ -176,7 +201,7 @@ class Site:
 
     def environment(self, domain: int | None = None) -> dict[str, str]:
         """Return the environment of a process of the trial."""
-        return {
+        environment = {
             **os.environ,
             MARK: str(self.folder),
             'TMPDIR': str(self.temporary),
@@ -184,11 +209,13 @@ class Site:
             'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
             'OPENBLAS_NUM_THREADS': '1',
             'PYTHONUNBUFFERED': '1',
+            **self.variables,
         }
+        return {name: value for name, value in environment.items() if value is not None}
 
     def start(self, name: str, *words: object, domain: int | None = None) -> Program:
         """Start a Python module as a process."""
-        return Program(name, words, self.folder, self.environment(domain))
+        return Program(name, words, self.folder, self.environment(domain), self.shell)
 
     def start_node(self, node: str, number: int = 0, **parameters: object) -> Program:
         """Start a node alone, like ``ros2 run``; `number` counts its restarts."""

@@ -6,7 +6,8 @@ import os
 import random
 import subprocess
 import sys
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from enum import Enum
@@ -27,13 +28,14 @@ from campaign.run import (
     undisturbed,
     undisturbed_duties,
 )
-from campaign.signals import LONG_S, SHORT_S
+from campaign.signals import LONG_S, SHORT_S, Moment
 from campaign.site import Site
 
 DISK_BOUND_S = 45.0
 BUSY_BOUND_S = 120.0
 LEFT_BOUND_S = 60.0
 NO_SPACE = 'No space left on device'
+DISK_MB = 32
 
 BUSY_LOOPS = 4
 LOOP = 'while True: pass'
@@ -44,10 +46,10 @@ OLD_S = 3600.0
 
 
 @contextmanager
-def file_system(folder: Path, size_kb: int) -> Iterator[None]:
-    """Mount a separate file system of this size [KiB] in a folder."""
+def file_system(folder: Path, size_kb: int, access: str = 'rw') -> Iterator[None]:
+    """Mount a separate file system of this size [KiB] in a folder; `access` is 'rw' or 'ro'."""
     folder.mkdir(exist_ok=True)
-    options = ['-o', f'size={size_kb}k']
+    options = ['-o', f'size={size_kb}k,{access}']
     subprocess.run(['mount', '-t', 'tmpfs', *options, 'tmpfs', folder], check=True)
     try:
         yield
@@ -105,6 +107,62 @@ class FullDisk:
             failures += judge_failed(end, [named])
         elif end.end.status not in (1, 2) or NO_SPACE not in end.text:
             failures.append(f'status {end.end.status}, without mentioning {NO_SPACE!r}')
+        failures += judge_recording(end, expected, lost_ticks=end.ticks, must_be_finished=False)
+        return Verdict(tuple(failures), end.end.took_s, DISK_BOUND_S)
+
+
+@contextmanager
+def failing_disk(folder: Path, image: Path) -> Iterator[Callable[[], None]]:
+    """Mount a disk of its own in a folder; yield what makes it fail, and so read-only."""
+    folder.mkdir()
+    with image.open('wb') as file:
+        file.truncate(DISK_MB << 20)
+    subprocess.run(['mkfs.ext4', '-q', image], check=True)
+    subprocess.run(['mount', '-o', 'loop,errors=remount-ro', image, folder], check=True)
+    device = folder.stat().st_dev
+    name = Path(f'/sys/dev/block/{os.major(device)}:{os.minor(device)}').resolve().name
+    try:
+        yield lambda: _fail(name)
+    finally:
+        subprocess.run(['umount', '--lazy', folder], check=True)
+
+
+def _fail(disk: str) -> None:
+    Path(f'/sys/fs/ext4/{disk}/trigger_fs_error').write_text('1')
+
+
+@dataclass(frozen=True)
+class FailingDisk:
+    """The recording's disk fails in mid-run, so that the system makes it read-only.
+
+    Attributes
+    ----------
+    delay_s : float
+        Delay from the first tick [s].
+    """
+
+    delay_s: float
+
+    def __str__(self) -> str:
+        return f"the recording's disk fails after {self.delay_s:.3f} s"
+
+    @classmethod
+    def draw(cls, generator: random.Random, index: int) -> FailingDisk:
+        """Draw the moment."""
+        return cls(Moment.MIDDLE.delay_s(generator))
+
+    def carry_out(self, site: Site) -> Verdict:
+        """Let the disk fail, and judge the end of the run."""
+        output = site.folder / 'disk'
+        with failing_disk(output, site.folder / 'image') as fail:
+            run = Run(site, LONG_S, output=output / 'run')
+            run.await_ticks()
+            time.sleep(self.delay_s)
+            fail()
+            end = run.await_end(DISK_BOUND_S)
+        expected = undisturbed_duties(site, end.most_ticks)
+        failures = judge_printed(end.text) + judge_end(end.end, DISK_BOUND_S)
+        failures += judge_failed(end, [f'{run.recording.name}: '])
         failures += judge_recording(end, expected, lost_ticks=end.ticks, must_be_finished=False)
         return Verdict(tuple(failures), end.end.took_s, DISK_BOUND_S)
 

@@ -6,9 +6,19 @@ from signal import Signals
 import pytest
 
 from ballbot_ros.messages.topics import CLOCK, GYRO_IMU
+from campaign.environments import ENVIRONMENTS, UnusualEnvironment
 from campaign.remains import Remains
 from campaign.run import RunEnd, ticks_of
-from campaign.signals import LOSS_TICKS, SHORT_S, CommandSignal, Moment, NodeSignal
+from campaign.signals import (
+    LOSS_TICKS,
+    SHORT_S,
+    CommandSignal,
+    Helper,
+    HelperMoment,
+    HelperSignal,
+    Moment,
+    NodeSignal,
+)
 from campaign.site import End
 from campaign.strangers import OPEN_TOPICS, Content, Nonsense, Stranger
 
@@ -157,3 +167,32 @@ def test_nonsense_may_end_a_run_only_in_the_loop():
     ):  # fmt: skip
         failures = Stranger(sends, 0.1, in_the_loop).judge(run, DUTIES, SHA)
         assert (failures == []) == holds, failures
+
+
+def test_a_run_whose_fork_server_ends_fails_and_names_it():
+    attempt = HelperSignal(Helper.FORK_SERVER, Signals.SIGKILL, HelperMoment.MIDDLE, 0.5)
+    named = with_result(FAILED, reason='fork_server (process 7) was killed by SIGKILL')
+    assert judge(named, attempt) == []
+    assert judge(FAILED, attempt)
+    early = replace(FAILED, end=ENDED._replace(status=2), text=named.reason, result={})
+    assert judge(early, attempt) == []
+    assert judge(replace(early, text=''), attempt)
+
+
+def test_a_run_whose_end_guard_ends_completes():
+    attempt = HelperSignal(Helper.END_GUARD, Signals.SIGTERM, HelperMoment.MIDDLE, 0.5)
+    assert judge(COMPLETED, attempt) == []
+    assert judge(FAILED, attempt)
+
+
+@pytest.mark.parametrize('environment', ENVIRONMENTS, ids=lambda each: each.name)
+def test_a_run_in_an_unusual_environment_completes_or_is_refused_in_a_line(environment):
+    refused = replace(
+        FAILED, end=ENDED._replace(status=2), text=f'error: {environment.refusal}', result={}
+    )
+    attempt = UnusualEnvironment(environment)
+    complete = attempt.judge(COMPLETED, SHA, DUTIES[:500]) == []
+    assert complete == (not environment.refusal)
+    assert (attempt.judge(refused, SHA, DUTIES) == []) == bool(environment.refusal)
+    if not complete:
+        assert attempt.judge(replace(refused, text=2 * f'{refused.text}\n'), SHA, DUTIES)
