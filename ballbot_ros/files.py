@@ -80,3 +80,12 @@ def write_temporary(path: Path, data: bytes) -> None:
         raise BallbotError(
             f'{path}: {error.strerror}; set TMPDIR to another folder for temporary files'
         ) from None
+
+
+def shown_path(path: str | Path) -> str:
+    """Return a path as shown to the user: relative to the current folder if it is below it."""
+    path = Path(path)
+    try:
+        return str(path.relative_to(Path.cwd()))
+    except (ValueError, OSError):
+        return str(path)

@@ -12,6 +12,7 @@ from graph import Node, Run, call, free_domain
 
 from ballbot_ros.nodes.middleware import prepare_middleware
 from ballbot_ros.nodes.shared_memory import SETTLED_S, find_leftovers, sweep
+from ballbot_ros.own_command import COMMAND_ENV
 from ballbot_ros.run.fork_client import ForkClient
 from ballbot_ros.viewer.browser import browser_program
 from ballbot_ros.viewer.errors import ViewerError
@@ -20,6 +21,9 @@ from ballbot_ros.viewer.errors import ViewerError
 # those of the graph.
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 prepare_middleware()
+
+# The name of the command in its output does not depend on PATH or on how the tests were started.
+os.environ[COMMAND_ENV] = 'ballbot'
 
 # Restore both signals: a suite in a shell's background job ignores SIGINT, one under nohup ignores
 # SIGHUP, and all processes that it starts would inherit this.

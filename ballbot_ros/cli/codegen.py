@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from pathlib import Path
 
 import click
@@ -26,6 +25,7 @@ from ballbot_ros.codegen.measure import (
 from ballbot_ros.codegen.toolchain import ARM, HOST, missing_tool
 from ballbot_ros.controllers.document.tasks import TS1_MS
 from ballbot_ros.files import temporary_folder
+from ballbot_ros.own_command import own_command
 from ballbot_ros.parameters import CONTROLLER, ControllerParameters, ParameterSet
 from ballbot_ros.parameters.files import read_parameter_file
 from ballbot_ros.recording.errors import RecordingError
@@ -40,7 +40,7 @@ def generate(folder: Path, parameter_file: Path | None, mode: str | None) -> Non
     values = parameters.of(ControllerParameters)
     for path in write_application(folder, values):
         print(path)
-    again = shlex.join(['ballbot', 'codegen', '--check', str(folder)])
+    again = own_command('codegen', '--check', folder)
     print(f'parameters {parameter_hash(values)}; check with: {again}')
 
 

@@ -21,6 +21,7 @@ from ballbot_ros.analysis.recorded_pushes import (
 from ballbot_ros.cli.file_progress import file_progress
 from ballbot_ros.cli.path_types import RECORDING
 from ballbot_ros.messages.topics import RUN
+from ballbot_ros.own_command import own_command
 from ballbot_ros.progress import ProgressCallback
 from ballbot_ros.recording.attachments import PARAMETERS, SCENARIO, VERSIONS
 from ballbot_ros.recording.overview import read_topics
@@ -162,7 +163,7 @@ def _state(reader: RecordingReader) -> str:
     if reader.being_written:
         return 'being recorded; this is its content so far'
     if reader.corruption:
-        return f'{reader.damage}; `ballbot repair` recovers the intact part'
+        return f'{reader.damage}; `{own_command("repair", reader.path)}` recovers the intact part'
     return reader.damage or 'complete'
 
 

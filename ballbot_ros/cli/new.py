@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import shlex
-import shutil
-import sys
 from pathlib import Path
 
 import click
 
 from ballbot_ros.cli.path_types import PATH
-from ballbot_ros.controllers.loading import shown_path
 from ballbot_ros.controllers.new_package import SCENARIO, write_package
+from ballbot_ros.own_command import own_command, python
 
 
 @click.group('new')
@@ -34,22 +32,15 @@ def controller(name: str, output: Path) -> None:
     The package has a scenario and tests, and runs as it is. NAME has lower case letters, digits and
     single underscores, such as my_pid; it is also the name of the controller.
     """
+    folder = output / name
     for path in write_package(output, name):
         print(f'wrote  {path}')
-    folder = output / name
     scenario = folder / SCENARIO.format(name=name)
-    ballbot, python = _program('ballbot'), _program(Path(sys.executable).name)
     print()
-    for purpose, words in (
-        ('run it', [ballbot, 'run', str(scenario)]),
-        ('install it', [python, '-m', 'pip', 'install', '-e', f'{folder}[test]']),
-        ('use its name', [ballbot, 'run', 'stationary', '--controller', name]),
-        ('test it', [python, '-m', 'pytest', str(folder)]),
+    for purpose, command in (
+        ('run it', own_command('run', scenario)),
+        ('install it', f'{python()} -m pip install -e {shlex.quote(f"{folder}[test]")}'),
+        ('use its name', own_command('run', 'stationary', '--controller', name)),
+        ('test it', f'{python()} -m pytest {shlex.quote(str(folder))}'),
     ):
-        print(f'{purpose + ":":<13} {shlex.join(words)}')
-
-
-def _program(name: str) -> str:
-    """Return how to call a program of this environment: by its name, if that is enough."""
-    path = Path(sys.executable).with_name(name)
-    return name if shutil.which(name) == str(path) or not path.exists() else shown_path(path)
+        print(f'{purpose + ":":<13} {command}')

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shlex
 
 from rich.console import Console
 from rich.measure import Measurement
@@ -11,6 +10,7 @@ from rich.table import Table
 
 from ballbot_ros.analysis.metrics import number
 from ballbot_ros.cli.study_progress import share_text
+from ballbot_ros.own_command import own_command
 from ballbot_ros.scenario.scenario import bounds_text
 from ballbot_ros.studies.columns import MeasureColumn
 from ballbot_ros.studies.study_data import QUANTILES, MeasureSummary, StudyData, StudySummary
@@ -63,7 +63,7 @@ def _lines(data: StudyData, summary: StudySummary) -> list[str]:
         lines.append('note     all runs have the same duties: what varies has no effect here')
     lines.append(f'results  {data.path}')
     shown = next((each.worst[0].number for each in measures if each.worst), 0)
-    lines.append(f'again    ballbot study rerun {shlex.quote(str(data.path))} {shown}')
+    lines.append(f'again    {own_command("study", "rerun", data.path, shown)}')
     return lines
 
 

@@ -20,6 +20,7 @@ from ballbot_ros.controllers.document.constants import ProgramConstants
 from ballbot_ros.controllers.document.program import LOWEST_TONE_HZ, VOLTAGE_OFFSET, VOLTAGE_SLOPE
 from ballbot_ros.controllers.document.tasks import PROGRAM_NAME
 from ballbot_ros.files import read_bytes, read_text
+from ballbot_ros.own_command import program
 from ballbot_ros.parameters import CONTROLLER, ControllerParameters
 
 PARAMETER_FILE = 'parameters.yaml'
@@ -43,10 +44,12 @@ _TASK = re.compile(r'TASK\s+(\w+)\s*\{\s*PRIORITY\s*=\s*(\d+)\s*;')
 _ALARM = re.compile(r'TASK\s*=\s*(\w+)\s*;.*?CYCLETIME\s*=\s*(\d+)\s*;', re.DOTALL)
 
 
-def application_files(parameters: ControllerParameters) -> dict[str, str]:
+def application_files(
+    parameters: ControllerParameters, folder: Path | None = None
+) -> dict[str, str]:
     """Return the text of every file of the application, by name.
 
-    Equal parameters give equal text.
+    Equal parameters give equal text, and a README whose commands run in `folder`.
     """
     environment = Environment(
         loader=PackageLoader('ballbot_ros.codegen'),
@@ -59,6 +62,7 @@ def application_files(parameters: ControllerParameters) -> dict[str, str]:
     tasks = ProgramConstants.of(parameters).tasks
     context = {
         'stamp': stamp,
+        'ballbot': program(folder=folder),
         'parameters': c_parameters(parameters),
         'plane_variables': PLANE_VARIABLES,
         'program_variables': PROGRAM_VARIABLES,
@@ -98,7 +102,7 @@ def write_application(folder: Path, parameters: ControllerParameters) -> list[Pa
     CodegenError
         If the folder can't be written, or a file to replace was not written by `ballbot codegen`.
     """
-    files = {folder / name: text for name, text in application_files(parameters).items()}
+    files = {folder / name: text for name, text in application_files(parameters, folder).items()}
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for path in files:

@@ -23,6 +23,7 @@ from ballbot_ros.controllers.controller import Controller, tasks_of
 from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.controllers.source import Source
 from ballbot_ros.errors import BallbotError, one_line, short_repr
+from ballbot_ros.files import shown_path
 from ballbot_ros.parameters import DOCUMENTS_PROGRAM
 from ballbot_ros.suggestions import did_you_mean
 
@@ -336,12 +337,3 @@ def shown_line(path: str, number: int) -> str:
     """Return a line of code as shown; with its text if it is in an excerpt, which nobody sees."""
     text = f' ({getline(path, number).strip()})' if path.endswith(EXCERPT_SUFFIX) else ''
     return f'{public_path(path)}:{number}{text}'
-
-
-def shown_path(path: str | Path) -> str:
-    """Return a path as shown to the user: relative to the current folder if it is below it."""
-    path = Path(path)
-    try:
-        return str(path.relative_to(Path.cwd()))
-    except (ValueError, OSError):
-        return str(path)

@@ -15,6 +15,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.controllers.loading import GROUP, installed_controllers
+from ballbot_ros.own_command import program, python
 from ballbot_ros.parameters import DOCUMENTS_PROGRAM
 
 MAX_NAME = 30
@@ -53,14 +54,15 @@ def class_name(name: str) -> str:
     return f'My{camel_case}' if is_taken else camel_case
 
 
-def package_files(name: str) -> dict[str, str]:
+def package_files(name: str, folder: Path | None = None) -> dict[str, str]:
     """Return the text of every file of a package, by its path in the package's folder."""
     environment = Environment(
         loader=PackageLoader('ballbot_ros.controllers'),
         undefined=StrictUndefined,
         keep_trailing_newline=True,
     )
-    values = {'name': name, 'class_name': class_name(name), 'group': GROUP}
+    programs = {'ballbot': program(folder=folder), 'python': python(folder)}
+    values = {'name': name, 'class_name': class_name(name), 'group': GROUP, **programs}
     return {
         path.format(name=name): environment.get_template(template).render(values)
         if template
@@ -83,7 +85,7 @@ def write_package(output: Path, name: str) -> list[Path]:
     if os.path.lexists(folder):
         raise ControllerError(f'{folder}: already exists; choose another name or --output')
     _check_free(name)
-    files = {folder / path: text for path, text in package_files(name).items()}
+    files = {folder / path: text for path, text in package_files(name, folder).items()}
     try:
         folder.mkdir(parents=True)
     except OSError as error:

@@ -31,12 +31,14 @@ from ballbot_ros.nodes.shared_memory import (
     find_broken_ports,
     find_leftovers,
 )
+from ballbot_ros.own_command import own_command
 from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.share import share_directory
 from ballbot_ros.simulation.golden import arithmetic_sha256, duty_sha256, load_golden
 
 MIN_PYTHON = (3, 10)
 MIN_FREE_BYTES = 200e6
+FIX = f'run `{own_command("doctor", "--fix")}`'
 GOLDEN_SCENARIOS = ('stationary', 'hardware_autonomous')
 
 
@@ -104,7 +106,7 @@ def _ports() -> str:
 
 def _leftovers() -> str:
     if broken := find_broken_ports():
-        raise FailedCheckError(f'{broken[0]} blocks every node: run `ballbot doctor --fix`')
+        raise FailedCheckError(f'{broken[0]} blocks every node: {FIX}')
     if left := find_leftovers():
         return f'{_amount(left)} left by killed processes, which the next run or --fix removes'
     return f'killed processes left nothing in {SHARED_MEMORY}'
@@ -137,8 +139,7 @@ def _discovery() -> str:
         process.wait()
     if process.returncode == -signal.SIGALRM:
         raise FailedCheckError(
-            f'the middleware did not respond within {LIMIT_S} s: run `ballbot doctor --fix`, or '
-            f'inspect {SHARED_MEMORY}'
+            f'the middleware did not respond within {LIMIT_S} s: {FIX}, or inspect {SHARED_MEMORY}'
         )
     if process.returncode:
         raise FailedCheckError(' '.join(output.split()) or f'ended with {process.returncode}')

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shlex
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import islice
@@ -19,6 +18,7 @@ from ballbot_ros.analysis.run_figures import RenderedFigure
 from ballbot_ros.analysis.style import png_of
 from ballbot_ros.analysis.table import Table, csv_of
 from ballbot_ros.errors import BallbotError, one_line
+from ballbot_ros.own_command import own_command
 from ballbot_ros.scenario.scenario import bounds_text
 from ballbot_ros.studies.axes import Axis
 from ballbot_ros.studies.charts import (
@@ -179,7 +179,7 @@ class Findings:
             failed=self._failed(),
             failed_count=self.summary.totals.failed,
             versions=self._versions(),
-            worst_command=f'ballbot study rerun {self._folder} --worst MEASURE',
+            worst_command=self._rerun('--worst', 'MEASURE'),
         )
         figures = [*map_figures, *shares, *histograms]
         if sensitivity:
@@ -190,9 +190,8 @@ class Findings:
     def _names(self) -> list[str]:
         return [each.name for each in self.data.study.varied]
 
-    @property
-    def _folder(self) -> str:
-        return shlex.quote(str(self.data.path))
+    def _rerun(self, *words: object) -> str:
+        return own_command('study', 'rerun', self.data.path, *words)
 
     def _banner(self) -> list[str]:
         done, study = self.survey.totals.runs, self.data.study
@@ -334,7 +333,7 @@ class Findings:
             '' if value is None else number_text(value),
             _varied_text(row, self.data.study),
             _verdict(row),
-            f'ballbot study rerun {self._folder} {number}',
+            self._rerun(number),
         )
 
 

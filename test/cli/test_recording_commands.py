@@ -51,7 +51,7 @@ def test_info_shows_the_content_of_a_file(run):
 def test_info_and_repair_of_a_cut_file(cut):
     result = call('info', cut)
     assert result.returncode == 0
-    assert f'cut off at byte {cut.stat().st_size}; `ballbot repair` recovers' in result.stdout
+    assert f'cut off at byte {cut.stat().st_size}; `ballbot repair {cut}` recovers' in result.stdout
     result = call('repair', cut)
     assert result.returncode == 0, result.stderr
     repaired = cut.with_name('cut_repaired.mcap')
