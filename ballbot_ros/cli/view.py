@@ -12,8 +12,8 @@ from ballbot_ros.cli.path_types import RECORDING
 from ballbot_ros.cli.web_browser import open_browser
 from ballbot_ros.stop_request import DeferredSignals, StopRequest
 from ballbot_ros.viewer.address import (
+    NEXT_FREE,
     address_line,
-    check_address,
     network_warning,
     require_viser,
 )
@@ -31,10 +31,9 @@ from ballbot_ros.viewer.address import (
 )
 @click.option(
     '--port',
-    type=click.IntRange(0, 65535),
-    default=8080,
-    show_default=True,
-    help='Its port; 0: a free one.',
+    type=click.IntRange(NEXT_FREE, 65535),
+    default=NEXT_FREE,
+    help='Its port; 0: a free one.  [default: 8080, or the next free one]',
 )
 @no_browser_option
 def command(recording: Path, other: Path | None, host: str, port: int, *, no_browser: bool) -> int:
@@ -48,7 +47,6 @@ def command(recording: Path, other: Path | None, host: str, port: int, *, no_bro
     from ballbot_ros.cli.recordings import read_playback_runs
 
     require_viser()
-    check_address(host, port)
     runs = read_playback_runs(recording, other)
     # Imported only here: viser takes a second.
     with DeferredSignals():
@@ -59,7 +57,7 @@ def command(recording: Path, other: Path | None, host: str, port: int, *, no_bro
     recording_page = RecordingPage(page, runs)
     if warning := network_warning(host):
         click.echo(f'warning: {warning}', err=True)
-    click.echo(address_line(page.address))
+    click.echo(address_line(page.address, port))
     if not no_browser:
         open_browser(page.address)
     with StopRequest() as stop:

@@ -115,7 +115,7 @@ class Viewer(BallbotNode[ViewerParameters]):
         self.create_wall_timer(_STICK_PERIOD_S, self._drive)
         if warning := network_warning(host):
             self.get_logger().warning(warning)
-        print(address_line(self._page.address), flush=True)
+        print(address_line(self._page.address, port), flush=True)
 
     def _update(self) -> None:
         self._requests.send_queued()

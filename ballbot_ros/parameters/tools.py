@@ -72,10 +72,10 @@ class ViewerParameters(Dimensions, MapChoice, NodeParameters):
         takes_effect=TakesEffect.READ_ONLY,
     )
     port: int = quantity(
-        8080,
+        -1,
         '1',
-        (0, 65535),
-        'port of the page; 0: a free one',
+        (-1, 65535),
+        'port of the page; -1: 8080, or the next free one; 0: any free one',
         'project',
         takes_effect=TakesEffect.READ_ONLY,
     )

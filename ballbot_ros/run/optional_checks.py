@@ -15,8 +15,8 @@ from ballbot_ros.viewer.browser import browser_program
 def _viewer() -> str:
     require_viser()
     parameters = ParameterSet().of(ViewerParameters)
-    check_address(parameters.host, parameters.port)
-    return f'{url_authority(parameters.host, parameters.port)} is free for the page'
+    port = check_address(parameters.host, parameters.port)
+    return f'{url_authority(parameters.host, port)} is free for the page'
 
 
 def _gamepads() -> str:

@@ -62,11 +62,11 @@ class Page:
     Raises
     ------
     ViewerError
-        If a page can't be served at this address; port 0 means a free one.
+        If a page can't be served at this address; for the port see :func:`.check_address`.
     """
 
     def __init__(self, dimensions: Dimensions, title: str, host: str, port: int) -> None:
-        check_address(host, port)
+        port = check_address(host, port)
         self._policy = AccessPolicy(host, socket.gethostname(), secrets.token_urlsafe(_TOKEN_BYTES))
         logging.getLogger('websockets').setLevel(logging.ERROR)
         with contextlib.redirect_stdout(io.StringIO()):  # suppress viser's greeting

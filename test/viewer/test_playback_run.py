@@ -17,7 +17,15 @@ from ballbot_ros.cli.recordings import read_playback_run
 from ballbot_ros.parameters import VIEWER, ParameterSet
 from ballbot_ros.run.processes import Processes
 from ballbot_ros.run.requirements import require_viewer
-from ballbot_ros.viewer.address import check_address, network_warning, url_authority
+from ballbot_ros.viewer import address
+from ballbot_ros.viewer.address import (
+    NEXT_FREE,
+    address_in,
+    address_line,
+    check_address,
+    network_warning,
+    url_authority,
+)
 from ballbot_ros.viewer.errors import ViewerError
 from ballbot_ros.viewer.playback_run import PlaybackRun
 from ballbot_ros.viewer.sound import tone_html
@@ -99,20 +107,43 @@ def test_equal_tones_are_different_elements():
     assert tone_html(Tone(440, 500, 70), 1) != tone_html(Tone(440, 500, 70), 2)
 
 
-def test_a_taken_port_is_one_line():
+@pytest.fixture
+def taken():
+    """A port that is in use."""
     with socket.socket() as taken:
         taken.bind(('127.0.0.1', 0))
         taken.listen()
-        port = taken.getsockname()[1]
-        parameters = ParameterSet()
-        parameters.set(VIEWER, 'port', port)
-        for check in (lambda: check_address('127.0.0.1', port), lambda: require_viewer(parameters)):
-            with pytest.raises(
-                ViewerError, match=r'cannot be served on 127.0.0.1:\d+: Address alr'
-            ):
-                check()
+        yield taken.getsockname()[1]
+
+
+def test_a_chosen_port_that_is_taken_is_one_line(taken):
+    parameters = ParameterSet()
+    parameters.set(VIEWER, 'port', taken)
+    for check in (lambda: check_address('127.0.0.1', taken), lambda: require_viewer(parameters)):
+        with pytest.raises(ViewerError, match=rf'served on 127.0.0.1:{taken}: Address already'):
+            check()
     with pytest.raises(ViewerError, match='cannot be served on'):
         check_address('host.invalid', 0)
+
+
+def test_instead_of_the_usual_port_the_next_free_one_is_taken_and_named(taken, monkeypatch):
+    monkeypatch.setattr(address, '_USUAL_PORT', taken)
+    require_viewer(ParameterSet())
+    port = check_address('127.0.0.1', NEXT_FREE)
+    assert port > taken
+    note, line = address_line(f'http://127.0.0.1:{port}/?token=a', NEXT_FREE).splitlines()
+    assert note == f'port {taken} is in use: the page takes the next free one'
+    assert address_in(line) == f'http://127.0.0.1:{port}/?token=a'
+    for served, chosen in ((taken, NEXT_FREE), (port, 0), (port, port)):
+        assert '\n' not in address_line(f'http://127.0.0.1:{served}/?token=a', chosen)
+    with pytest.raises(ViewerError, match='cannot be served on'):
+        check_address('host.invalid', NEXT_FREE)
+
+
+def test_a_missing_recording_is_reported_before_a_taken_port(taken, monkeypatch, tmp_path, command):
+    monkeypatch.chdir(tmp_path)
+    status, _, error = command('view', 'missing.mcap', '--port', taken)
+    assert (status, error) == (2, 'error: missing.mcap: No such file or directory\n')
 
 
 def test_a_run_with_a_viewer_needs_viser_and_separate_processes(monkeypatch):
