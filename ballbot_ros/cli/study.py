@@ -93,10 +93,15 @@ def run(
     from ballbot_ros.studies.job import job_of
     from ballbot_ros.studies.library import read_study
     from ballbot_ros.studies.sampling import Sampler
+    from ballbot_ros.studies.study import grid_shape
     from ballbot_ros.studies.study_data import StudyData
 
     with stdout_to_stderr():  # a controller may print while its class is loaded
         described = read_study(study, runs=runs, seed=seed)
+        if runs not in (None, described.runs):
+            levels = ' × '.join(map(str, grid_shape(described.variables)))
+            note = f'the nearest grid has {levels} points; {described.runs:,} runs'
+            click.echo(f'note: {note}', err=True)
         folder = folder_of(described.name, output)
         job = job_of(described, folder)
         workers = LocalWorkers if cluster is None else _workers_of(cluster)

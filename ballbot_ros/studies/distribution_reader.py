@@ -12,7 +12,9 @@ import numpy as np
 from ballbot_ros.parameters import Parameter
 from ballbot_ros.scenario.document_reader import ExpectationReader, Keys
 from ballbot_ros.studies.distributions import (
+    MAX_LEVELS,
     Distribution,
+    Grid,
     Levels,
     LogUniform,
     Normal,
@@ -21,9 +23,6 @@ from ballbot_ros.studies.distributions import (
 )
 
 UNIFORM, LOG_UNIFORM, NORMAL, LIST, GRID = 'uniform', 'log_uniform', 'normal', 'list', 'grid'
-MAX_LEVELS = 100_000
-"""Largest number of values of one variable in a grid."""
-
 DISTRIBUTIONS = (UNIFORM, LOG_UNIFORM, NORMAL, LIST, GRID)
 
 
@@ -86,7 +85,7 @@ class DistributionReader(ExpectationReader):
             levels = [int(each) for each in levels]
         if any(after <= before for before, after in pairwise(levels)):
             raise self._error(keys, f'{parameter.name}: the levels are too close to each other')
-        return Levels(tuple(levels))
+        return (Grid if isinstance(parameter.default, float) else Levels)(tuple(levels))
 
     def _range(self, data: object, keys: Keys, parameter: Parameter) -> Uniform | LogUniform:
         if not isinstance(data, list) or len(data) != 2:

@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
+MAX_LEVELS = 100_000
+"""Largest number of values of one variable in a grid."""
+
 
 class Distribution(Protocol):
     """A distribution, by its quantile function."""
@@ -139,3 +142,11 @@ class Levels:
     def at(self, numbers: NDArray[np.int64]) -> NDArray[Any]:
         """Return the values with these numbers, from 0."""
         return np.array(self.levels)[numbers]
+
+
+class Grid(Levels):
+    """Real numbers at equal distances, of which there may be more or fewer."""
+
+    def with_count(self, count: int) -> Grid:
+        """Return so many numbers with the same ends."""
+        return Grid(tuple(np.linspace(*self.ends, min(max(2, count), MAX_LEVELS)).tolist()))

@@ -48,7 +48,7 @@ def study(
         'runs': 1000, 'vary': {'plant_sim.body_mass': {'uniform': [0.6, 0.8]}}}``. In the content,
         ``controller`` may also be the class of a controller, even one of a notebook.
     runs : int or None
-        Number of runs; None for that of the study.
+        Number of runs; None for that of the study. A grid gets the levels that fit it best.
     seed : int or None
         Seed of the samples; None for that of the study.
     output : path-like or None

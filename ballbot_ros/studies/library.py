@@ -25,7 +25,7 @@ def read_study(reference: str, *, runs: int | None = None, seed: int | None = No
     Parameters
     ----------
     runs : int or None
-        Number of runs in place of the file's; for a grid a multiple of the number of its points.
+        Number of runs in place of the file's; for a grid about this number, by other levels.
     seed : int or None
         Seed of the samples in place of the file's.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Hashable, Mapping
 from dataclasses import replace
+from math import prod
 from typing import ClassVar
 
 from ballbot_ros.controllers.loading import resolve_reference
@@ -23,7 +24,7 @@ from ballbot_ros.studies.distributions import Levels
 from ballbot_ros.studies.errors import StudyError
 from ballbot_ros.studies.events import check_extremes
 from ballbot_ros.studies.rows import robot_parameter
-from ballbot_ros.studies.study import MAX_RUNS, Sampling, Study, grid_points
+from ballbot_ros.studies.study import MAX_RUNS, Sampling, Study, grid_shape, nearest_grid
 from ballbot_ros.studies.variables import (
     CONE_RAYS,
     DURATION,
@@ -103,6 +104,8 @@ class StudyReader(DistributionReader):
             except StudyError as error:
                 raise self._error(('vary',), str(error)) from None
         expectations = self._study_expectations(data, spec, plant)
+        if sampling is Sampling.GRID and self._override('runs', self._runs, 1, MAX_RUNS):
+            variables = tuple(nearest_grid(variables, self._runs or 1, repeats=draws_seeds))
         runs = self._number_of_runs(data, sampling, variables, draws_seeds)
         if sampling is Sampling.LATIN_HYPERCUBE and runs * len(variables) > MAX_HYPERCUBE:
             raise self._error(
@@ -245,7 +248,7 @@ class StudyReader(DistributionReader):
         draws_seeds: bool,
     ) -> int:
         if sampling is Sampling.GRID:
-            return self._runs_of_grid(data, grid_points(variables), draws_seeds)
+            return self._runs_of_grid(data, prod(grid_shape(variables)), draws_seeds)
         if 'repeats' in data:
             raise self._error(('repeats',), 'repeats is only for `sampling: grid`; give runs')
         runs = self._override('runs', self._runs, 1, MAX_RUNS)
@@ -262,13 +265,8 @@ class StudyReader(DistributionReader):
                 ('runs',), f'the grid has {points} points: give repeats instead of runs'
             )
         repeats = self._whole(data.get('repeats', 1), ('repeats',), 1, MAX_RUNS)
-        runs = self._override('runs', self._runs, 1, MAX_RUNS)
-        if runs is not None:
-            if runs % points:
-                raise StudyError(
-                    f'--runs {runs}: not a multiple of {points}, the number of points of the grid'
-                )
-            repeats = runs // points
+        if self._runs is not None:
+            repeats = max(1, round(self._runs / points))
         if repeats > 1 and not draws_seeds:
             raise self._error(('repeats',), f'repeats would be equal: {SEED} is given')
         if points * repeats > MAX_RUNS:

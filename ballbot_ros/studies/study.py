@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.run.spec import RunSpec
 from ballbot_ros.scenario.scenario import Expectation, Measure, Scenario
-from ballbot_ros.studies.distributions import Levels
+from ballbot_ros.studies.distributions import Grid, Levels
 from ballbot_ros.studies.events import EventPart
 from ballbot_ros.studies.runs import Samples
 from ballbot_ros.studies.variables import DURATION, SEED, Variable
@@ -87,7 +87,7 @@ class Study:
         """The number of points of the grid; for other samplings the number of runs."""
         if self.sampling is not Sampling.GRID:
             return self.runs
-        return grid_points(self.variables)
+        return math.prod(grid_shape(self.variables))
 
     @cached_property
     def parts(self) -> Mapping[str, EventPart]:
@@ -122,7 +122,20 @@ class Study:
         return replace(self.spec.scenario, expectations=self.expectations), plant
 
 
-def grid_points(variables: tuple[Variable, ...]) -> int:
-    """Return the number of combinations of the levels of all variables."""
+def grid_shape(variables: Iterable[Variable]) -> list[int]:
+    """Return the numbers of levels of the variables."""
     levels = [each.distribution for each in variables]
-    return math.prod(len(each.levels) for each in levels if isinstance(each, Levels))
+    return [len(each.levels) for each in levels if isinstance(each, Levels)]
+
+
+def nearest_grid(variables: Iterable[Variable], runs: int, *, repeats: bool) -> list[Variable]:
+    """Return the variables with the levels that fit a number of runs best."""
+    fitted = list(variables)
+    points = math.prod(grid_shape(fitted))
+    wanted = runs // max(1, repeats * runs // points)
+    grids = [(n, g) for n, v in enumerate(fitted) if isinstance(g := v.distribution, Grid)]
+    for left, (number, grid) in zip(range(len(grids), 0, -1), grids, strict=True):
+        count = round(len(grid.levels) * (wanted / points) ** (1.0 / left))
+        fitted[number] = replace(fitted[number], distribution=grid.with_count(count))
+        points = math.prod(grid_shape(fitted))
+    return fitted

@@ -81,7 +81,7 @@ def _words(given: Mapping[str, object]) -> str:
         more = ' …' if len(items) > _SHOWN_LEVELS else ''
         return f'one of {", ".join(items[:_SHOWN_LEVELS])}{more}'
     if kind == GRID and len(items) == 3:
-        return f'{items[2]} levels, {items[0]} … {items[1]}'
+        return f'levels at equal distances, {items[0]} … {items[1]}'
     if kind == NORMAL and len(items) == 2:
         limits = [f'{key} {_number(given[key])}' for key in ('min', 'max') if key in given]
         return ', '.join([f'normal, {items[0]} ± {items[1]}', *limits])

@@ -61,6 +61,21 @@ def test_the_options_take_the_place_of_the_files(command, study, tmp_path):
     assert answer['measures']['peak_pitch_deg']['unit'] == '°'
 
 
+def test_another_grid_than_that_of_the_file_is_named(command, study, tmp_path):
+    grids = {
+        'plant_sim.backlash': {'grid': [0.0, 0.1, 9]},
+        'plant_sim.duration': {'list': [1.0, 1.1]},
+    }
+    content = {**yaml.safe_load(study.read_text()), 'sampling': 'grid', 'vary': grids}
+    content.pop('runs')
+    study.write_text(yaml.safe_dump(content), encoding='utf-8')
+    for runs, note in ((7, 'note: the nearest grid has 4 × 2 points; 8 runs\n'), (6, '')):
+        status, _, error = command('study', study, '--runs', runs, '--output', tmp_path / str(runs))
+        assert status == 0, error
+        assert error.endswith(note)
+        assert bool(note) == ('note: ' in error)
+
+
 def test_the_shipped_studies_are_listed(command):
     status, text, _ = command('study')
     assert status == 0

@@ -15,7 +15,7 @@ from ballbot_ros.studies.errors import StudyError
 from ballbot_ros.studies.library import read_study
 from ballbot_ros.studies.reader import STUDY_KEYS
 from ballbot_ros.studies.rows import ROBOT_CLASSES
-from ballbot_ros.studies.study import Sampling
+from ballbot_ros.studies.study import Sampling, grid_shape
 from ballbot_ros.studies.variables import WITHOUT_EFFECT
 
 HEAD = 'purpose: x\nscenario: push\nruns: 100\n'
@@ -114,10 +114,30 @@ def test_runs_and_seed_can_be_overridden(read):
     assert read(grid).runs == 5
     assert read(grid + 'repeats: 3\n').runs == 15
     assert read(grid + 'repeats: 3\n', runs=10).runs == 10
-    message = refusal(StudyError, lambda: read(grid, runs=7))
-    assert message == '--runs 7: not a multiple of 5, the number of points of the grid'
     assert '--runs 0: not within 1 …' in refusal(StudyError, lambda: read(HEAD, runs=0))
     assert '--seed -1: not within 0 …' in refusal(StudyError, lambda: read(HEAD, seed=-1))
+
+
+def test_a_grid_takes_the_levels_that_are_nearest_to_a_number_of_runs(read):
+    two = 'plant_sim.body_mass: {grid: [0.6, 0.8, 11]}\n  plant_sim.gravity: {list: [9.7, 9.8]}\n'
+    head = GRID + '{grid: [0.0, 0.2, 5]}\n'
+    fixed = head + 'parameters: {gyro_driver: {seed: 3}}\n'
+    for text, runs, shape, found in (
+        (head, 7, [7], 7),
+        (head, 4, [4], 4),
+        (head, 1, [2], 2),
+        (head, 20, [5], 20),
+        (head, 52_003, [5], 52_005),
+        (fixed, 20, [20], 20),  # it has no repeats
+        (head + '  ' + two, 110, [5, 11, 2], 110),
+        (head + '  ' + two, 50, [3, 8, 2], 48),
+        (GRID + '{list: [0.0, 0.1, 0.2]}\n', 7, [3], 6),
+    ):
+        study = read(text, runs=runs)
+        assert (grid_shape(study.variables), study.runs) == (shape, found), (text, runs)
+        for variable, same in zip(study.variables, read(text).variables, strict=True):
+            assert variable.distribution.ends == same.distribution.ends
+    assert read(head, runs=5).variables == read(head).variables
 
 
 def test_a_seed_that_is_fixed_or_varied_is_not_drawn(read):
