@@ -170,6 +170,7 @@ setup(
             'duckdb>=1.0',
             'gymnasium>=1.0',
             'mcap-ros2-support>=0.5',
+            'moviepy>=2.0',
             'numba>=0.58',
             'osqp>=1.0',
             'pandas>=2.1',

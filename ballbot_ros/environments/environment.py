@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import gymnasium
 import numpy as np
@@ -43,6 +43,10 @@ from ballbot_ros.parameters import (
 from ballbot_ros.parameters.assignment import Parameters, plain_value
 from ballbot_ros.simulation.robot import Robot
 from ballbot_ros.timing import TICK_MS
+from ballbot_ros.viewer.errors import importing
+
+if TYPE_CHECKING:
+    from ballbot_ros.viewer.render import Painter
 
 DEVICES, STATE = 'devices', 'state'
 OBSERVATIONS = (DEVICES, STATE)
@@ -67,6 +71,8 @@ class BallbotEnv(gymnasium.Env[Floats, NDArray[np.float32]]):
     parameters : mapping or path-like or None
         Values that override the profile: by ``node.param``, such as
         ``{'plant_sim.body_mass': 0.7}``, or a parameter file.
+    render_mode : str or None
+        ``'rgb_array'``: `render` returns a picture, drawn by a headless browser.
 
     Attributes
     ----------
@@ -83,6 +89,7 @@ class BallbotEnv(gymnasium.Env[Floats, NDArray[np.float32]]):
         If an argument is not valid; the message is one line.
     """
 
+    metadata: dict[str, Any] = {'render_modes': ['rgb_array']}  # noqa: RUF012 (Gymnasium's)
     task: ClassVar[str]
     default_duration: ClassVar[float]
     largest_pitch: ClassVar[float]
@@ -97,18 +104,20 @@ class BallbotEnv(gymnasium.Env[Floats, NDArray[np.float32]]):
         duration: float | None = None,
         profile: str | None = None,
         parameters: Parameters | None = None,
-        render_mode: None = None,
+        render_mode: str | None = None,
     ) -> None:
         if not isinstance(observation, str) or observation not in OBSERVATIONS:
             raise EnvironmentConfigurationError(
                 f'observation: {short_repr(observation)} is not {" or ".join(OBSERVATIONS)}'
             )
-        if render_mode is not None:
+        if render_mode not in (None, *self.metadata['render_modes']):
             raise EnvironmentConfigurationError(
-                f'render_mode: {short_repr(render_mode)} is not None: to watch a policy, run it as '
-                'a controller in the viewer'
+                f"render_mode: {short_repr(render_mode)} is not None or 'rgb_array'"
             )
+        self.render_mode = render_mode
+        self._painter: Painter | None = None
         self.step_ms = check_step(step_ms)
+        self.metadata = {**self.metadata, 'render_fps': 1000 // self.step_ms}
         given = self.default_duration if duration is None else duration
         self._steps_of_episode = steps_of(given, self.step_ms)
         self.duration = float(given)
@@ -220,6 +229,36 @@ class BallbotEnv(gymnasium.Env[Floats, NDArray[np.float32]]):
         info.update(parts)
         return self._bounded(), reward, terminated, truncated, info
 
+    def render(self) -> NDArray[np.uint8] | None:
+        """Return a picture of the robot, of shape (528, 960, 3); None without a `render_mode`.
+
+        Raises
+        ------
+        gymnasium.error.ResetNeeded
+            Before the first reset.
+        ViewerError
+            If the browser or a package is missing, or the browser fails.
+        """
+        if self.render_mode is None:
+            return None
+        if self._episode is None:
+            raise ResetNeeded('no episode has begun: call reset')
+        if self._painter is None:
+            # Imported only here: it takes seconds, and few episodes are drawn.
+            with importing():
+                from ballbot_ros.viewer.render import Painter, present_frames
+
+            plant = self._parameters.of(PlantParameters)
+            self._painter = Painter(present_frames(plant, lambda: self._truth))
+        self._truth = self._episode.truth
+        return self._painter.picture()
+
+    def close(self) -> None:
+        """Close the browser that has drawn the pictures, if any."""
+        if self._painter:
+            self._painter.close()
+            self._painter = None
+
     def save_state(self) -> EnvironmentState:
         """Return the present state of the episode and of the random numbers; it can be pickled.
 
@@ -270,9 +309,9 @@ class BallbotEnv(gymnasium.Env[Floats, NDArray[np.float32]]):
         return episode
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what a copy or another process needs; the devices can't be pickled."""
+        """Return what a copy or another process needs; devices and browser can't be pickled."""
         saved = self._episode.save_state() if self._episode else None
-        return {**vars(self), '_episode': saved}
+        return {**vars(self), '_episode': saved, '_painter': None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update({**state, '_episode': None})

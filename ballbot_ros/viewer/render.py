@@ -4,18 +4,25 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures import Future
 from dataclasses import dataclass
 from pathlib import Path
+from queue import Queue
+from threading import Thread
 
+from ballbot_ros.parameters import Dimensions, PlantParameters
+from ballbot_ros.plant.ground_truth import GroundTruth
 from ballbot_ros.progress import ProgressCallback
 from ballbot_ros.viewer.film_files import replacing, write_film, write_picture
 from ballbot_ros.viewer.floor import Area
 from ballbot_ros.viewer.offscreen import Image, offscreen_scene
 from ballbot_ros.viewer.playback_run import PlaybackRun
 from ballbot_ros.viewer.recorded_robots import RecordedRobots
+from ballbot_ros.viewer.snapshot import Snapshot
 from ballbot_ros.viewer.time_stamp import with_time_stamp
 from ballbot_ros.viewer.views import CHASER_1, View, camera
+from ballbot_ros.world.library import load_map
 
 SIZE = (960, 528)
 """Default width and height of a picture [px]."""
@@ -39,6 +46,51 @@ def frames(
             robots.show_trails(time)
             seen = camera(view, run.snapshot(time), run.dimensions, area, width / height)
             yield offscreen.picture(seen)
+
+
+def present_frames(plant: PlantParameters, truth: Callable[[], GroundTruth]) -> Generator[Image]:
+    """Yield pictures of a plant's robot as it then is; a browser is open until the end."""
+    dimensions = Dimensions.from_parameters(plant)
+    floor = load_map(plant.map) if plant.map else None
+    area = Area.of(floor, (plant.start_position_x, plant.start_position_y))
+    with offscreen_scene(*SIZE) as offscreen:
+        offscreen.scene.show_floor(floor)
+        robot = offscreen.scene.add_robot('robot', dimensions)
+        while True:
+            now = Snapshot(0.0, truth().position, truth().psi)
+            robot.show(now)
+            yield offscreen.picture(camera(CHASER_1, now, dimensions, area, SIZE[0] / SIZE[1]))
+
+
+class Painter:
+    """Draws frames in a thread of its own, because Playwright refuses one with an event loop.
+
+    A notebook has such a loop. The thread and its browser end with the program at the latest.
+    """
+
+    def __init__(self, frames: Generator[Image]) -> None:
+        self._requests: Queue[Future[Image] | None] = Queue()
+        self._thread = Thread(target=self._paint, args=(frames,), daemon=True)
+        self._thread.start()
+
+    def _paint(self, frames: Generator[Image]) -> None:
+        with contextlib.closing(frames):
+            while request := self._requests.get():
+                try:
+                    request.set_result(next(frames))
+                except Exception as error:
+                    request.set_exception(error)
+
+    def picture(self) -> Image:
+        """Return the next frame."""
+        request: Future[Image] = Future()
+        self._requests.put(request)
+        return request.result()
+
+    def close(self) -> None:
+        """Close the browser."""
+        self._requests.put(None)
+        self._thread.join()
 
 
 @dataclass(frozen=True)

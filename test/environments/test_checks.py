@@ -1,12 +1,17 @@
 """Gymnasium's own checks pass without a warning."""
 
+import asyncio
+import copy
 import itertools
 import warnings
 
 import gymnasium
+import imageio_ffmpeg
 import numpy as np
 import pytest
+from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
+from gymnasium.wrappers import RecordVideo
 
 import ballbot_ros.environments  # noqa: F401
 
@@ -25,11 +30,50 @@ def warnings_are_errors():
 @pytest.mark.parametrize('env_id', IDS)
 def test_the_checker_of_environments_finds_nothing(env_id, step_ms, observation):
     env = gymnasium.make(env_id, observation=observation, step_ms=step_ms, profile='hardware')
-    check_env(env.unwrapped)
+    check_env(env.unwrapped, skip_render_check=True)
     unwrapped = env.unwrapped
     assert len(unwrapped.observation_names) == env.observation_space.shape[0]
     assert np.isfinite(env.observation_space.low).all()
     assert np.isfinite(env.observation_space.high).all()
+
+
+def test_the_checker_finds_nothing_in_the_pictures(needs_browser):
+    env = gymnasium.make(IDS[0], step_ms=20)
+    assert env.unwrapped.render() is None
+    check_env(env.unwrapped)  # makes another one, with pictures
+
+
+def test_gymnasium_records_a_film(needs_browser, tmp_path):
+    """In a thread with an event loop, as that of a notebook."""
+
+    async def record():
+        env = gymnasium.make(
+            IDS[1], render_mode='rgb_array', step_ms=20, parameters={'plant_sim.map': 'track'}
+        )
+        with pytest.raises(ResetNeeded):
+            env.unwrapped.render()
+        film = RecordVideo(env, str(tmp_path / 'films'))
+        film.reset(seed=1, options={'start_pitch_x': 0.2})
+        first = film.render()
+        for _ in range(8):
+            film.step([0.0, 0.0])
+        last = film.render()
+        copied = copy.deepcopy(env.unwrapped)  # a browser can't be copied
+        film.close()
+        film.close()
+        return first, last, copied
+
+    first, last, copied = asyncio.run(record())
+    assert (first.shape, first.dtype) == ((528, 960, 3), np.uint8)
+    changed = np.abs(first.astype(int) - last).max(axis=2) > 30
+    assert 0.002 < changed.mean() < 0.5
+    assert copied.render_mode == 'rgb_array'
+    [path] = (tmp_path / 'films').iterdir()
+    reader = imageio_ffmpeg.read_frames(str(path))
+    properties = next(reader)
+    reader.close()
+    assert (properties['size'], properties['fps']) == ((960, 528), 50.0)
+    assert properties['duration'] == pytest.approx(9 / 50, abs=1 / 50)
 
 
 @pytest.mark.parametrize('mode', ['sync', 'async'])

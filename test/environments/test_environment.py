@@ -185,7 +185,7 @@ def test_an_action_that_is_none_is_refused(action):
         ({'duration': math.nan}, r'duration: nan is not within'),
         ({'duration': '9'}, r"duration: '9' is not within"),
         ({'profile': 'real'}, r"unknown profile 'real'; known: ideal, hardware"),
-        ({'render_mode': 'human'}, r"render_mode: 'human' is not None"),
+        ({'render_mode': 'human'}, r"render_mode: 'human' is not None or 'rgb_array'"),
         ({'parameters': {'plant_sim.body_mass': -1}}, r'plant_sim.body_mass: -1 is not within'),
         ({'parameters': {'plant_sim.duration': 3}}, r'no effect here: use the argument duration'),
         ({'parameters': {'gyro_driver.seed': 3}}, r'no effect here: use the seed or the options'),

@@ -61,6 +61,7 @@ ROSDEP_TEST_KEYS = {
     'gymnasium': None,
     'hypothesis': 'python3-hypothesis',
     'mcap-ros2-support': 'mcap-ros2-support',
+    'moviepy': None,
     'mypy': 'python3-mypy',
     'numba': 'python3-numba',
     'numpydoc': None,
