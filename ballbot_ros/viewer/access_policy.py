@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import hmac
+import secrets
+import socket
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from ballbot_ros.viewer.address import LOOPBACK, is_any_address, url_authority
 
@@ -21,8 +23,8 @@ class AccessPolicy:
     """
 
     host: str
-    machine: str
-    token: str
+    machine: str = field(default_factory=socket.gethostname)
+    token: str = field(default_factory=secrets.token_urlsafe)
 
     def address(self, port: int) -> str:
         """Return the page's address with the token."""
@@ -51,10 +53,10 @@ class AccessPolicy:
         token = target.rpartition('token=')[2]
         return hmac.compare_digest(token.encode(errors='replace'), self.token.encode())
 
-    def page(self, host: str, target: str) -> str:
-        """Return where to redirect a browser that requests a path with a query from `host`.
+    def is_page(self, target: str) -> bool:
+        """Return whether `target` is the page, with our token or without a query.
 
-        viser's page connects to the address in its query. A query written by somebody else could
+        viser's page connects to an address in its query. A query written by somebody else could
         make it show and run foreign content.
         """
-        return f'/?websocket=ws://{host}/?token={self.token}' if self.may_steer(target) else '/'
+        return target == '/' or (target.startswith('/?token=') and self.may_steer(target))

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
+import io
 import logging
 from collections.abc import Awaitable, Callable, Iterator
+from contextlib import contextmanager, redirect_stdout
 from http import HTTPStatus
 from typing import Any
 
@@ -92,7 +93,7 @@ class GuardedServer(viser.ViserServer):
         self.link = PageLink()
         self._documents: dict[str, Callable[[], bytes]] = {}
         self._is_guarded = False
-        with _instead_of_serve(self._serve):
+        with _instead_of_serve(self._serve), redirect_stdout(io.StringIO()):  # viser's greeting
             super().__init__(policy.host, port, label=title, verbose=False)
         buffer = self._websock_server._broadcast_buffer
         if not (self._is_guarded and isinstance(buffer, _MessageBuffer)):
@@ -100,6 +101,11 @@ class GuardedServer(viser.ViserServer):
             raise ViewerError(
                 f'access control does not support viser {viser.__version__}: install viser 1.1'
             )
+
+    def stop(self) -> None:
+        """Stop the server, without a message."""
+        with redirect_stdout(io.StringIO()):
+            super().stop()
 
     def may_steer(self, client_id: int) -> bool:
         """Return whether a browser has the token."""
@@ -157,13 +163,12 @@ class GuardedServer(viser.ViserServer):
         if path.startswith(ASSETS):
             content = asset(path.removeprefix(ASSETS))
             return content.response() if content else connection.respond(HTTPStatus.NOT_FOUND, '')
-        page = self._policy.page(hosts[0], request.path)
-        if request.path in (page, '/'):
+        if self._policy.is_page(request.path):
             return index(self._title).response()
         if '?' not in request.path:
             return None
         response = connection.respond(HTTPStatus.FOUND, '')
-        response.headers['Location'] = page
+        response.headers['Location'] = '/'
         return response
 
     @staticmethod
@@ -175,7 +180,7 @@ def _path(request: Request) -> str:
     return request.path.partition('?')[0]
 
 
-@contextlib.contextmanager
+@contextmanager
 def _instead_of_serve(replacement: Callable[..., serve]) -> Iterator[None]:
     module: Any = websockets.asyncio.server
     module.serve = replacement

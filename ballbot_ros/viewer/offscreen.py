@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import base64
-import contextlib
 import io
-import secrets
-import socket
 import time
 from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from importlib.resources import files
 from itertools import count
 from typing import TYPE_CHECKING
@@ -34,7 +32,6 @@ HOST = '127.0.0.1'
 
 _CONNECT_S = 60.0
 _PICTURE_S = 60.0
-_TOKEN_BYTES = 16
 _PNG = 'data:image/png;base64,'
 
 Image = NDArray[np.uint8]
@@ -87,7 +84,7 @@ class OffscreenScene:
             self._client._websock_connection.queue_message(message)
 
 
-@contextlib.contextmanager
+@contextmanager
 def offscreen_scene(width: int, height: int) -> Iterator[OffscreenScene]:
     """Open an empty scene, whose pictures have this size [px].
 
@@ -100,9 +97,12 @@ def offscreen_scene(width: int, height: int) -> Iterator[OffscreenScene]:
     ViewerError
         Without Chromium or Playwright, or if the browser fails, also later.
     """
-    policy = AccessPolicy(HOST, socket.gethostname(), secrets.token_urlsafe(_TOKEN_BYTES))
-    with browser_page(width, height) as browser, _serving(policy) as server:
+    policy = AccessPolicy(HOST)
+    with browser_page(width, height) as browser, ExitStack() as stack:
         from playwright.sync_api import Error
+
+        server = GuardedServer(policy, 0, '')
+        stack.callback(server.stop)
 
         script = files('ballbot_ros.viewer').joinpath('assets', 'offscreen.js').read_text()
         try:
@@ -111,17 +111,6 @@ def offscreen_scene(width: int, height: int) -> Iterator[OffscreenScene]:
             yield OffscreenScene(browser, _client(browser, server))
         except Error as error:
             raise ViewerError(f'the browser failed: {one_line(error)}') from None
-
-
-@contextlib.contextmanager
-def _serving(policy: AccessPolicy) -> Iterator[GuardedServer]:
-    with contextlib.redirect_stdout(io.StringIO()):  # suppress viser's messages
-        server = GuardedServer(policy, 0, '')
-    try:
-        yield server
-    finally:
-        with contextlib.redirect_stdout(io.StringIO()):
-            server.stop()
 
 
 def _client(browser: Page, server: GuardedServer) -> viser.ClientHandle:

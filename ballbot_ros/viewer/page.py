@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
 import logging
-import secrets
-import socket
 import threading
 from collections.abc import Callable
 from typing import Any
@@ -31,26 +27,9 @@ UPDATE_S = 1.0 / 60.0
 PANEL_WIDTH = 340
 _ORBIT = 'orbit'
 _NOTICE_S = 5.0
-_TOKEN_BYTES = 16
 
-# On a narrow screen viser puts the panel over the scene; this style puts the panel below it.
-_SHEET = '.mantine-Paper-root[style*="bottom: 0px"]'
-_STYLE = f"""<style>
-div:has(> {_SHEET}) {{ flex-direction: column !important }}
-{_SHEET} {{ position: static !important; width: 100% !important; max-height: 50% !important }}
-{_SHEET} .mantine-ScrollArea-content > div {{ width: 100% !important }}
-</style>"""
-
-# The server ignores the controls of a page without the token; this style only hides them.
-_ONLY_SHOWS = """<style>
-.mantine-Paper-root[data-with-border]:has(
-  .mantine-Button-root, .mantine-Slider-root, .mantine-Checkbox-root
-) {
-  display: none
-}
-</style>
-<div style="font-size:13px;margin:4px 1em">This page can only watch. To steer, open the address that
-the viewer has printed, with its token.</div>"""
+_ONLY_WATCHES = """<div id="welcome" class="only-watches">This page can only watch. To steer, open
+the address that the viewer has printed, with its token.</div>"""
 
 
 class Page:
@@ -67,10 +46,9 @@ class Page:
 
     def __init__(self, dimensions: Dimensions, title: str, host: str, port: int) -> None:
         port = check_address(host, port)
-        self._policy = AccessPolicy(host, socket.gethostname(), secrets.token_urlsafe(_TOKEN_BYTES))
+        self._policy = AccessPolicy(host)
         logging.getLogger('websockets').setLevel(logging.ERROR)
-        with contextlib.redirect_stdout(io.StringIO()):  # suppress viser's greeting
-            self.server = GuardedServer(self._policy, port, title)
+        self.server = GuardedServer(self._policy, port, title)
         self.overlay = Overlay(self.server.link)
         self._title = title
         self.dimensions = dimensions  # of the robot shown
@@ -82,7 +60,6 @@ class Page:
         gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(238, 122, 40))
         gui.main_panel.dock_right()
         gui.main_panel.set_width(PANEL_WIDTH)
-        gui.add_html(_STYLE, order=-2.0)
         self.scene = Scene(self.server.scene)
         self.server.on_client_connect(self._welcome)
         self.server.on_client_disconnect(self._forget)
@@ -120,8 +97,8 @@ class Page:
 
     def _welcome(self, client: viser.ClientHandle) -> None:
         """Set up the views of a new browser; hide the controls if it has no token."""
-        if not self.server.may_steer(client.client_id):
-            client.gui.add_html(_ONLY_SHOWS, order=-1.5)
+        may_steer = self.server.may_steer(client.client_id)
+        client.gui.add_html('<div id="welcome"></div>' if may_steer else _ONLY_WATCHES, order=-1.5)
         names = [*VIEWS, _ORBIT]
         labels = [f'{number} {TITLES[view]}' for number, view in enumerate(VIEWS, 1)]
         labels.append('6 Free orbit')
@@ -183,5 +160,4 @@ class Page:
 
     def stop(self) -> None:
         """Close the page."""
-        with contextlib.redirect_stdout(io.StringIO()):
-            self.server.stop()
+        self.server.stop()

@@ -22,14 +22,6 @@ _CURSOR = uplot.Cursor(
     drag=uplot.Cursor_Drag(x=True, y=False),
 )
 
-# The legend has room below the time axis; numbers don't move when they change.
-_STYLE = """<style>
-.uplot .u-title { font-size: 12px; padding: 2px 0 0 }
-.uplot .u-legend { margin: 0 4px 2px; font-size: 11px; text-align: left }
-.uplot .u-legend .u-series > * { padding: 0 2px }
-.uplot .u-legend .u-value { min-width: 3.4em; font-variant-numeric: tabular-nums }
-</style>"""
-
 
 class Plots:
     """The chosen plots, in the order of `kinds`.
@@ -44,8 +36,6 @@ class Plots:
         self._gui = gui
         self._shown: dict[PlotKind, _Plot] = {}
         self._folder = gui.add_folder('Plots', order=20.0)
-        with self._folder:
-            gui.add_html(_STYLE, order=-1.0)
         self.chooser = gui.add_folder(CHOOSER, order=21.0, expand_by_default=False)
         self._choices: Mapping[PlotKind, Any] = {}
         with self.chooser:

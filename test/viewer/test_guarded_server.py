@@ -49,6 +49,20 @@ PRESS = """([address, protocol, messages]) => new Promise(resolve => {
 })"""
 
 
+# Keeps viser's thread from connecting until it is released.
+HOLD = """window.held = [];
+const post = Worker.prototype.postMessage;
+Worker.prototype.postMessage = function (message, ...others) {
+  const send = () => post.call(this, message, ...others);
+  if (message?.server && window.held) window.held.push(send);
+  else send();
+};
+window.release = () => {
+  window.held.forEach(send => send());
+  window.held = null;
+};"""
+
+
 class Served:
     """A page with controls, which stores the requests to the robot."""
 
@@ -300,6 +314,39 @@ def test_a_page_steers_with_the_token_and_only_shows_without_it(served, needs_br
         other.choose('1 Top')
         assert other.errors == []
         assert len(served.robot.asked) == 2
+
+
+def test_a_page_shows_our_sign_until_it_is_connected_and_never_the_token(served, needs_browser):
+    """In its address and fields, also when it is reloaded or the connection is lost."""
+    token = served.address.partition('token=')[2]
+
+    def shows_token():
+        fields = page.locator('input').evaluate_all('all => all.map(each => each.value)')
+        return any(token in text for text in (page.url, page.inner_text('body'), *fields))
+
+    def sign():
+        return page.evaluate("getComputedStyle(document.documentElement, '::after').content")
+
+    def covers():
+        return page.evaluate("document.elementFromPoint(9, 9).closest('body') === null")
+
+    with shared_page(*SIZE) as page:
+        page.add_init_script(HOLD)
+        for load in (lambda: page.goto(served.address), page.reload):
+            load()
+            page.wait_for_function('window.held.length')  # viser is about to connect
+            page.wait_for_selector('#overlay', state='attached')
+            assert 'connecting' in sign()
+            assert covers()
+            assert not shows_token()
+            page.evaluate('release()')
+            page.wait_for_function("!document.documentElement.matches('.is-connecting')")
+            assert sign() == 'none'
+            assert not covers()
+            assert page.url == f'http://{served.place}/'
+            assert not shows_token()
+            page.get_by_role('button', name='Start', exact=True).click()
+        wait_for(lambda: served.robot.asked == [('start', 'push')] * 2, what='both starts')
 
 
 def test_every_address_without_the_token_leads_to_the_same_page(served):

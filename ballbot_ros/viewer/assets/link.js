@@ -2,12 +2,9 @@
 
 const RETRY_MS = 1000;
 
-/** Address of the connection: that of viser's, with its token, on another path. */
+/** Address of the connection, with the token that this tab has. */
 function address() {
-  const server = new URLSearchParams(location.search).get('websocket');
-  const url = new URL(server ?? `ws://${location.host}/`);
-  url.pathname = '/link';
-  return url.href;
+  return `ws://${location.host}/link?token=${sessionStorage.getItem('token') ?? ''}`;
 }
 
 /** Connects again after a loss; reports each received value by its topic. */

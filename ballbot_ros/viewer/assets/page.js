@@ -45,6 +45,12 @@ function drawCharts() {
   requestAnimationFrame(drawCharts);
 }
 
+/** Uncover the page when viser's panel has our controls. */
+function uncover() {
+  if (document.querySelector('#welcome')) document.documentElement.classList.remove('is-connecting');
+  else requestAnimationFrame(uncover);
+}
+
 // The chooser of the view keeps the focus after a choice, and with it the keys.
 addEventListener('click', ({ target }) => {
   if (target.closest?.('[role="option"]')) setTimeout(() => document.activeElement.blur());
@@ -53,4 +59,5 @@ addEventListener('click', ({ target }) => {
 document.body.append(root);
 followScene(root);
 drawCharts();
+uncover();
 link.connect();

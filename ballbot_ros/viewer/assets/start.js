@@ -1,12 +1,24 @@
 // Runs before viser's page, which takes its colour scheme from the address.
 'use strict';
 
+document.documentElement.classList.add('is-connecting');
+
+// The token leaves the address at once, where others may see it; this tab keeps it for reloads.
+const given = new URLSearchParams(location.search).get('token');
+if (given) sessionStorage.setItem('token', given);
+
 const dark = matchMedia('(prefers-color-scheme: dark)');
-const parameters = location.search.slice(1).replace(/(^|&)darkMode=?(?=&|$)/, '').replace(/^&/, '');
-// The token stays last: the server looks for it at the end of the address.
-const search = [...(dark.matches ? ['darkMode'] : []), ...(parameters ? [parameters] : [])].join('&');
-history.replaceState(null, '', search ? `?${search}` : location.pathname);
+history.replaceState(null, '', dark.matches ? '?darkMode' : location.pathname);
 dark.addEventListener('change', () => location.reload());
+
+// viser shows the address that it connects to, which therefore has no token: it is added when the
+// address reaches the thread that connects.
+const { postMessage } = Worker.prototype;
+Worker.prototype.postMessage = function post(message, ...others) {
+  const token = sessionStorage.getItem('token');
+  const whole = message?.server && token ? { server: `ws://${location.host}/?token=${token}` } : {};
+  postMessage.call(this, message?.server ? { ...message, ...whole } : message, ...others);
+};
 
 // viser prevents the default of a press that may begin a drag, from a listener that it registers as
 // passive; browsers report this as an error.
