@@ -29,6 +29,7 @@ ON_DARK: Mapping[str, str] = {
     ORANGE: '#FF8F45',
     GRAY: '#A0A4A8',
     GREEN: '#2FC79A',
+    SKY: '#8C8CFF',
     PURPLE: '#E29AC2',
     DARKER[BLUE]: '#B5E3FF',
     DARKER[ORANGE]: '#FFD166',

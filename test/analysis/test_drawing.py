@@ -4,14 +4,16 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from ballbot_ros.analysis import comparison
 from ballbot_ros.analysis.drawing import (
     PITCH,
+    STATE_COLOURS,
     draw_floor,
     draw_planes,
     draw_track,
     legend_above,
 )
-from ballbot_ros.analysis.style import BLUE, Line
+from ballbot_ros.analysis.style import BLUE, ON_DARK, Line
 from ballbot_ros.world.exports import occupancy_grid
 from ballbot_ros.world.library import load_map
 
@@ -70,3 +72,8 @@ def test_plane_x_is_named_first_and_drawn_over_plane_y(axes):
     x, y = axes.get_lines()
     assert (x.get_label(), y.get_label()) == ('plane x', 'plane y')
     assert x.get_zorder() > y.get_zorder()
+
+
+def test_states_and_curves_have_different_colours_on_a_dark_page_too():
+    for colours in (STATE_COLOURS.values(), comparison._COLOURS):
+        assert len({ON_DARK.get(each, each) for each in colours}) == len(set(colours))

@@ -1,5 +1,6 @@
 """The interactive figures of a report: one time axis, without a network, on any screen."""
 
+import io
 from dataclasses import replace
 from itertools import pairwise
 
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 from browsing import shared_browser
 from graph import LAST_RESORT_S
+from PIL import Image
 
 from ballbot_ros.analysis.interactive import MAX_ROWS, history_figure, track_figure
 from ballbot_ros.analysis.interval import Interval, IntervalKind
@@ -209,6 +211,24 @@ def test_the_hover_shows_the_values_of_all_rows_and_the_ball_on_the_track(opened
 def test_nothing_scrolls_sideways(opened, width):
     page = opened(width)
     assert page.evaluate('document.documentElement.scrollWidth') == width
+
+
+@pytest.mark.parametrize('scheme', ['light', 'dark'])
+def test_a_table_that_goes_on_beyond_an_edge_has_a_shadow_there(opened, scheme):
+    page = opened(390, scheme=scheme)
+    wide = page.locator('table').evaluate_all('all => all.map(t => t.scrollWidth > 400)')
+    table = page.locator('table').nth(wide.index(True))
+
+    def shadows():
+        """Return how far the left and the right edge differ from the middle."""
+        picture = Image.open(io.BytesIO(table.screenshot())).convert('L')
+        columns = np.median(np.asarray(picture, float), axis=0)
+        return [abs(columns[x] - np.median(columns)) > 20.0 for x in (2, -3)]
+
+    assert shadows() == [False, True]
+    for left, expected in (('t.scrollWidth / 2 - 195', [True, True]), ('9999', [True, False])):
+        table.evaluate(f't => {{ t.scrollLeft = {left} }}')
+        assert shadows() == expected
 
 
 def test_page_and_figures_follow_the_colour_scheme(opened):
