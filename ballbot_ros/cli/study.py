@@ -82,6 +82,8 @@ def run(
 ) -> int:
     """Run STUDY, a name or a YAML file, on all cores; print a summary.
 
+    A study varies parameters, or elements of them, which count from 1, such as controller.k_f.2.
+
     The results are Parquet files. An interrupted study goes on with the same command, and a
     finished one is not run again. Exit status: 0 if all runs are done, whether they passed or not;
     2 for a mistake in the arguments; 130 after Ctrl-C.
