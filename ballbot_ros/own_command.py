@@ -27,11 +27,12 @@ def program(name: str = 'ballbot', folder: Path | None = None) -> str:
     return shlex.join([first, *others])
 
 
-def python(folder: Path | None = None) -> str:
-    """Return the words that call the Python of this environment."""
-    return program(Path(sys.executable).name, folder)
-
-
 def own_command(*words: object) -> str:
     """Return a command of ``ballbot``."""
     return f'{program()} {shlex.join(map(str, words))}'
+
+
+def next_steps(recording: Path) -> list[str]:
+    """Return the lines that name the commands for a recording."""
+    report, view = (own_command(each, recording) for each in ('report', 'view'))
+    return [f'report it  {report}', f'watch it   {view}']

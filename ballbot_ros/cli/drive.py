@@ -6,7 +6,6 @@ from pathlib import Path
 
 import click
 
-from ballbot_ros.cli.next_steps import next_steps
 from ballbot_ros.cli.options import (
     controller_option,
     no_browser_option,
@@ -17,6 +16,7 @@ from ballbot_ros.cli.options import (
 from ballbot_ros.cli.page_opening import PageObserver, PageOpening
 from ballbot_ros.cli.path_types import NEW_FILE, PATH
 from ballbot_ros.cli.progress import Progress
+from ballbot_ros.own_command import next_steps
 from ballbot_ros.run.observer import RunObserver
 from ballbot_ros.run.requirements import require_rclpy
 from ballbot_ros.teleop.key_press import can_read_keys

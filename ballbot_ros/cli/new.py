@@ -9,7 +9,7 @@ import click
 
 from ballbot_ros.cli.path_types import PATH
 from ballbot_ros.controllers.new_package import SCENARIO, write_package
-from ballbot_ros.own_command import own_command, python
+from ballbot_ros.own_command import own_command, program
 
 
 @click.group('new')
@@ -39,8 +39,8 @@ def controller(name: str, output: Path) -> None:
     print()
     for purpose, command in (
         ('run it', own_command('run', scenario)),
-        ('install it', f'{python()} -m pip install -e {shlex.quote(f"{folder}[test]")}'),
+        ('install it', f'{program("python")} -m pip install -e {shlex.quote(f"{folder}[test]")}'),
         ('use its name', own_command('run', 'stationary', '--controller', name)),
-        ('test it', f'{python()} -m pytest {shlex.quote(str(folder))}'),
+        ('test it', f'{program("python")} -m pytest {shlex.quote(str(folder))}'),
     ):
         print(f'{purpose + ":":<13} {command}')

@@ -13,9 +13,9 @@ from rich.text import Text
 from ballbot_ros.analysis.metrics import Judgement, number, with_judgements
 from ballbot_ros.analysis.recorded_controller import ControllerIdentity
 from ballbot_ros.analysis.recorded_pushes import RecordedPush, outside_pushes
-from ballbot_ros.cli.next_steps import next_steps
 from ballbot_ros.errors import short_text
 from ballbot_ros.former_names import FORMER_METRICS, FORMER_RESULT_KEYS, with_former_names
+from ballbot_ros.own_command import next_steps
 from ballbot_ros.parameters import ControllerParameters, GyroParameters
 from ballbot_ros.run.result import RunResult
 from ballbot_ros.run.spec import RunSpec

@@ -11,12 +11,7 @@ from ballbot_ros.cli.options import no_browser_option
 from ballbot_ros.cli.path_types import RECORDING
 from ballbot_ros.cli.web_browser import open_browser
 from ballbot_ros.stop_request import DeferredSignals, StopRequest
-from ballbot_ros.viewer.address import (
-    NEXT_FREE,
-    address_line,
-    network_warning,
-    require_viser,
-)
+from ballbot_ros.viewer.address import NEXT_FREE, address_line, network_warning, require_viser
 
 
 @click.command('view')

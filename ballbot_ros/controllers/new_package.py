@@ -15,7 +15,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.controllers.loading import GROUP, installed_controllers
-from ballbot_ros.own_command import program, python
+from ballbot_ros.own_command import program
 from ballbot_ros.parameters import DOCUMENTS_PROGRAM
 
 MAX_NAME = 30
@@ -61,7 +61,7 @@ def package_files(name: str, folder: Path | None = None) -> dict[str, str]:
         undefined=StrictUndefined,
         keep_trailing_newline=True,
     )
-    programs = {'ballbot': program(folder=folder), 'python': python(folder)}
+    programs = {'ballbot': program(folder=folder), 'python': program('python', folder)}
     values = {'name': name, 'class_name': class_name(name), 'group': GROUP, **programs}
     return {
         path.format(name=name): environment.get_template(template).render(values)

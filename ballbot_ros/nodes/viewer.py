@@ -94,7 +94,7 @@ class Viewer(BallbotNode[ViewerParameters]):
         self._requests = ViewerRequests(self, self._page.notify)
         self._start = StartRequest(self)
         self._report = RunReport()
-        self._page.serve(REPORT, self._report_page)
+        self._page.server.serve_document(REPORT, self._report_page)
         self._drag = DragPush(ForceArrow(self._page.server.scene, 'drag'), self._requests.push)
         self._show_robot(self._page.dimensions)
         self._sticks = PageSticks()

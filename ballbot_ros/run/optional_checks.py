@@ -8,15 +8,15 @@ from ballbot_ros.codegen.toolchain import ARM, HOST, Target, missing_tool
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.parameters import ParameterSet, ViewerParameters
 from ballbot_ros.teleop.device_list import describe, wait_for_devices
-from ballbot_ros.viewer.address import check_address, require_viser, url_authority
+from ballbot_ros.viewer.address import check_address, require_viser
 from ballbot_ros.viewer.browser import browser_program
 
 
 def _viewer() -> str:
     require_viser()
     parameters = ParameterSet().of(ViewerParameters)
-    port = check_address(parameters.host, parameters.port)
-    return f'{url_authority(parameters.host, port)} is free for the page'
+    check_address(parameters.host, parameters.port)
+    return f'{parameters.host} can serve the page'
 
 
 def _gamepads() -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 import zlib
 from collections.abc import Mapping
@@ -14,7 +15,7 @@ from ballbot_ros.brick.noise import noise_key
 from ballbot_ros.numerics.random_numbers import Words, bits_53, philox4x32
 from ballbot_ros.studies.distributions import Floats, Levels
 from ballbot_ros.studies.runs import Samples
-from ballbot_ros.studies.study import Sampling, Study
+from ballbot_ros.studies.study import Sampling, Study, grid_shape
 from ballbot_ros.studies.variables import SEED
 
 _WORD = 0xFFFFFFFF
@@ -149,7 +150,7 @@ def _below_one(shares: Floats) -> Floats:
 
 def _grid_values(study: Study, first: int, last: int) -> Mapping[str, NDArray[Any]]:
     """Return all combinations of the levels; the last variable varies fastest, repeats slowest."""
-    point = np.arange(first, last) % study.points
+    point = np.arange(first, last) % math.prod(grid_shape(study.variables))
     columns: dict[str, NDArray[Any]] = {}
     for each in reversed(study.variables):
         assert isinstance(each.distribution, Levels)

@@ -82,13 +82,6 @@ class Study:
         names = tuple(each.name for each in self.variables)
         return (*names, SEED) if self.draws_seeds else names
 
-    @property
-    def points(self) -> int:
-        """The number of points of the grid; for other samplings the number of runs."""
-        if self.sampling is not Sampling.GRID:
-            return self.runs
-        return math.prod(grid_shape(self.variables))
-
     @cached_property
     def parts(self) -> Mapping[str, EventPart]:
         """The variables that are parts of pushes and sticks."""

@@ -54,9 +54,5 @@ class AccessPolicy:
         return hmac.compare_digest(token.encode(errors='replace'), self.token.encode())
 
     def is_page(self, target: str) -> bool:
-        """Return whether `target` is the page, with our token or without a query.
-
-        viser's page connects to an address in its query. A query written by somebody else could
-        make it show and run foreign content.
-        """
+        """Return whether `target` is the page; viser's would run content that a query names."""
         return target == '/' or (target.startswith('/?token=') and self.may_steer(target))

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import errno
 import ipaddress
 import socket
 
 from ballbot_ros.viewer.errors import ViewerError, importing
 
-NEXT_FREE = -1
-"""Instead of a port: the usual one, or the next one that is free."""
+USUAL_PORT, NEXT_FREE = 8080, -1
+"""The port of a page; and, instead of a port: the usual one or the next one that is free."""
 
-_USUAL_PORT = 8080
-_TRIED = 100
 _PREFIX = 'viewer  '
 LOOPBACK = ('127.0.0.1', 'localhost', '::1')
 
@@ -23,33 +20,28 @@ def require_viser() -> None:
         import viser  # noqa: F401
 
 
-def check_address(host: str, port: int) -> int:
-    """Return the port of a page, 0 for any free one; raise ViewerError if none can be served."""
-    usual, tried = (_USUAL_PORT, _TRIED) if port == NEXT_FREE else (port, 1)
-    for number in range(usual, usual + tried):
-        try:
-            family, _, _, _, address = socket.getaddrinfo(host, number, type=socket.SOCK_STREAM)[0]
-            with socket.socket(family, socket.SOCK_STREAM) as probe:
-                # Like the server, ignore closing connections of an earlier server.
-                probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-                probe.bind(address)
-            return number
-        except OSError as error:
-            reason = error
-            if error.errno != errno.EADDRINUSE:
-                break
-    raise ViewerError(
-        f'the viewer cannot be served on {url_authority(host, number)}: {reason.strerror}; '
-        'choose another host or port (port 0: a free one)'
-    )
+def check_address(host: str, port: int) -> None:
+    """Raise ViewerError if no page can be served at an address; for port 0 any free one will do."""
+    port = max(port, 0)  # the next free one is left to the server
+    try:
+        family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        with socket.socket(family, socket.SOCK_STREAM) as probe:
+            # Like the server, ignore closing connections of an earlier server.
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            probe.bind(address)
+    except OSError as error:
+        raise ViewerError(
+            f'the viewer cannot be served on {url_authority(host, port)}: {error.strerror}; '
+            'choose another host or port (port 0: a free one)'
+        ) from None
 
 
 def address_line(address: str, port: int = 0) -> str:
     """Return the line with which a viewer prints its address, after one if `port` was in use."""
     line = f'{_PREFIX}{address}'
-    if port != NEXT_FREE or f':{_USUAL_PORT}/' in address:
+    if port != NEXT_FREE or f':{USUAL_PORT}/' in address:
         return line
-    return f'port {_USUAL_PORT} is in use: the page takes the next free one\n{line}'
+    return f'port {USUAL_PORT} is in use: the page takes the next free one\n{line}'
 
 
 def address_in(line: str) -> str:

@@ -103,7 +103,6 @@ def offscreen_scene(width: int, height: int) -> Iterator[OffscreenScene]:
 
         server = GuardedServer(policy, 0, '')
         stack.callback(server.stop)
-
         script = files('ballbot_ros.viewer').joinpath('assets', 'offscreen.js').read_text()
         try:
             browser.add_init_script(script)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,7 @@ import viser
 
 from ballbot_ros.parameters import Dimensions
 from ballbot_ros.viewer.access_policy import AccessPolicy
-from ballbot_ros.viewer.address import check_address
+from ballbot_ros.viewer.address import NEXT_FREE, USUAL_PORT, check_address
 from ballbot_ros.viewer.floor import Area
 from ballbot_ros.viewer.guarded_server import GuardedServer
 from ballbot_ros.viewer.overlay import Overlay
@@ -45,10 +44,11 @@ class Page:
     """
 
     def __init__(self, dimensions: Dimensions, title: str, host: str, port: int) -> None:
-        port = check_address(host, port)
+        check_address(host, port)
         self._policy = AccessPolicy(host)
         logging.getLogger('websockets').setLevel(logging.ERROR)
-        self.server = GuardedServer(self._policy, port, title)
+        first = USUAL_PORT if port == NEXT_FREE else port
+        self.server = GuardedServer(self._policy, first, title)
         self.overlay = Overlay(self.server.link)
         self._title = title
         self.dimensions = dimensions  # of the robot shown
@@ -73,10 +73,6 @@ class Page:
     def has_clients(self) -> bool:
         """Whether a browser is connected."""
         return bool(self._views)
-
-    def serve(self, path: str, make: Callable[[], bytes]) -> None:
-        """Serve an HTML document, which `make` returns in a worker thread for each request."""
-        self.server.serve_document(path, make)
 
     def show_robot(self, dimensions: Dimensions) -> Robot:
         """Show the robot, replacing another one."""

@@ -51,18 +51,6 @@ class Panel:
 
 
 def _status(rows: list[tuple[str, str]], lcd: str) -> str:
-    cells = ''.join(
-        f'<tr><td style="color:#777;padding-right:8px">{name}</td>'
-        f'<td style="font-variant-numeric:tabular-nums;white-space:nowrap"><b>{value}</b></td></tr>'
-        for name, value in rows
-    )
+    cells = ''.join(f'<tr><td>{name}</td><td>{value}</td></tr>' for name, value in rows)
     page = lcd.replace('&', '&amp;').replace('<', '&lt;')
-    display = (
-        '<pre style="background:#b0c4a8;color:#18221e;font-size:10px;line-height:1.25;margin:0;'
-        f'padding:6px;border-radius:4px;box-sizing:content-box;width:16ch;flex-shrink:0;min-height:10em;'
-        f'overflow:hidden">{page}</pre>'
-    )
-    return (
-        '<div style="display:flex;justify-content:space-between;align-items:center;gap:8px;'
-        f'font-size:13px;margin:4px 1em"><table>{cells}</table>{display}</div>'
-    )
+    return f'<div class="status"><table>{cells}</table><pre>{page}</pre></div>'

@@ -63,10 +63,7 @@ def present_frames(plant: PlantParameters, truth: Callable[[], GroundTruth]) -> 
 
 
 class Painter:
-    """Draws frames in a thread of its own, because Playwright refuses one with an event loop.
-
-    A notebook has such a loop. The thread and its browser end with the program at the latest.
-    """
+    """Draws frames in a thread of its own: Playwright refuses that of a notebook."""
 
     def __init__(self, frames: Generator[Image]) -> None:
         self._requests: Queue[Future[Image] | None] = Queue()
@@ -83,8 +80,7 @@ class Painter:
 
     def picture(self) -> Image:
         """Return the next frame."""
-        request: Future[Image] = Future()
-        self._requests.put(request)
+        self._requests.put(request := Future[Image]())
         return request.result()
 
     def close(self) -> None:

@@ -209,7 +209,9 @@ def test_a_page_that_does_not_read_delays_no_other(served):
 
 def test_a_document_is_made_for_each_request(served):
     made = []
-    served.page.serve('/report', lambda: made.append(1) or f'<p>{len(made)}</p>'.encode())
+    served.server.serve_document(
+        '/report', lambda: made.append(1) or f'<p>{len(made)}</p>'.encode()
+    )
     for number in (1, 2):
         with urlopen(f'http://{served.place}/report') as answer:
             assert answer.read() == f'<p>{number}</p>'.encode()

@@ -14,7 +14,7 @@ import ballbot_ros as bb
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.brick.brick import Tone
 from ballbot_ros.cli.recordings import read_playback_run
-from ballbot_ros.parameters import VIEWER, ParameterSet
+from ballbot_ros.parameters import VIEWER, Dimensions, ParameterSet, ViewerParameters
 from ballbot_ros.run.processes import Processes
 from ballbot_ros.run.requirements import require_viewer
 from ballbot_ros.viewer import address
@@ -127,15 +127,24 @@ def test_a_chosen_port_that_is_taken_is_one_line(taken):
 
 
 def test_instead_of_the_usual_port_the_next_free_one_is_taken_and_named(taken, monkeypatch):
-    monkeypatch.setattr(address, '_USUAL_PORT', taken)
-    require_viewer(ParameterSet())
-    port = check_address('127.0.0.1', NEXT_FREE)
-    assert port > taken
-    note, line = address_line(f'http://127.0.0.1:{port}/?token=a', NEXT_FREE).splitlines()
-    assert note == f'port {taken} is in use: the page takes the next free one'
-    assert address_in(line) == f'http://127.0.0.1:{port}/?token=a'
-    for served, chosen in ((taken, NEXT_FREE), (port, 0), (port, port)):
-        assert '\n' not in address_line(f'http://127.0.0.1:{served}/?token=a', chosen)
+    from ballbot_ros.viewer import page
+
+    for module in (address, page):
+        monkeypatch.setattr(module, 'USUAL_PORT', taken)
+    parameters = ParameterSet()
+    require_viewer(parameters)
+    dimensions = Dimensions.from_parameters(parameters.of(ViewerParameters))
+    served = page.Page(dimensions, 'test', '127.0.0.1', NEXT_FREE)
+    try:
+        port = served.server.get_port()
+        assert port > taken
+        note, line = address_line(served.address, NEXT_FREE).splitlines()
+        assert note == f'port {taken} is in use: the page takes the next free one'
+        assert address_in(line) == served.address
+    finally:
+        served.stop()
+    for number, chosen in ((taken, NEXT_FREE), (port, 0), (port, port)):
+        assert '\n' not in address_line(f'http://127.0.0.1:{number}/?token=a', chosen)
     with pytest.raises(ViewerError, match='cannot be served on'):
         check_address('host.invalid', NEXT_FREE)
 
