@@ -61,5 +61,6 @@ def stdout_to_stderr() -> Iterator[None]:
     try:
         yield
     finally:
+        sys.stdout.flush()
         os.dup2(kept, 1)
         os.close(kept)

@@ -9,7 +9,7 @@ BALANCE = re.search(r'```python\n(.*?)```', PAGE.read_text(encoding='utf-8'), re
 
 FAULTY = """\
 import math
-import os
+import signal
 import sys
 import time
 
@@ -91,9 +91,19 @@ class Sleeps(Faulty):
         time.sleep(1000.0)
 
 
-class Dies(Faulty):
+class SleepsInAnyCase(Faulty):
     def fail(self, readings):
-        os.kill(os.getpid(), 9)
+        while True:
+            try:
+                time.sleep(1000.0)
+            except:
+                pass
+
+
+class SleepsWhenStopped(Faulty):
+    def fail(self, readings):
+        signal.raise_signal(signal.SIGINT)
+        time.sleep(1000.0)
 
 
 class Estimates(Faulty):

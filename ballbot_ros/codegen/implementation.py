@@ -140,14 +140,21 @@ def compose_controller(parameters: ParameterSet) -> LoadedController | None:
     parameters.declare_own(loaded.cls.__name__, own_rows(loaded))
     design(loaded, parameters)
     # Create an instance, so that most mistakes are found before the run.
-    implementation_for(parameters.of(ControllerParameters)).make()
+    implementation_for(parameters.of(ControllerParameters), loaded).make()
     return loaded
 
 
-def implementation_for(parameters: ControllerParameters) -> Implementation:
+def implementation_for(
+    parameters: ControllerParameters, loaded: LoadedController | None = None
+) -> Implementation:
     """Return the implementation that the parameters select.
 
     C is generated and compiled once, here; each program is then a separate process.
+
+    Parameters
+    ----------
+    loaded : LoadedController or None
+        The selected class, if it has been loaded.
 
     Raises
     ------
@@ -157,15 +164,14 @@ def implementation_for(parameters: ControllerParameters) -> Implementation:
         If the class of a controller can't be loaded, or its gains have not been designed.
     """
     if parameters.implementation not in DOCUMENTS_PROGRAM:
-        return _controller(parameters)
+        return _controller(parameters, loaded or load_controller(parameters.implementation))
     tasks = task_timings(parameters.ts2_period, parameters.ts3_period)
     if parameters.implementation == 'python':
         return Implementation(parameters, tasks, lambda: ControlProgram(parameters))
     return Implementation(parameters, tasks, _compiled(parameters))
 
 
-def _controller(parameters: ControllerParameters) -> Implementation:
-    loaded = load_controller(parameters.implementation)
+def _controller(parameters: ControllerParameters, loaded: LoadedController) -> Implementation:
     if missing := missing_design(parameters, own_rows(loaded)):
         raise ParameterError(f'{CONTROLLER}.{missing[0]}: {NOT_DESIGNED}')
     user, model = user_parameters(loaded, parameters), design_model(parameters)

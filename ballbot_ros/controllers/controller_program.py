@@ -6,6 +6,7 @@ import inspect
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from types import FrameType
 from typing import Any, NoReturn
 
 from ballbot_ros.brick.brick import UINT32_MASK, Brick, DeviceInputs, DeviceOutputs
@@ -56,11 +57,6 @@ class TickTimes:
     longest_ms: float = 0.0
     longest_at_s: float = 0.0
 
-    def copy(self, other: TickTimes) -> None:
-        """Take over the times of a program in another process."""
-        self.ticks, self.slow = other.ticks, other.slow
-        self.longest_ms, self.longest_at_s = other.longest_ms, other.longest_at_s
-
     def reset(self) -> None:
         """Forget all ticks: another run begins."""
         self.ticks = self.slow = 0
@@ -94,7 +90,7 @@ class ControllerProgram:
     parameters, model, settings : object
         Arguments of the controller's class.
     times : TickTimes
-        Receives how long each tick takes.
+        Receives how long each tick takes; also an attribute.
 
     Attributes
     ----------
@@ -119,7 +115,7 @@ class ControllerProgram:
     ) -> None:
         self._loaded = loaded
         self._name = loaded.cls.__name__
-        self._times = times
+        self.times = times
         times.reset()
         self._schedule = Schedule(loaded.tasks)
         self._user = parameters
@@ -175,7 +171,7 @@ class ControllerProgram:
         except BaseException as error:
             at = f'{self._name}.{self._task} at {elapsed_ms / SECOND_MS:.3f} s'
             raise self._error(error, at) from None
-        self._times.add(elapsed_ms, time.perf_counter_ns() - started_ns)
+        self.times.add(elapsed_ms, time.perf_counter_ns() - started_ns)
         return outputs
 
     def _run_tasks(self, tasks: Sequence[str], readings: Readings) -> None:
@@ -231,6 +227,20 @@ class ControllerProgram:
         if isinstance(error, InvalidAnswerError):
             return ControllerError(f'{error} ({where})')
         return ControllerError(f'{self._loaded.code.describe(error)} ({where})')
+
+
+def running_tick(frame: FrameType | None) -> FrameType | None:
+    """Return the frame of the tick whose user's code a frame belongs to; None if there is none.
+
+    Its variable `self` is the program. A tick has a frame of its own, but may have two if gains
+    move in it.
+    """
+    while frame and frame.f_code not in _USERS_CODE:
+        frame = None if frame.f_code is ControllerProgram._error.__code__ else frame.f_back
+    return frame
+
+
+_USERS_CODE = (ControllerProgram._run_tasks.__code__, ControllerProgram._move.__code__)
 
 
 class InvalidAnswerError(ControllerError):

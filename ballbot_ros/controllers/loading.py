@@ -20,7 +20,7 @@ from typing import Any
 
 from ballbot_ros.brick.schedule import TaskTiming
 from ballbot_ros.controllers.controller import Controller, tasks_of
-from ballbot_ros.controllers.errors import ControllerError
+from ballbot_ros.controllers.errors import ControllerError, TickTimeoutError
 from ballbot_ros.controllers.source import Source
 from ballbot_ros.errors import BallbotError, one_line, short_repr
 from ballbot_ros.files import shown_path
@@ -89,7 +89,7 @@ class ControllerCode:
     def describe(self, error: BaseException) -> str:
         """Return an error with the innermost line of this code that caused it, on one line."""
         text = one_line(error)[:_MAX_LENGTH]
-        name = '' if isinstance(error, BallbotError) else type(error).__name__
+        name = '' if isinstance(error, BallbotError | TickTimeoutError) else type(error).__name__
         if isinstance(error, SyntaxError) and error.filename:
             line = f':{error.lineno}' if error.lineno else ''
             return f'{public_path(error.filename)}{line}: {name}: {error.msg}'

@@ -6,16 +6,17 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+from ballbot_ros.codegen.implementation import implementation_for
 from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.messages.run_summary import summary_json
 from ballbot_ros.parameters import CONTROLLER, ControllerParameters
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.run.attachments import attachments_of
-from ballbot_ros.run.guarded_controller import guarded_implementation
 from ballbot_ros.run.observer import RunObserver
 from ballbot_ros.run.result import RunResult
 from ballbot_ros.run.simulated_recording import SimulatedRecording
 from ballbot_ros.run.spec import RunSpec
+from ballbot_ros.run.tick_timer import TickTimer
 from ballbot_ros.simulation.closed_loop import ClosedLoop
 from ballbot_ros.simulation.outcome import Outcome
 from ballbot_ros.simulation.pacer import Pacer
@@ -32,9 +33,11 @@ def run_offline(spec: RunSpec, recording: Path | None, observer: RunObserver) ->
         try:
             failure = ''
             try:
-                run.run_to_end(observer)
+                with TickTimer(spec.controller, spec.plant, stop):
+                    run.run_to_end(observer)
             except ControllerError as error:
-                failure = f'{CONTROLLER}: {error}'
+                # After a request to stop, a tick that does not return was interrupted by it.
+                failure = '' if stop.signal else f'{CONTROLLER}: {error}'
             failure = failure or run.wall_hit
             for notice in filter(None, (failure, run.slow_ticks)):
                 observer.notice(notice)
@@ -51,8 +54,8 @@ class _OfflineRun:
     """A closed loop with log, recording and pacing."""
 
     def __init__(self, spec: RunSpec, recording: Path | None, stop: StopRequest) -> None:
-        self._implementation = guarded_implementation(
-            spec.parameters.of(ControllerParameters), spec.plant, spec.controller
+        self._implementation = implementation_for(
+            spec.parameters.of(ControllerParameters), spec.controller
         )
         self._loop = ClosedLoop(spec.parameters, spec.scenario, program=self._implementation.make())
         self._plant_parameters = spec.plant

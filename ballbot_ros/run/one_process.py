@@ -6,6 +6,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+from ballbot_ros.codegen.implementation import implementation_for
 from ballbot_ros.controllers.loading import LoadedController
 from ballbot_ros.nodes.base import AnyNode, spin
 from ballbot_ros.nodes.controller import Controller
@@ -23,11 +24,11 @@ from ballbot_ros.parameters import (
 )
 from ballbot_ros.progress import PROGRESS_PERIOD_S
 from ballbot_ros.run.graph import call_for_external, graph_parameters
-from ballbot_ros.run.guarded_controller import guarded_implementation
 from ballbot_ros.run.observer import RunObserver
 from ballbot_ros.run.result import RunResult
 from ballbot_ros.run.ros_context import ros
 from ballbot_ros.run.spec import RunSpec
+from ballbot_ros.run.tick_timer import TickTimer
 from ballbot_ros.stop_request import StopRequest
 from ballbot_ros.timing import SECOND_NS, TICK_NS
 
@@ -52,7 +53,7 @@ def run_in_one_process(
             plant.create_wall_timer(
                 PROGRESS_PERIOD_S, lambda: observer.update(plant.log.ticks * TICK_NS / SECOND_NS)
             )
-            with StopRequest() as stop:
+            with StopRequest() as stop, TickTimer(spec.controller, spec.plant, stop):
                 spin(nodes, plant.done, stop)
             plant.stop()
         finally:
@@ -68,10 +69,7 @@ def run_in_one_process(
 
 
 def _make_node(name: str, parameters: ParameterSet, composed: LoadedController | None) -> AnyNode:
-    """Create a node; the plant must not hang with a controller that does not return."""
     if name != CONTROLLER:
         return make_node(parameters.of_node(name))
-    guarded = partial(
-        guarded_implementation, plant=parameters.of(PlantParameters), composed=composed
-    )
-    return Controller(parameters.of(ControllerParameters), guarded)
+    make_implementation = partial(implementation_for, loaded=composed)
+    return Controller(parameters.of(ControllerParameters), make_implementation)

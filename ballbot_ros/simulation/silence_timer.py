@@ -10,6 +10,10 @@ MAX_POLL_GAP_S = 0.2
 """Upper limit of the time counted between two updates: if this process was too busy to update the
 measurement, it could not receive answers, either."""
 
+MAX_USED_S = 1.0
+"""The same for the processor time that an observed process has used meanwhile: one that computes
+without an end does not last longer because nobody had the time to look."""
+
 
 @dataclass(frozen=True)
 class ThreadTime:
@@ -38,11 +42,15 @@ class Observation(NamedTuple):
 
 
 def available_s(threads: Threads, before: Threads, span_s: float) -> float:
-    """Return the part of the last `span_s` in which a process did not wait for a processor [s]."""
+    """Return the part of the last `span_s` in which a process did not wait for a processor [s].
+
+    In a longer span than :data:`MAX_POLL_GAP_S`, other time than that of a processor is limited.
+    """
     known = threads.keys() & before.keys()
     starved = (threads[each].starved_s(before[each], span_s) for each in known)
     used_s = max((threads[each].cpu_s - before[each].cpu_s for each in known), default=0.0)
-    return min(max(span_s - max(starved, default=0.0), used_s, 0.0), span_s)
+    had_s = min(span_s - max(starved, default=0.0), used_s + MAX_POLL_GAP_S)
+    return min(max(had_s, used_s), span_s)
 
 
 class SilenceTimer:
@@ -68,12 +76,15 @@ class SilenceTimer:
             self._elapsed_s = 0.0
             self._known.clear()
             self._silences_s.clear()
-        span_s = min(now_s - self._polled_at_s, MAX_POLL_GAP_S)
+        gap_s = now_s - self._polled_at_s
+        span_s = min(gap_s, MAX_POLL_GAP_S)
         self._polled_at_s = now_s
         self._elapsed_s += span_s
         for process in self._silences_s.keys() | processes.keys():
             threads, before = processes.get(process), self._known.get(process)
-            had_s = available_s(threads, before, span_s) if threads and before else span_s
+            had_s = span_s
+            if threads and before:
+                had_s = available_s(threads, before, min(gap_s, MAX_USED_S))
             self._silences_s[process] = self._silences_s.get(process, 0.0) + had_s
         self._known = dict(processes)
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.analysis.metrics import measure_one
-from ballbot_ros.codegen.implementation import compose_controller
+from ballbot_ros.codegen.implementation import compose_controller, implementation_for
 from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.parameters import (
     PLANT,
@@ -26,8 +26,8 @@ from ballbot_ros.parameters import (
     SonarParameters,
 )
 from ballbot_ros.parameters.assignment import assign_values, plain_values
-from ballbot_ros.run.guarded_controller import guarded_implementation
 from ballbot_ros.run.spec import RunSpec
+from ballbot_ros.run.tick_timer import TickTimer
 from ballbot_ros.scenario.metrics import METRICS, wall_clearance_m
 from ballbot_ros.scenario.scenario import Measure, Scenario
 from ballbot_ros.scenario.signal import StickSignal
@@ -204,13 +204,14 @@ class OrdinarySimulator:
         parameters = with_values(self._spec.parameters, values)
         loaded = compose_controller(parameters)
         plant = parameters.of(PlantParameters)
-        implementation = guarded_implementation(parameters.of(ControllerParameters), plant, loaded)
+        implementation = implementation_for(parameters.of(ControllerParameters), loaded)
         loop = ClosedLoop(parameters, scenario, program=implementation.make())
         log = TrajectoryLog()
         failed = False
         try:
-            for tick in loop.ticks(plant.duration):
-                log.add(tick.truth, *tick.outputs.duty)
+            with TickTimer(loaded, plant):
+                for tick in loop.ticks(plant.duration):
+                    log.add(tick.truth, *tick.outputs.duty)
         except ControllerError:
             failed = True
         trajectory = log.trajectory()

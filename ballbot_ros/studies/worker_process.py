@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import os
+import socket
+import subprocess
 import sys
 from contextlib import suppress
 from multiprocessing.connection import Connection
 
 from ballbot_ros.errors import BallbotError, one_line
-from ballbot_ros.nodes.processes import end_with_parent, exit_description
-from ballbot_ros.run.child_process import start_child
+from ballbot_ros.nodes.processes import END_WITH_PARENT, end_with_parent, exit_description
 from ballbot_ros.studies.errors import StudyError
 from ballbot_ros.studies.job import Job
 from ballbot_ros.studies.manifest import PartSummary
 from ballbot_ros.studies.runs import Samples
+
+_STANDARD_ERROR = 2
 
 
 class WorkerEndedError(StudyError):
@@ -20,10 +24,29 @@ class WorkerEndedError(StudyError):
 
 
 class WorkerProcess:
-    """A process that does one part after another."""
+    """A process that does one part after another.
+
+    Unlike those of `multiprocessing` it does not import the main program again, and ends with this
+    process. Ctrl-C does not reach it.
+    """
 
     def __init__(self) -> None:
-        self._process, self._connection = start_child(__name__)
+        ours, theirs = socket.socketpair()
+        with theirs:
+            self._process = subprocess.Popen(
+                [
+                    sys.executable,
+                    '-c',
+                    f'from {__name__} import main; main()',
+                    str(theirs.fileno()),
+                ],
+                env={**os.environ, END_WITH_PARENT: str(os.getpid())},
+                pass_fds=[theirs.fileno()],
+                stdin=subprocess.DEVNULL,
+                stdout=_STANDARD_ERROR,
+                start_new_session=True,
+            )
+        self._connection = Connection(ours.detach())
         self._connection.send(sys.path)
 
     def do(self, job: Job, part: int, samples: Samples) -> PartSummary:

@@ -227,8 +227,8 @@ def test_the_time_of_each_tick_is_measured(make, monkeypatch):
     clock = iter(range(0, 10**9, 5_000_000))
     monkeypatch.setattr(time, 'perf_counter_ns', lambda: next(clock))
     run(program, 3)
-    assert (program._times.ticks, program._times.slow) == (3, 3)
-    assert program._times.longest_ms == 5.0
+    assert (program.times.ticks, program.times.slow) == (3, 3)
+    assert program.times.longest_ms == 5.0
 
 
 def test_the_settings_of_the_node_reach_every_controller():

@@ -1,8 +1,8 @@
 """Runs with a user's controller: the same in every arrangement, and ended cleanly by its faults."""
 
 import json
-import os
 import re
+import signal
 import subprocess
 from pathlib import Path
 
@@ -10,15 +10,14 @@ import pytest
 from graph import BALLBOT, record
 from own_controllers import BALANCE, FAULTY, line_in_faulty
 
-from ballbot_ros.errors import BallbotError
 from ballbot_ros.messages.conversions import stamp_ns
-from ballbot_ros.nodes.processes import children
 from ballbot_ros.recording.reader import RecordingReader
-from ballbot_ros.run import guarded_controller
 from ballbot_ros.run.execution import execute
 from ballbot_ros.run.processes import Processes
 from ballbot_ros.run.spec import RunOptions, RunSpec
 from ballbot_ros.simulation.outcome import Outcome
+
+DOES_NOT_RETURN = 'does not return within 1 s'
 
 FAULT_S = 1.4
 """Sim time of the fault: the run begins at 1 s."""
@@ -71,30 +70,38 @@ OFF = ((0.0, 0.0), 'stop')
         ('ReturnsOne', 'returned 3: not the duties of two motors'),
         ('Raises', f'faulty.py:{line_in_faulty("1 // 0")}: ZeroDivisionError'),
         ('Exits', f'faulty.py:{line_in_faulty("sys.exit")}: SystemExit: 3'),
-        ('Blocks', f'no answer within 1 s: faulty.py:{line_in_faulty("while True")}'),
-        ('Sleeps', f'no answer within 1 s: faulty.py:{line_in_faulty("time.sleep(1000")}'),
-        ('Dies', 'faulty.py: its process was killed by SIGKILL'),
+        ('Blocks', f'faulty.py:{line_in_faulty("while True: pass")}: {DOES_NOT_RETURN}'),
+        ('Sleeps', f'faulty.py:{line_in_faulty("time.sleep(1000")}: {DOES_NOT_RETURN}'),
+        ('SleepsInAnyCase', f'{DOES_NOT_RETURN} (SleepsInAnyCase.tick at 0.400 s)'),
     ],
 )
 def test_a_fault_ends_a_run_without_nodes_with_the_motors_off(folder, class_name, told):
-    before = set(children(os.getpid()))
+    before = signal.getsignal(signal.SIGALRM)
     result, notices = execute_faulty(class_name)
     assert (result.outcome, result.exit_status, result.ticks) == (Outcome.FAILED, 1, 100)
     assert told in result.reason
     assert result.reason.startswith('controller: ')
     assert notices == [result.reason]
     assert last_duty(result.recording) == (FAULT_S, *OFF)  # this tick is not in the file
-    assert set(children(os.getpid())) == before
+    assert signal.getsignal(signal.SIGALRM) == before
 
 
-def test_a_controller_that_ends_its_connection_is_told(folder, monkeypatch):
-    start = guarded_controller.start_child
-    without_main = 'sys'
-    monkeypatch.setattr(
-        guarded_controller, 'start_child', lambda _, *rest: start(without_main, *rest)
-    )
-    result, _ = execute_faulty('Raises')
-    assert result.reason == 'controller: faulty.py: its process ended'
+def test_a_request_to_stop_ends_a_tick_that_may_wait(folder):
+    result, _ = execute_faulty('SleepsWhenStopped', 'plant_sim.on_timeout=wait')
+    assert (result.outcome, result.exit_status) == (Outcome.STOPPED, 128 + signal.SIGINT)
+    assert last_duty(result.recording) == (FAULT_S, *OFF)
+
+
+def test_the_timer_of_a_run_leaves_another_one_as_it_was(folder):
+    left_s, _ = signal.getitimer(signal.ITIMER_REAL)  # that of pytest-timeout, if any
+    signal.setitimer(signal.ITIMER_REAL, 500.0, 7.0)
+    try:
+        execute_faulty('Raises')
+        delay_s, interval_s = signal.getitimer(signal.ITIMER_REAL)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, left_s)
+    assert 0.0 < delay_s < 500.0
+    assert interval_s == 7.0
 
 
 def test_a_run_that_may_wait_waits_for_a_slow_controller(folder):
@@ -118,13 +125,13 @@ def test_what_a_controller_prints_is_not_the_result(folder):
     assert result['controller']['name'] == 'faulty.py:Prints'
 
 
-# The other faults with one process: the guard of the controller is that of a run without nodes.
+# The other faults with one process: the timer of the ticks is that of a run without nodes.
 # This controller sleeps, because an endless loop would only cost processor time.
 @pytest.mark.graph
 @pytest.mark.parametrize(
     ('processes', 'class_name', 'told'),
     [
-        ('one', 'Sleeps', f'no answer within 1 s: faulty.py:{line_in_faulty("time.sleep(1000")}'),
+        ('one', 'Sleeps', f'faulty.py:{line_in_faulty("time.sleep(1000")}: {DOES_NOT_RETURN}'),
         ('separate', 'Raises', f'faulty.py:{line_in_faulty("1 // 0")}: ZeroDivisionError'),
         ('separate', 'Sleeps', 'controller silent for 1 s at sim time 1.400 s'),
     ],
@@ -217,12 +224,14 @@ def test_a_fault_ends_a_free_running_graph(start_run, folder):
     assert duty == (0.0, 0.0)
 
 
-def test_code_that_has_changed_since_the_run_was_composed_does_not_run(folder):
-    options = RunOptions(processes=Processes.NONE, controller='balance.py:Balance', record=False)
+def test_the_code_that_the_run_was_composed_with_runs_and_is_attached(folder):
+    options = RunOptions(processes=Processes.NONE, controller='balance.py:Balance')
     spec = RunSpec.of_scenario('stationary', options)
-    Path('balance.py').write_text(BALANCE + '#')
-    with pytest.raises(BallbotError, match=r'^balance\.py has changed since the run was compos'):
-        execute(spec, Notices())
+    Path('balance.py').write_text('raise SystemExit')
+    result = execute(spec, Notices())
+    assert result.exit_status == 0, result.reason
+    with RecordingReader(result.recording) as reader:
+        assert reader.attachments()['controller.py'].data.decode() == BALANCE
 
 
 def test_no_folder_of_the_machine_is_recorded(folder, tmp_path_factory, monkeypatch):

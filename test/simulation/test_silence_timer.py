@@ -77,6 +77,20 @@ def test_time_without_updates_does_not_count():
     assert timer_after((0.1, {}), (100.0, {})).silence_s() == pytest.approx(0.3)
 
 
+def test_a_process_that_computes_is_not_spared_by_an_observer_that_is_starved():
+    """It has a quarter of a processor; who measures its silence is let run once in 0.8 s."""
+
+    def process(now):
+        return {1: ThreadTime(0.25 * now, 0.75 * now, is_runnable=True)}
+
+    timer = timer_after(*((0.8 * look, {7: process(0.8 * look)}) for look in range(101)))
+    assert timer.silence_s(7) == pytest.approx(20.0, abs=0.2)
+    sleeps = timer_after(*((0.8 * look, {7: IDLE}) for look in range(101)))
+    assert sleeps.silence_s(7) == pytest.approx(20.0, abs=0.2), 'its answer may be on the way'
+    once = timer_after((0.0, {7: process(0.0)}), (100.0, {7: process(100.0)}))
+    assert once.silence_s(7) == pytest.approx(1.0), 'not enough to end a run'
+
+
 def test_another_silence_begins_at_zero():
     timer = timer_after(*((0.1 * look, {1: IDLE}) for look in range(31)))
     timer.update(2.9, 3.0, {1: IDLE})
@@ -96,4 +110,5 @@ def test_a_silence_is_never_longer_than_the_time_and_never_negative(steps):
     for span, used, waited, is_runnable in steps:
         now, cpu, queued = now + span, cpu + used, queued + waited
         timer.update(0.0, now, {1: {1: ThreadTime(cpu, queued, is_runnable)}})
-        assert 0.0 <= timer.silence_s(1) <= timer.silence_s() <= now + 1e-9
+        assert 0.0 <= timer.silence_s(1) <= now + 1e-9
+        assert 0.0 <= timer.silence_s() <= now + 1e-9
