@@ -1,6 +1,6 @@
 """Controllers that tests pass as classes or instances.
 
-The process of such a controller imports this module, which therefore imports little.
+A process of a study imports this module, which therefore imports little.
 """
 
 from dataclasses import dataclass
@@ -34,3 +34,12 @@ class FailingAtOnce(Controller):
 
     def tick(self, readings):
         raise RuntimeError('no')
+
+
+class Hanging(Controller):
+    """Does not return at 0.4 s."""
+
+    def tick(self, readings):
+        while readings.elapsed_ms == 400:
+            pass
+        return 0, 0

@@ -16,6 +16,7 @@ import yaml
 from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.controllers.loading import (
     GROUP,
+    MAIN,
     ControllerCode,
     LoadedController,
     find_code,
@@ -67,6 +68,11 @@ class ControllerIdentity:
     def class_name(self) -> str:
         """Name of the class; '' if only the name of an installed controller is known."""
         return (self.class_path or self.reference).rpartition(':')[2]
+
+    @property
+    def is_of_main(self) -> bool:
+        """Whether its class was one of a notebook or main program, which is not attached whole."""
+        return self.reference.startswith(f'{MAIN}:')
 
     @property
     def description(self) -> str:
@@ -141,6 +147,9 @@ def find_recorded(
 ) -> LoadedController:
     """Load the user's own copy of a recorded controller, whose code must be the recorded one.
 
+    Of a class of a notebook or main program, only the text of its cell was recorded, without what
+    it uses. So its copy can't be compared, except by its duties.
+
     Parameters
     ----------
     recording : Path
@@ -159,9 +168,15 @@ def find_recorded(
     except ControllerError as error:
         problem = str(error)
     else:
-        if code.source.sha256 == identity.sha256:
+        if code.source.sha256 == identity.sha256 or identity.is_of_main:
             return load(code)
         problem = f'{code.shown} has changed (sha256 {code.source.sha256[:SHOWN_HASH]})'
+    if identity.is_of_main:
+        raise ControllerError(
+            f'{recording}: its controller is {identity}, a class of a notebook or main program: '
+            'write it, with all that it uses, to a file and give it as --controller '
+            f'FILE.py:{identity.class_name}' + (f' ({problem})' if requested else '')
+        )
     remedy = 'give your copy of that code as --controller FILE.py:Class or package.module:Class'
     if ':' not in identity.reference:
         remedy = f'install that code of {printable(identity.package) or "its package"}'

@@ -209,7 +209,7 @@ class RecordingReplay:
             raise ControllerError(
                 f'--controller {requested}: {reader.path} can be replayed only by {identity}'
             )
-        if self._trusts_code:
+        if self._trusts_code and not identity.is_of_main:  # which is attached only to be read
             files = reader.attachments()
             loaded = load_attached(identity, reader.path, files, self._scratch)
         else:
@@ -217,7 +217,8 @@ class RecordingReplay:
         job.parameters.set(CONTROLLER, 'implementation', loaded.code.reference)
         job.parameters.declare_own(loaded.cls.__name__, own_rows(loaded))
         reference = identity.reference
-        return ReplayedController(reference, reference, is_portable=loaded.is_portable)
+        replayed = public_reference(loaded.code.reference) if identity.is_of_main else reference
+        return ReplayedController(reference, replayed, is_portable=loaded.is_portable)
 
     def _foreign_drivers(self, job: _Job) -> list[Participant]:
         """Return the drivers of a run that are nodes of other packages."""

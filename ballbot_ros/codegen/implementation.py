@@ -114,10 +114,13 @@ def parameters_of_implementation(name: str) -> Iterable[Parameter]:
     return () if name in DOCUMENTS_PROGRAM else own_rows(load_controller(name))
 
 
-def compose_controller(parameters: ParameterSet) -> LoadedController | None:
+def compose_controller(
+    parameters: ParameterSet, given: LoadedController | None = None
+) -> LoadedController | None:
     """Prepare the controller of a run: load its class, check its parameters, and design its gains.
 
-    The path of its file becomes absolute.
+    The path of its file becomes absolute. A class that is given instead of a reference is not
+    loaded.
 
     Returns
     -------
@@ -134,9 +137,10 @@ def compose_controller(parameters: ParameterSet) -> LoadedController | None:
         require_implementation(reference)
         parameters.declare_own(reference, ())
         return None
-    reference = resolve_reference(reference, Path.cwd())
-    parameters.set(CONTROLLER, 'implementation', reference)
-    loaded = load_controller(reference)
+    if given is None:
+        reference = resolve_reference(reference, Path.cwd())
+        parameters.set(CONTROLLER, 'implementation', reference)
+    loaded = given or load_controller(reference)
     parameters.declare_own(loaded.cls.__name__, own_rows(loaded))
     design(loaded, parameters)
     # Create an instance, so that most mistakes are found before the run.

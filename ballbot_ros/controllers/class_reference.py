@@ -2,36 +2,41 @@
 
 from __future__ import annotations
 
+import linecache
+import pickle
 import sys
+from inspect import unwrap
 from pathlib import Path
+from types import FunctionType
 from typing import Any
 
+import numpy as np
+
 from ballbot_ros.controllers.controller import Controller
-from ballbot_ros.controllers.definitions import first_difference, state_difference
 from ballbot_ros.controllers.errors import ControllerError
-from ballbot_ros.controllers.excerpt import MAIN, excerpt_of, is_of_main
-from ballbot_ros.controllers.loading import EXCERPT_SUFFIX, load_controller
+from ballbot_ros.controllers.loading import MAIN, ControllerCode, LoadedController, controller_of
+from ballbot_ros.controllers.source import Source
 from ballbot_ros.errors import one_line
-from ballbot_ros.files import write_temporary
 from ballbot_ros.parameters import ControllerParameters
 
+_COMPARED = (bool, int, float, complex, str, bytes, list, tuple, dict, np.ndarray, np.generic)
 
-def reference_to(cls: type[Controller[Any]], folder: Path) -> str:
+
+def reference_to(cls: type[Controller[Any]]) -> str | LoadedController:
     """Return a reference to a class, as in :func:`~ballbot_ros.controllers.loading.find_code`.
 
-    A class of a notebook or the main program is written to a file in `folder`, as an excerpt.
+    A class of a notebook or the main program has none: executing its text once more would also run
+    the rest of it, and would not have the present values. It is returned as it is.
 
     Raises
     ------
     ControllerError
-        If its source is not found, can't stand alone, or is not that of the class.
+        If its source is not found, or its tasks are not valid.
     """
     if cls.__module__ == MAIN:
-        path = folder / f'{cls.__name__}{EXCERPT_SUFFIX}'
-        write_temporary(path, excerpt_of(cls).encode())
-        reference = f'{path}:{cls.__name__}'
-        _require_same(cls, load_controller(reference).cls)
-        return reference
+        path, text = _definition(cls)
+        source, name = Source('.py', text.encode()), cls.__name__
+        return controller_of(cls, ControllerCode(f'{MAIN}:{name}', MAIN, name, source, path))
     if '.' in cls.__qualname__:
         raise ControllerError(f'{cls.__qualname__} is not defined at the top level of its file')
     file = getattr(sys.modules.get(cls.__module__), '__file__', None)
@@ -41,10 +46,28 @@ def reference_to(cls: type[Controller[Any]], folder: Path) -> str:
     return f'{place}:{cls.__name__}'
 
 
+def _definition(cls: type) -> tuple[Path, str]:
+    """Return the file or cell that defines a class of the main program, and its text to be read."""
+    main = sys.modules[MAIN]
+    for each in vars(cls).values():
+        function = unwrap(each) if callable(each) else None
+        if isinstance(function, FunctionType) and function.__module__ == MAIN:
+            path = function.__code__.co_filename
+            if lines := linecache.getlines(path):
+                return Path(path), ''.join(lines)
+    path = getattr(main, '__file__', None) or MAIN
+    # A class without functions does not know its cell.
+    cells = reversed([str(each) for each in getattr(main, 'In', ())])
+    text = next((cell for cell in cells if f'class {cls.__name__}' in cell), '')
+    text = text or ''.join(linecache.getlines(path))
+    return Path(path), text or f'# the text of {cls.__qualname__} was not found\n'
+
+
 def require_unchanged(controller: Controller[Any]) -> None:
     """Raise ControllerError if an instance differs from a new one with its parameters.
 
-    A run makes its own instance, which would not have the changes.
+    A run makes its own instance, which would not have the changes. Attributes are compared if they
+    are numbers, texts, arrays, or lists and dictionaries.
     """
     cls = type(controller)
     if not hasattr(controller, 'settings'):
@@ -60,24 +83,23 @@ def require_unchanged(controller: Controller[Any]) -> None:
         raise ControllerError(
             f'{cls.__name__}(parameters, model), as a run makes its instance: {one_line(error)}'
         ) from None
-    if where := state_difference(controller, fresh, cls.__name__):
-        raise ControllerError(
-            f'{where} differs from that of a new instance, which a run makes: give a new one, and '
-            'what you want to change as parameters'
-        )
-
-
-def _require_same(cls: type[Controller[Any]], defined: type[Controller[Any]]) -> None:
-    """Raise ControllerError unless the excerpt gives the class, and all that it uses."""
-    names = vars(sys.modules[defined.__module__])
-    for name, present in vars(sys.modules[MAIN]).items():
-        if name not in names or not is_of_main(present):
-            continue
-        if where := first_difference(present, names[name], name):
+    for name in sorted(vars(controller).keys() | vars(fresh).keys()):
+        if _content(controller, name) != _content(fresh, name):
             raise ControllerError(
-                f'{cls.__name__}: {where} is not as its definition says, because it has been '
-                'changed, or uses a value that has: define it again'
+                f'{cls.__name__}.{name} differs from that of a new instance, which a run makes: '
+                'give a new one, and what you want to change as parameters'
             )
+
+
+def _content(instance: object, name: str) -> object:
+    """Return something that is equal for equal values of an attribute, even for NaN."""
+    if name not in vars(instance):
+        return None
+    value = vars(instance)[name]
+    try:
+        return name, pickle.dumps(value) if isinstance(value, _COMPARED) else b''
+    except Exception:  # such as of an object in a list
+        return name, b''
 
 
 def _is_importable(module: str, path: Path) -> bool:

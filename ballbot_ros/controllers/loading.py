@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import linecache
 import os
 import sys
 import traceback
@@ -12,10 +13,11 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from importlib.metadata import EntryPoint, entry_points
+from inspect import unwrap
 from linecache import getline
 from pathlib import Path
 from threading import RLock
-from types import ModuleType, TracebackType
+from types import CodeType, FrameType, FunctionType, ModuleType, TracebackType
 from typing import Any
 
 from ballbot_ros.brick.schedule import TaskTiming
@@ -23,15 +25,15 @@ from ballbot_ros.controllers.controller import Controller, tasks_of
 from ballbot_ros.controllers.errors import ControllerError, TickTimeoutError
 from ballbot_ros.controllers.source import Source
 from ballbot_ros.errors import BallbotError, one_line, short_repr
-from ballbot_ros.files import shown_path
+from ballbot_ros.files import read_bytes, shown_path
 from ballbot_ros.parameters import DOCUMENTS_PROGRAM
 from ballbot_ros.suggestions import did_you_mean
 
 GROUP = 'ballbot_ros.controllers'
 """Entry point group of installed controllers."""
 
-EXCERPT_SUFFIX = '.excerpt.py'
-"""Ending of the name of a file with the class of a notebook or main program."""
+MAIN = '__main__'
+"""Module of a class that is defined in a notebook or in the main program."""
 
 OUR_PACKAGE = __name__.partition('.')[0]
 _MAX_LENGTH = 300
@@ -46,7 +48,8 @@ class ControllerCode:
     reference : str
         What it was found by; a file has an absolute path.
     module : str
-        Name of its module; '' for a file.
+        Name of its module; '' for a file. A class of :data:`MAIN` was not loaded, but given; its
+        source is only to be read.
     class_name : str
         Name of its class.
     source : Source
@@ -75,15 +78,18 @@ class ControllerCode:
     @property
     def public(self) -> str:
         """The file of the class, as shown and recorded."""
-        return public_path(self.path)
+        return _place(self.path) or public_path(self.path)
 
     @property
     def is_ours(self) -> bool:
         """Whether it is part of this package."""
         return self.module.partition('.')[0] == OUR_PACKAGE
 
-    def has(self, file: Path) -> bool:
-        """Return whether a file belongs to it."""
+    def has(self, frame: FrameType) -> bool:
+        """Return whether the code that is executed in a frame belongs to it."""
+        if self.module == MAIN:
+            return frame.f_globals.get('__name__') == MAIN
+        file = Path(frame.f_code.co_filename)
         return file == self.path or bool(self.folder and self.folder in file.parents)
 
     def describe(self, error: BaseException) -> str:
@@ -98,9 +104,9 @@ class ControllerCode:
 
     def _line(self, trace: TracebackType | None) -> str:
         """Return the innermost line of a traceback in this code; '' if there is none."""
-        for frame in reversed(traceback.extract_tb(trace)):
-            if self.has(Path(frame.filename)):
-                return shown_line(frame.filename, frame.lineno or 0)
+        for frame, number in reversed(list(traceback.walk_tb(trace))):
+            if self.has(frame):
+                return shown_line(frame.f_code.co_filename, number)
         return ''
 
 
@@ -286,12 +292,37 @@ def load(code: ControllerCode) -> LoadedController:
             f'{code.shown}: {code.class_name} is {kind}, but not derived from '
             f'{Controller.__module__.rpartition(".")[0]}.{Controller.__name__}'
         )
+    if code.module and not code.is_ours and not _is_defined_in(code.path, found):
+        raise ControllerError(
+            f'{code.shown} has changed since it was imported: import it again, or restart'
+        )
+    return controller_of(found, code)
+
+
+def _is_defined_in(path: Path, cls: type) -> bool:
+    """Return whether the functions of an imported class are still those of its file."""
+    found: set[CodeType] = set()
     try:
-        if not isinstance(found.portable, bool):
+        parts = [compile(read_bytes(path), str(path), 'exec', dont_inherit=True)]
+    except (OSError, SyntaxError, ValueError):
+        return False
+    while parts:
+        constants = [each for each in parts.pop().co_consts if isinstance(each, CodeType)]
+        found.update(constants)
+        parts += constants
+    functions = (unwrap(each) for each in vars(cls).values() if callable(each))
+    codes = (each.__code__ for each in functions if isinstance(each, FunctionType))
+    return all(each in found for each in codes if each.co_filename == str(path))
+
+
+def controller_of(cls: type[Controller[Any]], code: ControllerCode) -> LoadedController:
+    """Return a class with its code and its tasks; ControllerError if they are not valid."""
+    try:
+        if not isinstance(cls.portable, bool):
             raise ControllerError(
-                f'{code.class_name}.portable: {short_repr(found.portable)} is not True or False'
+                f'{code.class_name}.portable: {short_repr(cls.portable)} is not True or False'
             )
-        return LoadedController(found, code, tasks_of(found))
+        return LoadedController(cls, code, tasks_of(cls))
     except Exception as error:
         raise ControllerError(code.describe(error)) from None
 
@@ -334,6 +365,12 @@ def public_path(path: str | Path) -> str:
 
 
 def shown_line(path: str, number: int) -> str:
-    """Return a line of code as shown; with its text if it is in an excerpt, which nobody sees."""
-    text = f' ({getline(path, number).strip()})' if path.endswith(EXCERPT_SUFFIX) else ''
-    return f'{public_path(path)}:{number}{text}'
+    """Return a line of code as shown; with its text if it is in a cell, which has no name."""
+    if cell := _place(Path(path)):
+        return f'{cell}:{number} ({getline(path, number).strip()})'
+    return f'{public_path(path)}:{number}'
+
+
+def _place(path: Path) -> str:
+    """Return what a cell of a notebook is called; '' for a file."""
+    return 'cell' if linecache.getlines(str(path)) and not path.is_file() else ''

@@ -16,6 +16,7 @@ from ballbot_ros.analysis.run import Run
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.controllers.class_reference import reference_to, require_unchanged
 from ballbot_ros.controllers.controller import Controller
+from ballbot_ros.controllers.loading import LoadedController
 from ballbot_ros.errors import BallbotError, short_repr
 from ballbot_ros.files import temporary_folder
 from ballbot_ros.parameters import (
@@ -102,7 +103,7 @@ def simulate(
     """
     with temporary_folder() as name:
         folder = Path(name)
-        reference, own_values = _reference_and_values(controller, folder)
+        reference, own_values = _reference_and_values(controller)
         file, values = _file_and_values(parameters)
         options = RunOptions(
             processes=Processes.NONE,
@@ -230,22 +231,19 @@ def sampled_loop(parameters: Parameters | None = None) -> control.StateSpace:
 
 
 def _reference_and_values(
-    controller: str | type[Controller[Any]] | Controller[Any] | None, folder: Path
-) -> tuple[str | None, dict[str, object]]:
-    """Return the reference to a controller, and the values of the parameters of an instance.
-
-    If an excerpt is necessary, it is written to `folder`.
-    """
+    controller: str | type[Controller[Any]] | Controller[Any] | None,
+) -> tuple[str | LoadedController | None, dict[str, object]]:
+    """Return what selects a controller, and the values of the parameters of an instance."""
     if controller is None or isinstance(controller, str):
         return controller, {}
     if isinstance(controller, type) and issubclass(controller, Controller):
-        return reference_to(controller, folder), {}
+        return reference_to(controller), {}
     if not isinstance(controller, Controller):
         raise BallbotError(
             f'controller: {short_repr(controller)} is not a name, a subclass of '
             f'{Controller.__module__.rpartition(".")[0]}.{Controller.__name__}, or its instance'
         )
-    reference = reference_to(type(controller), folder)
+    reference = reference_to(type(controller))
     require_unchanged(controller)
     values = {
         f'{CONTROLLER}.{prefix}{each.name}': getattr(own, each.name)

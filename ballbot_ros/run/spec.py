@@ -61,6 +61,9 @@ class RunOptions:
         Values of parameters, by ``node.param``.
     assignments : sequence of str
         The same as texts, ``node.param=value``.
+    controller : str, LoadedController or None
+        Reference to a controller, or one that has none, for a run in this process; None for that of
+        the scenario.
     external : sequence of str
         Roles that programs of the user take.
     output : Path or None
@@ -75,7 +78,7 @@ class RunOptions:
     seed: int | None = None
     values: Mapping[str, object] = field(default_factory=dict)
     assignments: Sequence[str] = ()
-    controller: str | None = None
+    controller: str | LoadedController | None = None
     external: Sequence[str] = ()
     output: Path | None = None
     record: bool = True
@@ -178,7 +181,8 @@ class RunSpec:
                 '--processes separate or one'
             )
         external = _external_roles(options)
-        controller = None if CONTROLLER in external else compose_controller(parameters)
+        given = options.controller if isinstance(options.controller, LoadedController) else None
+        controller = None if CONTROLLER in external else compose_controller(parameters, given)
         resolve_map(parameters)
         return cls(
             scenario,
@@ -229,8 +233,11 @@ def _apply(options: RunOptions, parameters: ParameterSet) -> None:
         parameters.set(GYRO, 'seed', options.seed)
     for assignment in options.assignments:
         assign(parameters, assignment)
-    if options.controller is not None:
-        parameters.set(CONTROLLER, 'implementation', options.controller, '--controller')
+    controller = options.controller
+    if isinstance(controller, LoadedController):
+        controller = controller.code.reference
+    if controller is not None:
+        parameters.set(CONTROLLER, 'implementation', controller, '--controller')
 
 
 def _origin(options: RunOptions, node: str, name: str) -> str:

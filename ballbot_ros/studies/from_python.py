@@ -13,6 +13,7 @@ import yaml
 
 from ballbot_ros.controllers.class_reference import reference_to
 from ballbot_ros.controllers.controller import Controller
+from ballbot_ros.controllers.loading import MAIN
 from ballbot_ros.errors import BallbotError, short_repr
 from ballbot_ros.files import temporary_folder
 from ballbot_ros.parameters.assignment import plain_value
@@ -46,7 +47,7 @@ def study(
     study : str or path-like or mapping
         Name of a shipped study, a study file, or the content of one, such as ``{'scenario': 'push',
         'runs': 1000, 'vary': {'plant_sim.body_mass': {'uniform': [0.6, 0.8]}}}``. In the content,
-        ``controller`` may also be the class of a controller, even one of a notebook.
+        ``controller`` may also be the class of a controller that is defined in a file.
     runs : int or None
         Number of runs; None for that of the study. A grid gets the levels that fit it best.
     seed : int or None
@@ -99,7 +100,12 @@ def _reference(study: str | os.PathLike[str] | Mapping[str, object], scratch: Pa
     content: dict[str, Any] = {'purpose': 'a study from Python', **_plain(study)}
     controller = content.get('controller')
     if isinstance(controller, type) and issubclass(controller, Controller):
-        content['controller'] = reference_to(controller, scratch)
+        if controller.__module__ == MAIN:
+            raise BallbotError(
+                f'study: the class {controller.__name__} is defined in the notebook or program '
+                'itself, which the processes of a study do not have: write it to a file'
+            )
+        content['controller'] = reference_to(controller)
     for key in _PATHS:
         # A path is relative to where the program runs, not to the file.
         reference = content.get(key)

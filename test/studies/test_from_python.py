@@ -1,15 +1,16 @@
 """`bb.study`: the same frame as the command's results."""
 
-import subprocess
-import sys
-
 import numpy as np
 import pandas as pd
 import pytest
+from instance_controllers import Hanging
 from laws import refusal
+from notebook_cells import IMPORT, controller_class, notebook
 
 import ballbot_ros as bb
 from ballbot_ros.studies.study_data import StudyData
+
+__all__ = ['notebook']
 
 CONTENT = {
     'scenario': 'push',
@@ -39,30 +40,17 @@ def test_a_row_is_a_run_of_simulate():
     assert run.metrics['peak_pitch_deg'] == pytest.approx(row['peak_pitch_deg'], rel=1e-9)
 
 
-NOTEBOOK = """
-import ballbot_ros as bb
-from ballbot_ros.controllers import Controller
-
-class Lazy(Controller):
-    '''Does nothing.'''
-    def tick(self, readings):
-        return 0, 0
-
-content = {'scenario': 'stationary', 'controller': Lazy, 'runs': 3,
-           'parameters': {'plant_sim': {'duration': 2.0}},
-           'vary': {'plant_sim.start_pitch_x': {'uniform': [0.02, 0.05]}}}
-frame = bb.study(content)
-assert len(set(frame['duty_sha256'])) == 1, frame
-assert len(set(frame['plant_sim.start_pitch_x'])) == 3, frame
-assert frame['fallen'].all(), frame
-"""
+def test_a_tick_that_hangs_fails_its_run():
+    plant = {'duration': 1.0, 'timeout': 0.3}
+    content = {**CONTENT, 'controller': Hanging, 'runs': 2, 'parameters': {'plant_sim': plant}}
+    assert bb.study(content)['outcome'].tolist() == ['failed', 'failed']
 
 
-def test_a_controller_of_the_main_program_runs_in_a_study(tmp_path):
-    path = tmp_path / 'program.py'
-    path.write_text(NOTEBOOK)
-    done = subprocess.run([sys.executable, path], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+def test_a_controller_of_a_notebook_is_refused(notebook):
+    """The processes of a study do not have it."""
+    notebook.run(IMPORT, controller_class('0'))
+    content = {**CONTENT, 'controller': notebook.Mine}
+    assert 'Mine is defined in the notebook' in refusal(bb.BallbotError, bb.study, content)
 
 
 @pytest.mark.parametrize(
