@@ -6,17 +6,22 @@ import os
 import socket
 import subprocess
 import sys
+from collections.abc import Callable
 from contextlib import suppress
 from multiprocessing.connection import Connection
+from typing import TypeVar, cast
 
 from ballbot_ros.errors import BallbotError, one_line
 from ballbot_ros.nodes.processes import END_WITH_PARENT, end_with_parent, exit_description
 from ballbot_ros.studies.errors import StudyError
 from ballbot_ros.studies.job import Job
 from ballbot_ros.studies.manifest import PartSummary
+from ballbot_ros.studies.part_file import EncodedPart
 from ballbot_ros.studies.runs import Samples
 
+_PROGRAM = f'from {__name__} import main; main()'
 _STANDARD_ERROR = 2
+_Answer = TypeVar('_Answer')
 
 
 class WorkerEndedError(StudyError):
@@ -34,12 +39,7 @@ class WorkerProcess:
         ours, theirs = socket.socketpair()
         with theirs:
             self._process = subprocess.Popen(
-                [
-                    sys.executable,
-                    '-c',
-                    f'from {__name__} import main; main()',
-                    str(theirs.fileno()),
-                ],
+                [sys.executable, '-c', _PROGRAM, str(theirs.fileno())],
                 env={**os.environ, END_WITH_PARENT: str(os.getpid())},
                 pass_fds=[theirs.fileno()],
                 stdin=subprocess.DEVNULL,
@@ -57,8 +57,15 @@ class WorkerProcess:
         StudyError
             If it is not possible; WorkerEndedError if the process ends.
         """
+        return self._call(Job.do, job, part, samples)
+
+    def encode(self, job: Job, part: int, samples: Samples) -> EncodedPart:
+        """Have a part simulated and judged, with the same errors."""
+        return self._call(Job.encode, job, part, samples)
+
+    def _call(self, method: Callable[..., _Answer], *arguments: object) -> _Answer:
         try:
-            self._connection.send((job, part, samples))
+            self._connection.send((method, arguments))
             answer = self._connection.recv()
         except (OSError, EOFError):
             end = exit_description(self._process.wait())
@@ -67,8 +74,7 @@ class WorkerProcess:
             ) from None
         if isinstance(answer, str):
             raise StudyError(answer)
-        assert isinstance(answer, PartSummary)
-        return answer
+        return cast(_Answer, answer)
 
     def kill(self) -> None:
         """End the process; a part in work is given up."""
@@ -83,12 +89,9 @@ def main() -> None:
     with suppress(EOFError, OSError):  # the parent has ended, or needs no more
         sys.path[:] = connection.recv()
         while True:
-            job, part, samples = connection.recv()
-            connection.send(_answer(job, part, samples))
-
-
-def _answer(job: Job, part: int, samples: Samples) -> PartSummary | str:
-    try:
-        return job.do(part, samples)
-    except BallbotError as error:
-        return one_line(error)
+            method, arguments = connection.recv()
+            try:
+                answer = method(*arguments)
+            except BallbotError as error:
+                answer = one_line(error)
+            connection.send(answer)

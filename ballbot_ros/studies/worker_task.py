@@ -50,8 +50,19 @@ def _difference(required: Mapping[str, str]) -> str:
 
 
 def _do(payload: bytes, folder: Path) -> Answer:
+    from ballbot_ros.studies.runs import is_compiled
+    from ballbot_ros.studies.worker_process import WorkerProcess
+
     packed, part, samples = pickle.loads(payload)
-    encoded = packed.unpack(folder).encode(part, samples)
+    job = packed.unpack(folder)
+    if is_compiled(job.spec):
+        encoded = job.encode(part, samples)
+    else:  # a tick that hangs can't be interrupted in a thread of the worker
+        process = WorkerProcess()
+        try:
+            encoded = process.encode(job, part, samples)
+        finally:
+            process.kill()
     summary = encoded.summary
     return '', encoded.data, (summary.runs, summary.passed, summary.failed, summary.fallen)
 

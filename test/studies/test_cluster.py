@@ -161,6 +161,17 @@ def test_files_travel_with_the_job(two_workers, tmp_path, monkeypatch):
     assert data.table().equals(expected)
 
 
+def test_a_tick_that_hangs_fails_its_run(two_workers, tmp_path):
+    changes = {
+        'controller': 'instance_controllers:Hanging', 'runs': 2,
+        'parameters': {'plant_sim': {'duration': 1.0, 'timeout': 0.3}},
+        'vary': {'plant_sim.body_mass': {'uniform': [0.6, 0.7]}},
+    }  # fmt: skip
+    path = write(tmp_path, **changes)
+    data = carry_out(path, tmp_path / 'results', workers_of(two_workers.address))
+    assert [row['outcome'] for row in data.table().to_pylist()] == ['failed', 'failed']
+
+
 def test_sigint_cancels_the_parts_on_the_cluster(two_workers, tmp_path):
     path, output = write(tmp_path, runs=20_000), tmp_path / 'results'
     with subprocess.Popen(
