@@ -11,7 +11,6 @@ from ballbot_ros.analysis.metrics import HALF_TICK_S, Judgement, judge, measure,
 from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.analysis.run_metrics import RUN_METRICS
 from ballbot_ros.analysis.verdict import ExpectationVerdict, Verdict
-from ballbot_ros.former_names import FORMER_METRICS, with_former_names
 from ballbot_ros.parameters import GyroParameters, PlantParameters
 from ballbot_ros.scenario.metrics import METRICS
 from ballbot_ros.world.clearance import NO_WALLS, Walls
@@ -66,9 +65,7 @@ class Assessment:
             else None,
             'versions': run.attached.versions,
             'pushes': [push.as_json() for push in run.pushes],
-            'metrics': with_former_names(
-                {name: number(value) for name, value in self.metrics.items()}, FORMER_METRICS
-            ),
+            'metrics': {name: number(value) for name, value in self.metrics.items()},
             'expectations': [
                 {**each.judgement.as_json(), 'verdict': each.verdict.value}
                 for each in self.expectations

@@ -51,7 +51,6 @@ from ballbot_ros.analysis.style import (
 )
 from ballbot_ros.analysis.table import Table, csv_text
 from ballbot_ros.analysis.verdict import Verdict
-from ballbot_ros.former_names import FORMER_METRICS, with_former_names
 from ballbot_ros.messages.topics import MOTOR_DUTY, PLANT_IMU, PLANT_ODOM, Topic
 from ballbot_ros.world.exports import OccupancyGrid
 from ballbot_ros.world.floor_map import FloorMap
@@ -230,7 +229,7 @@ def as_json(comparison: Comparison, failed: Sequence[str]) -> dict[str, object]:
             }
             for label, each in zip(comparison.labels, runs, strict=True)
         ],
-        'metrics': with_former_names(metrics, FORMER_METRICS),
+        'metrics': metrics,
         'failures': list(failed),
     }
 

@@ -8,7 +8,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.former_names import current_metric
 from ballbot_ros.suggestions import similar
 
 _FORM = re.compile(
@@ -67,7 +66,7 @@ def parse_condition(text: str, metrics: Iterable[str]) -> Condition:
             f'--fail-if {text!r}: not of the form metric>5%, metric>0.1, metric<5% or metric<0.1'
         )
     known = list(metrics)
-    name = current_metric(match['metric'])
+    name = match['metric']
     if name not in known:
         found = similar(name, known)
         hint = f'did you mean {found}?' if found else f'known: {", ".join(known)}'

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import struct
 from collections import deque
-from collections.abc import Iterable, Set
+from collections.abc import Iterable
 from dataclasses import fields, is_dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ballbot_ros.messages.raw import decoder, has_stamp
-from ballbot_ros.messages.topics import SONAR_RANGE, Topic
-
-_NOT_COMPARED = {SONAR_RANGE.name: frozenset({'field_of_view'})}
-"""Fields to skip, by topic: older versions published 30° regardless of `cone_angle`."""
+from ballbot_ros.messages.topics import Topic
 
 _EXTRA, _MISSING = 'recorded but not replayed', 'replayed but not recorded'
 
@@ -116,32 +113,22 @@ class _Pairs:
         self.is_stamped = has_stamp(topic.type_name)
         self._type = topic.type_name
         self._decode = decoder(topic.type_name)
-        self._not_compared = _NOT_COMPARED.get(topic.name, frozenset())
 
     def difference(self, recorded: bytes, replayed: bytes) -> str:
         try:
             message = self._decode(recorded)
         except ValueError as error:
             return f'the recorded message is not a valid {self._type}: {error}'
-        return first_difference(message, self._decode(replayed), not_compared=self._not_compared)
+        return first_difference(message, self._decode(replayed))
 
 
-def first_difference(
-    recorded: Any, replayed: Any, path: str = '', *, not_compared: Set[str] = frozenset()
-) -> str:
-    """Return name and values of the first field in which two messages differ; '' if they are equal.
-
-    `not_compared` names top-level fields to skip.
-    """
+def first_difference(recorded: Any, replayed: Any, path: str = '') -> str:
+    """Return name and values of the first field in which two messages differ; '' if in none."""
     if is_dataclass(recorded):
         for each in fields(recorded):
             name = f'{path}.{each.name}' if path else each.name
-            if name in not_compared:
-                continue
-            text = first_difference(
-                getattr(recorded, each.name), getattr(replayed, each.name), name
-            )
-            if text:
+            pair = getattr(recorded, each.name), getattr(replayed, each.name)
+            if text := first_difference(*pair, name):
                 return text
         return ''
     if isinstance(recorded, list | np.ndarray):

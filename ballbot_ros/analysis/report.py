@@ -31,11 +31,6 @@ from ballbot_ros.analysis.spectrum import render_spectrum
 from ballbot_ros.analysis.table import csv_text
 from ballbot_ros.analysis.verdict import ExpectationVerdict
 from ballbot_ros.errors import printable
-from ballbot_ros.former_names import (
-    FORMER_CONTROLLER_KEYS,
-    FORMER_PLANT_KEYS,
-    without_former_names,
-)
 from ballbot_ros.parameters import (
     CONTROLLER,
     NODES,
@@ -178,10 +173,8 @@ def report_page(
 
 
 def _diagnostics_text(status: Status) -> str:
-    former = {**FORMER_PLANT_KEYS, **FORMER_CONTROLLER_KEYS}
-    values = without_former_names(dict(status.values), former)
     # Leave out the file's path, which is private to its machine.
-    return ', '.join(f'{key} {value}' for key, value in values.items() if key != 'file')
+    return ', '.join(f'{key} {value}' for key, value in status.values if key != 'file')
 
 
 def banner(run: RunData) -> list[str]:

@@ -13,11 +13,6 @@ from numpy.typing import NDArray
 from ballbot_ros.analysis.metrics import HALF_TICK_S
 from ballbot_ros.analysis.run_data import RunData, seconds
 from ballbot_ros.controllers.interface import OperatingState
-from ballbot_ros.former_names import (
-    FORMER_CONTROLLER_KEYS,
-    FORMER_PLANT_KEYS,
-    with_current_names,
-)
 from ballbot_ros.messages.topics import (
     BATTERY_STATE,
     CONTROLLER_STATE,
@@ -33,8 +28,6 @@ from ballbot_ros.timing import RESEND_S, TICK_NS
 
 RUN_METRICS = MetricRegistry[RunData]()
 """Metrics of recorded runs in addition to those of expectations; NaN if the file lacks the data."""
-
-_FORMER_KEYS = {PLANT: FORMER_PLANT_KEYS, CONTROLLER: FORMER_CONTROLLER_KEYS}
 
 _MEAN_S = 1.0
 _MEAN_ROWS = 2**13
@@ -287,17 +280,14 @@ def tick_rate_hz(run: RunData) -> float:
 def _counter(run: RunData, role: str, key: str) -> float:
     """Return a counter in a node's last report; NaN if there is no report."""
     reports = list(_diagnostics(run, role))
-    if not reports:
-        return math.nan
-    return _read(with_current_names(reports[-1], _FORMER_KEYS[role]), key)
+    return _read(reports[-1], key) if reports else math.nan
 
 
 def _diagnostics(run: RunData, role: str) -> Iterator[Mapping[str, str]]:
     """Iterate over the values reported by the node of a role in ``/diagnostics``."""
     for _, status in run.statuses:
         values = dict(status.values)
-        # In older recordings, which lack the key `role`, the node's name gives the role.
-        if role == (values.get('role') or status.name.partition(':')[0].rpartition('/')[2]):
+        if role == values.get('role'):
             yield values
 
 

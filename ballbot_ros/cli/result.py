@@ -14,7 +14,6 @@ from ballbot_ros.analysis.metrics import Judgement, number, with_judgements
 from ballbot_ros.analysis.recorded_controller import ControllerIdentity
 from ballbot_ros.analysis.recorded_pushes import RecordedPush, outside_pushes
 from ballbot_ros.errors import short_text
-from ballbot_ros.former_names import FORMER_METRICS, FORMER_RESULT_KEYS, with_former_names
 from ballbot_ros.own_command import next_steps
 from ballbot_ros.parameters import ControllerParameters, GyroParameters
 from ballbot_ros.run.result import RunResult
@@ -29,7 +28,7 @@ def print_json(spec: RunSpec, result: RunResult) -> None:
 
 def result_json(spec: RunSpec, result: RunResult) -> dict[str, object]:
     """Return the result as a JSON object; a missing number is None."""
-    content: dict[str, object] = {
+    return {
         'scenario': spec.name,
         'processes': spec.processes.value,
         'seed': _seed(spec),
@@ -47,15 +46,12 @@ def result_json(spec: RunSpec, result: RunResult) -> dict[str, object]:
         'external_pushes': [push.as_json() for push in result.external_pushes],
         'recording': None if result.recording is None else str(result.recording),
         'figure': None if result.figure is None else str(result.figure),
-        'metrics': with_former_names(
-            {name: number(value) for name, value in result.metrics.items()}, FORMER_METRICS
-        ),
+        'metrics': {name: number(value) for name, value in result.metrics.items()},
         'expectations': [
             {**each.as_json(), 'holds': each.holds if result.is_complete else None}
             for each in result.judgements
         ],
     }
-    return with_former_names(content, FORMER_RESULT_KEYS)
 
 
 def _controller(spec: RunSpec) -> dict[str, object]:

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ballbot_ros.former_names import FORMER_RESULT_KEYS, with_former_names
 from ballbot_ros.messages.participation import membership_json, membership_text
 from ballbot_ros.plant.ground_truth import Push
 from ballbot_ros.recording.attachments import OUTCOME_KEYS
@@ -17,7 +16,7 @@ from ballbot_ros.timing import SECOND_NS
 
 def summary_json(summary: RunSummary) -> dict[str, object]:
     """Return a summary with the keys of the command's JSON."""
-    content: dict[str, object] = {
+    return {
         'outcome': summary.outcome.value,
         'reason': summary.reason,
         'ticks': summary.ticks,
@@ -29,7 +28,6 @@ def summary_json(summary: RunSummary) -> dict[str, object]:
         'participants': [membership_json(each, summary.start_ns) for each in summary.members],
         'external_pushes': [_push_json(each, summary.start_ns) for each in summary.external_pushes],
     }
-    return with_former_names(content, FORMER_RESULT_KEYS)
 
 
 def _push_json(push: Push, start_ns: int) -> dict[str, object]:

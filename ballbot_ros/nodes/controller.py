@@ -15,7 +15,6 @@ from ballbot_ros.codegen.implementation import (
 )
 from ballbot_ros.controllers.controller import every_tick
 from ballbot_ros.controllers.errors import ControllerError
-from ballbot_ros.former_names import FORMER_CONTROLLER_KEYS, with_former_names
 from ballbot_ros.messages.controller_messages import ControllerMessages
 from ballbot_ros.messages.inputs import INPUT_READERS, device_inputs
 from ballbot_ros.messages.raw import same_content, stamp_of
@@ -268,7 +267,7 @@ class Controller(BallbotNode[ControllerParameters]):
                 'ticks longer than 4 ms': times.slow,
                 'longest tick [ms]': f'{times.longest_ms:.3f}',
             }
-        return with_former_names(content, FORMER_CONTROLLER_KEYS)
+        return content
 
     def close(self) -> None:
         """Switch off the motors, and wait until an objection has reached the plant."""

@@ -10,7 +10,6 @@ from pathlib import Path
 import rclpy
 
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.former_names import FORMER_PLANT_KEYS, with_former_names
 from ballbot_ros.messages.run_summary import summary_json, summary_words
 from ballbot_ros.messages.run_topics import RUN_TOPICS
 from ballbot_ros.messages.topics import (
@@ -136,7 +135,7 @@ class PlantSim(BallbotNode[PlantParameters]):
     def diagnose(self) -> Mapping[str, object]:
         """Return the state of the run."""
         master = self.master
-        content = {
+        return {
             'run': master.number,
             'run name': master.run_name,
             'sim time [s]': f'{master.time_ns / SECOND_NS:.3f}',
@@ -150,7 +149,6 @@ class PlantSim(BallbotNode[PlantParameters]):
             'missing': ' '.join(master.missing),
             **(summary_words(master.summary) if master.summary else {}),
         }
-        return with_former_names(content, FORMER_PLANT_KEYS)
 
     def stop(self) -> None:
         """End the run because the node is asked to stop."""

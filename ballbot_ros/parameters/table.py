@@ -11,7 +11,6 @@ from collections.abc import Iterable, Mapping
 from ballbot_ros.parameters.controller import ControllerParameters
 from ballbot_ros.parameters.devices import (
     DEVICES,
-    EncoderParameters,
     GyroParameters,
     SonarParameters,
 )
@@ -70,8 +69,8 @@ DRIVERS = tuple(DRIVER_PERIODS_NS)
 """The participants that answer the plant's true state."""
 
 _SIMULATED: tuple[type[NodeParameters], ...] = (PlantParameters, *DEVICES, ControllerParameters)
-SIMULATED = frozenset(cls.node for cls in _SIMULATED if cls is not EncoderParameters)
-"""Nodes whose parameters are needed to replay a run. In older recordings the encoders have none."""
+SIMULATED = frozenset(cls.node for cls in _SIMULATED)
+"""Nodes whose parameters are needed to replay a run."""
 
 PLAYER = PlayerParameters.node
 VIEWER = ViewerParameters.node

@@ -8,7 +8,6 @@ from collections.abc import Callable, Collection, Hashable, Mapping
 from typing import ClassVar, TypeVar, cast
 
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.former_names import current_metric
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.scenario.errors import ScenarioError
 from ballbot_ros.scenario.metrics import METRICS
@@ -88,9 +87,8 @@ class ExpectationReader(DocumentReader):
 
     def _expectations(self, data: object, plant: PlantParameters) -> list[Expectation]:
         expectations: list[Expectation] = []
-        for name, bounds in self._mapping(data, ('expectations',)).items():
-            keys: Keys = ('expectations', name)
-            metric = current_metric(name)
+        for metric, bounds in self._mapping(data, ('expectations',)).items():
+            keys: Keys = ('expectations', metric)
             if metric not in METRICS:
                 known = ', '.join(METRICS)
                 raise self._error(keys, f'unknown metric {metric!r}; known: {known}')
@@ -109,7 +107,7 @@ class ExpectationReader(DocumentReader):
         return expectations
 
     def _expectation(self, keys: Keys, data: object, plant: PlantParameters) -> Expectation:
-        metric = current_metric(str(keys[1]))
+        metric = str(keys[1])
         limits = {
             key: self._number(value, (*keys, key))
             for key, value in self._mapping(data, keys, ('min', 'max', 'from', 'to')).items()

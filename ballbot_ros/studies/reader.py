@@ -10,7 +10,6 @@ from typing import ClassVar
 from ballbot_ros.controllers.loading import resolve_reference
 from ballbot_ros.errors import BallbotError, short_repr
 from ballbot_ros.files import read_text
-from ballbot_ros.former_names import current_metric
 from ballbot_ros.parameters import CONTROLLER, PLANT, ParameterSet, PlantParameters, suggest
 from ballbot_ros.parameters.files import leaves
 from ballbot_ros.run.processes import Processes
@@ -311,7 +310,7 @@ class StudyReader(DistributionReader):
         listed = self._each(data['metrics'], ('metrics',), lambda each, _: each)
         for index, given in enumerate(listed):
             keys = ('metrics', index)
-            name = current_metric(given) if isinstance(given, str) else short_repr(given)
+            name = given if isinstance(given, str) else short_repr(given)
             if name not in METRICS:
                 raise self._error(keys, f'unknown metric {name!r}; {suggest(name, METRICS)}')
             if name == _CLEARANCE and not spec.plant.map:

@@ -39,6 +39,7 @@ SIMULATED = [
     a(PLANT, 'c', ball_radius=0.03),
     a(GYRO, 'd', seed=4),
     a(SONAR, 'e', seed=4),
+    a('encoder_driver', 'a', delay=0),
     a(CONTROLLER, 'f', k_i=-0.5),
 ]
 
@@ -56,7 +57,7 @@ def test_announced_parameters_override_attached_ones():
     assert values(told(*SIMULATED), CONTROLLER, attached, run='2 abc').k_i == -0.1
 
 
-@pytest.mark.parametrize('without', range(4))
+@pytest.mark.parametrize('without', range(5))
 def test_a_run_is_announced_only_if_all_nodes_needed_for_a_replay_are(without):
     assert told(*SIMULATED).has_parameters(RUN)
     assert not told(*SIMULATED).has_parameters('2 abc')
@@ -103,7 +104,7 @@ def test_malformed_announcements_are_ignored():
 
 def test_the_controller_of_a_run_is_known_even_without_its_parameters():
     stranger, other = a(CONTROLLER, 'f'), a(CONTROLLER, 'b', k_i=-0.1)
-    found = told(other, *SIMULATED[:3], stranger, members=[*SIMULATED[:3], stranger])
+    found = told(other, *SIMULATED[:-1], stranger, members=[*SIMULATED[:-1], stranger])
     assert found.participant(RUN, CONTROLLER) == stranger
     assert found.participant('2 abc', CONTROLLER) is None
     assert found.foreign(RUN)[CONTROLLER] == stranger

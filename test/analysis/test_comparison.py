@@ -6,7 +6,6 @@ import json
 import pytest
 
 from ballbot_ros.analysis.report import MEANINGS
-from ballbot_ros.former_names import FORMER_METRICS
 
 
 @pytest.fixture(scope='module')
@@ -25,9 +24,7 @@ def test_a_run_compared_with_itself_has_no_changes(command, short):
     )  # fmt: skip
     assert (status, stderr) == (0, '')
     content = json.loads(stdout)
-    assert list(content['metrics']) == [*MEANINGS, *FORMER_METRICS]
-    for former, name in FORMER_METRICS.items():
-        assert content['metrics'][former] == content['metrics'][name]
+    assert list(content['metrics']) == list(MEANINGS)
     assert all(each['changes'][0] in (0.0, None) for each in content['metrics'].values())
 
 

@@ -27,10 +27,6 @@ def test_a_condition_reads_back_from_its_text(condition):
     assert read.amount == pytest.approx(condition.amount, rel=1e-11)
 
 
-def test_a_condition_takes_the_former_name_of_a_metric():
-    assert parse_condition('truth_sent_again>0', ['resends']).metric == 'resends'
-
-
 @given(st.text(max_size=30))
 def test_any_text_is_a_condition_or_refused_in_one_line(text):
     assert is_read_or_refused_in_one_line(parse_condition, text, METRICS)

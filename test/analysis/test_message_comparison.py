@@ -7,7 +7,7 @@ import pytest
 
 from ballbot_ros.analysis.message_comparison import MessageComparator, first_difference
 from ballbot_ros.messages.conversions import encode_duty
-from ballbot_ros.messages.topics import LCD, MOTOR_DUTY, SONAR_RANGE
+from ballbot_ros.messages.topics import LCD, MOTOR_DUTY
 from ballbot_ros.recording.encoding import encoder, new_message
 
 TICK = 4_000_000
@@ -38,22 +38,6 @@ def test_the_first_difference_has_its_tick_field_and_values():
     assert difference.stamp_ns == TICK
     assert difference.topic == 'motor_duty'
     assert difference.what == 'vector.x: recorded 2.0, replayed -2.0'
-
-
-def sonar(range_m, cone_angle):
-    message = new_message(SONAR_RANGE.type_name)
-    message.range, message.field_of_view = range_m, cone_angle
-    return encoder(SONAR_RANGE.type_name)(message)
-
-
-def test_the_cone_that_older_versions_published_is_no_difference():
-    comparator = MessageComparator([SONAR_RANGE])
-    for stamp, range_m in ((0, 1.0), (5 * TICK, 1.5)):
-        comparator.add_recorded(SONAR_RANGE, stamp, sonar(range_m, math.radians(30.0)))
-        comparator.add_replayed(SONAR_RANGE, stamp, sonar(1.0, 0.0))
-    difference = comparator.first_difference(complete=True)
-    assert difference.stamp_ns == 5 * TICK
-    assert difference.what == 'range: recorded 1.5, replayed 1.0'
 
 
 def test_a_message_without_counterpart_counts_only_if_the_recording_is_complete():

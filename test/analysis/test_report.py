@@ -22,7 +22,6 @@ from ballbot_ros.analysis.report import loop_of, report_document, report_page, w
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.analysis.run_figures import FIGURES, MIN_AXIS_SPAN, figure_contents
 from ballbot_ros.analysis.table import MAX_FIGURE_ROWS, envelope, every_nth
-from ballbot_ros.former_names import FORMER_METRICS
 from ballbot_ros.messages.parameter_events import encode_parameter_event
 from ballbot_ros.messages.topics import CONTROLLER_STATE, PARAMETER_EVENTS
 from ballbot_ros.parameters import ParameterSet
@@ -323,8 +322,6 @@ def test_the_command_writes_next_to_the_recording_and_overwrites_nothing(
     content = json.loads(stdout)
     assert content['outcome'] == short[1]['outcome']
     assert content['report'] == str(path.with_name('copy_report') / 'index.html')
-    for former, name in FORMER_METRICS.items():
-        assert content['metrics'][former] == content['metrics'][name]
     before = (path.with_name('copy_report') / 'index.html').read_bytes()
     status, stdout, stderr = command('report', path)
     assert status == 2

@@ -15,7 +15,6 @@ import pytest
 from graph import BALLBOT, NODES, alive, await_recording, call, wait_for
 from matplotlib.image import imread
 
-from ballbot_ros.former_names import FORMER_RESULT_KEYS
 from ballbot_ros.nodes.domain_lock import DomainLock
 from ballbot_ros.nodes.processes import descendants
 from ballbot_ros.parameters import GYRO, PLANT, ParameterSet, ViewerParameters
@@ -38,9 +37,6 @@ def test_a_run_leaves_a_recording_a_picture_and_a_verdict(tmp_path):
     assert len(result['duty_sha256']) == 64
     assert all(each['holds'] for each in result['expectations'])
     assert {'settling_time_s', 'peak_pitch_deg', 'position_rms_m'} <= set(result['metrics'])
-    for former, name in FORMER_RESULT_KEYS.items():
-        assert result[former] == result[name]
-    assert result['metrics']['peak_speed_m_s'] == result['metrics']['peak_speed_m_per_s']
     picture = imread(result['figure'])
     assert picture.shape[0] >= 600
     assert np.unique(picture[..., :3].reshape(-1, 3), axis=0).shape[0] > 10

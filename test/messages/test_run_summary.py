@@ -44,9 +44,7 @@ def test_the_json_keeps_its_keys():
         'duty_sha256': 'ab',
         'real_time_factor': 2.0,
         'late_ticks': 4,
-        'missed_ticks': 4,
         'resends': 5,
-        'asked_again': 5,
     }
 
 

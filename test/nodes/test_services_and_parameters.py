@@ -15,7 +15,6 @@ from ros_client import Client  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 from std_srvs.srv import SetBool, Trigger  # noqa: E402
 
-from ballbot_ros.former_names import FORMER_CONTROLLER_KEYS, FORMER_PLANT_KEYS  # noqa: E402
 from ballbot_ros.messages.conversions import body_pitch, stamp_ns, time_ns  # noqa: E402
 from ballbot_ros.messages.topics import (  # noqa: E402
     ACCEPTED_PUSH,
@@ -26,7 +25,6 @@ from ballbot_ros.messages.topics import (  # noqa: E402
 )
 from ballbot_ros.nodes.node_parameters import NEXT_RUN  # noqa: E402
 from ballbot_ros.parameters import (  # noqa: E402
-    CONTROLLER,
     NODES,
     PLANT,
     RECORDER,
@@ -173,20 +171,3 @@ def test_every_node_reports_diagnostics(client):
     status = client.seen[DIAGNOSTICS.name][-1].status[0]
     assert {'role', 'rate [Hz]', 'age [s]'} <= {value.key for value in status.values}
     assert status.level in (status.OK, status.WARN)  # a busy machine may be late
-
-
-@pytest.mark.parametrize(
-    ('node', 'former_keys'), [(PLANT, FORMER_PLANT_KEYS), (CONTROLLER, FORMER_CONTROLLER_KEYS)]
-)
-def test_counters_are_reported_by_their_former_names_too(client, node, former_keys):
-    def reported():
-        reports: list[DiagnosticArray] = client.seen.get(DIAGNOSTICS.name, [])
-        statuses = [status for report in reports for status in report.status]
-        newest = [each for each in statuses if each.name.startswith(f'/{node}:')][-1:]
-        return {value.key: value.value for each in newest for value in each.values}
-
-    client.spin_until(reported)
-    values = reported()
-    assert {former: values[former] for former in former_keys} == {
-        former: values[name] for former, name in former_keys.items()
-    }

@@ -10,7 +10,6 @@ from rclpy.clock import ClockType
 from std_srvs.srv import Trigger
 
 from ballbot_ros.controllers.document.tasks import TASK_TS1
-from ballbot_ros.former_names import FORMER_CONTROLLER_KEYS
 from ballbot_ros.messages.topics import DIAGNOSTICS, PLANT_IMU
 from ballbot_ros.nodes.controller import Controller
 from ballbot_ros.nodes.one_shot import OneShotTimer
@@ -176,8 +175,6 @@ def test_the_duties_do_not_depend_on_the_timers(domain, monkeypatch, expected_sh
     assert result.ticks == round(DURATION_S * 250), result.reason
     assert result.duty_sha256 == expected_sha256
     assert kind.counts['forced releases'] == forced
-    for former, name in FORMER_CONTROLLER_KEYS.items():
-        assert kind.counts[former] == kind.counts[name]
     # The plant has to ask again for each tick whose timers omit a release.
     assert result.resends >= forced
 

@@ -358,10 +358,3 @@ def test_any_text_is_read_or_refused_in_one_line(load, text):
 @given(st.text(st.characters(exclude_categories=('Cc', 'Cs')), max_size=300))
 def test_any_name_is_found_or_refused_in_one_line(name):
     assert is_read_or_refused_in_one_line(load_scenario, name)
-
-
-def test_an_expectation_of_a_former_name_is_one_of_the_current_metric(tmp_path):
-    path = tmp_path / 'mine.yaml'
-    path.write_text(HEAD + 'expectations:\n  peak_speed_m_s: {max: 1}\n')
-    expectations = load_scenario(str(path)).expectations
-    assert [each.metric for each in expectations] == ['peak_speed_m_per_s']
