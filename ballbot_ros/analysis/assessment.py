@@ -13,6 +13,7 @@ from ballbot_ros.analysis.run_metrics import RUN_METRICS
 from ballbot_ros.analysis.verdict import ExpectationVerdict, Verdict
 from ballbot_ros.parameters import GyroParameters, PlantParameters
 from ballbot_ros.scenario.metrics import METRICS
+from ballbot_ros.simulation.parameter_changes import changes_text
 from ballbot_ros.world.clearance import NO_WALLS, Walls
 from ballbot_ros.world.exports import floor_map_of
 from ballbot_ros.world.floor_map import CELL_M
@@ -65,6 +66,7 @@ class Assessment:
             else None,
             'versions': run.attached.versions,
             'pushes': [push.as_json() for push in run.pushes],
+            'parameter_changes': [each.as_json() for each in run.parameter_changes],
             'metrics': {name: number(value) for name, value in self.metrics.items()},
             'expectations': [
                 {**each.judgement.as_json(), 'verdict': each.verdict.value}
@@ -93,7 +95,11 @@ def assess(run: RunData) -> Assessment:
     expectations = scenario.expectations if scenario else ()
     judgements = judge(expectations, run.trajectory, run.plant, walls)
     judged = tuple(ExpectationResult(each, _verdict(run, each)) for each in judgements)
-    return Assessment(run, metrics, judged, *_outcome(run, judged))
+    outcome, reason = _outcome(run, judged)
+    if run.parameter_changes and outcome is Verdict.PASSED:
+        outcome = Verdict.CHANGED
+    reason = '; '.join(filter(None, (reason, changes_text(run.parameter_changes))))
+    return Assessment(run, metrics, judged, outcome, reason)
 
 
 def _walls(run: RunData) -> Walls:

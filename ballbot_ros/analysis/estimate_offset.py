@@ -197,7 +197,7 @@ def estimate_offset(run: RunData) -> EstimateOffset | None:
     It is None with the controller or gyro of another package, if a_gd changed during the run, if
     topics or ticks are missing, and if the robot never balanced.
     """
-    is_changed = any('a_gd' in values for _, values in run.retunings)
+    is_changed = any(each.name == 'a_gd' for each in run.parameter_changes)
     if not run.has_documents_program or GYRO in run.attached.external or is_changed:
         return None
     if not run.series.keys() >= _TOPICS:

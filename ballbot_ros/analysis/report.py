@@ -26,7 +26,6 @@ from ballbot_ros.analysis.recorded_pushes import outside_pushes
 from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.analysis.run_figures import RenderedFigure, draw_figures, figure_contents
 from ballbot_ros.analysis.run_metrics import RUN_METRICS
-from ballbot_ros.analysis.run_setup import value_text
 from ballbot_ros.analysis.spectrum import render_spectrum
 from ballbot_ros.analysis.table import csv_text
 from ballbot_ros.analysis.verdict import ExpectationVerdict
@@ -37,6 +36,7 @@ from ballbot_ros.parameters import (
     GyroParameters,
     PlantParameters,
     parameters_of,
+    value_text,
 )
 from ballbot_ros.scenario.metric_registry import label
 from ballbot_ros.scenario.metrics import METRICS
@@ -163,10 +163,9 @@ def report_page(
         ],
         problems=list(_problems(run)),
         parameters=sorted(_parameters(run), key=lambda row: not row['changed']),
-        retunings=[
-            (time, printable(name), printable(value_text(value)))
-            for time, values in run.retunings
-            for name, value in values.items()
+        parameter_changes=[
+            (each.time, each.tick, printable(each.name), printable(value_text(each.value)))
+            for each in run.parameter_changes
         ],
         versions=run.attached.versions,
     )
@@ -183,8 +182,6 @@ def banner(run: RunData) -> list[str]:
     if run.damage:
         lines.insert(0, f'This recording is damaged: {run.damage}. The report covers the part '
                         f'before the damage, up to {run.end:.3f} s.')  # fmt: skip
-    if changed := sorted({printable(name) for _, values in run.retunings for name in values}):
-        lines.append(f'Parameters of the controller changed during the run: {", ".join(changed)}.')
     if run.missing_ticks:
         lines.append(f'{run.missing_ticks} ticks are missing.')
     if not run.reached_end:

@@ -29,10 +29,10 @@ from ballbot_ros.errors import one_line
 from ballbot_ros.messages.conversions import map_grid
 from ballbot_ros.messages.topics import MOTOR_DUTY, PLANT_IMU, PLANT_ODOM, Topic
 from ballbot_ros.parameters import (
+    CONTROLLER,
     DOCUMENTS_PROGRAM,
     ControllerParameters,
     PlantParameters,
-    Value,
 )
 from ballbot_ros.progress import ProgressCallback
 from ballbot_ros.recording.errors import RecordingError
@@ -41,6 +41,7 @@ from ballbot_ros.recording.writer import RUN_OUTCOME
 from ballbot_ros.scenario.metrics import Floats
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.simulation.outcome import Outcome
+from ballbot_ros.simulation.parameter_changes import ParameterChange
 from ballbot_ros.simulation.trajectory import Trajectory
 from ballbot_ros.timing import SECOND_NS, TICK_NS, TICK_S
 from ballbot_ros.world.exports import OccupancyGrid
@@ -107,8 +108,8 @@ class RunData:
         The display: time [s] and text.
     tones : tuple of tuple
         Time [s] and tone.
-    retunings : tuple of tuple
-        Changes of the controller's parameters during the run: time [s] and new values by name.
+    parameter_changes : tuple of ParameterChange
+        Changes of the controller's parameters during the run.
     topic_statistics : tuple of TopicStatistics
         All topics of the file.
     attached : RecordedAttachments
@@ -136,7 +137,7 @@ class RunData:
     statuses: tuple[tuple[float, Status], ...]
     pages: tuple[tuple[float, str], ...]
     tones: tuple[tuple[float, Tone], ...]
-    retunings: tuple[tuple[float, Mapping[str, Value]], ...]
+    parameter_changes: tuple[ParameterChange, ...]
     topic_statistics: tuple[TopicStatistics, ...]
     attached: RecordedAttachments
     damage: str | None
@@ -276,7 +277,11 @@ def read_run(
         statuses=_events(extraction.statuses, run),
         pages=_events(extraction.pages, run),
         tones=_events(extraction.tones, run),
-        retunings=_events(extraction.retunings, run),
+        parameter_changes=tuple(
+            ParameterChange(time, CONTROLLER, name, value)
+            for time, values in _events(extraction.retunings, run)
+            for name, value in values.items()
+        ),
         topic_statistics=tuple(extraction.topic_statistics.values()),
         attached=attached,
         damage=damage,

@@ -12,7 +12,7 @@ from pathlib import Path
 from ballbot_ros.analysis.recorded_pushes import RecordedPush
 from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.errors import printable
-from ballbot_ros.parameters import CONTROLLER, NODES, ParameterSet, Value, parameters_of
+from ballbot_ros.parameters import CONTROLLER, NODES, ParameterSet, parameters_of, value_text
 from ballbot_ros.recording.attachments import PARAMETERS, SCENARIO, VERSIONS
 
 ABSENT = '–'
@@ -68,15 +68,6 @@ class SetupChange:
         return '; '.join(f'{", ".join(some)}: {value}' for value, some in having.items())
 
 
-def value_text(value: Value) -> str:
-    """Return the value of a parameter as text."""
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, tuple):
-        return ', '.join(map(value_text, value))
-    return f'{value:.9g}' if isinstance(value, float) else str(value)
-
-
 def _parameters(parameters: ParameterSet) -> Iterator[tuple[str, str]]:
     for node in NODES:
         values = parameters.of_node(node)
@@ -100,8 +91,8 @@ def _others(run: RunData) -> Iterator[tuple[str, str]]:
         yield f'version of {name}', version
     if external := [push for push in run.pushes if push.is_external]:
         yield 'outside pushes', _pushes(external)
-    if run.retunings:
-        yield 'changes during the run', '; '.join(map(_retuning, run.retunings))
+    if run.parameter_changes:
+        yield 'changes during the run', '; '.join(map(str, run.parameter_changes))
 
 
 def _hash(data: bytes) -> str:
@@ -110,12 +101,6 @@ def _hash(data: bytes) -> str:
 
 def _pushes(pushes: Sequence[RecordedPush]) -> str:
     return '; '.join(f'{push.strength} at {push.start:.3f} s' for push in pushes)
-
-
-def _retuning(change: tuple[float, Mapping[str, Value]]) -> str:
-    time, values = change
-    named = ', '.join(f'{printable(name)} {value_text(v)}' for name, v in values.items())
-    return f'{named} at {time:.3f} s'
 
 
 def setup_changes(setups: Sequence[RunSetup]) -> list[SetupChange]:

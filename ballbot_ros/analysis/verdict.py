@@ -12,6 +12,8 @@ class Verdict(TextEnum):
     NOT_MET = 'expectations not met'
     FAILED = 'failed'
     STOPPED = 'stopped'
+    CHANGED = 'changed'
+    """All expectations are met, but somebody set parameters during the run."""
     INCOMPLETE = 'incomplete'
     """The recording lacks a part of the run."""
     NOT_JUDGED = 'not judged'

@@ -44,6 +44,7 @@ def result_json(spec: RunSpec, result: RunResult) -> dict[str, object]:
         'round_trip_ms': result.round_trip._asdict() if result.round_trip else None,
         'participants': list(result.participants),
         'external_pushes': [push.as_json() for push in result.external_pushes],
+        'parameter_changes': [each.as_json() for each in result.parameter_changes],
         'recording': None if result.recording is None else str(result.recording),
         'figure': None if result.figure is None else str(result.figure),
         'metrics': {name: number(value) for name, value in result.metrics.items()},

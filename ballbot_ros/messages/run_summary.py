@@ -27,6 +27,7 @@ def summary_json(summary: RunSummary) -> dict[str, object]:
         'round_trip_ms': _in_milliseconds(summary.round_trips_s),
         'participants': [membership_json(each, summary.start_ns) for each in summary.members],
         'external_pushes': [_push_json(each, summary.start_ns) for each in summary.external_pushes],
+        'parameter_changes': [each.as_json() for each in summary.parameter_changes],
     }
 
 

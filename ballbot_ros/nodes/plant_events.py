@@ -10,11 +10,13 @@ from std_srvs.srv import SetBool, Trigger
 from ballbot_ros.messages.conversions import decode_duty, push_forces, stamp_ns, time_ns
 from ballbot_ros.messages.message_types import Header, WrenchStamped
 from ballbot_ros.messages.motor_stop import is_stop
+from ballbot_ros.messages.parameter_events import decode_parameter_event
 from ballbot_ros.messages.participation import decode_announcement
 from ballbot_ros.messages.raw import stamp_of
 from ballbot_ros.messages.topics import (
     HISTORY,
     MOTOR_DUTY,
+    PARAMETER_EVENTS,
     PARTICIPANTS,
     PUSH,
     RECORDER_ACK,
@@ -44,6 +46,7 @@ class PlantEvents:
         node.subscribe(MOTOR_DUTY, self._on_duty, depth=depth, raw=True)
         node.subscribe(RECORDER_ACK, self._on_ack)
         node.subscribe(PUSH, self._on_push, depth=10)
+        node.subscribe(PARAMETER_EVENTS, self._on_retuned, depth=HISTORY, raw=True)
         node.subscribe(PARTICIPANTS, self._on_announcement, depth=HISTORY, raw=True)
         for topic in (RUN, ROLL_CALL):
             node.subscribe(topic, self._run_callback(topic), depth=HISTORY)
@@ -72,6 +75,13 @@ class PlantEvents:
 
     def _on_push(self, message: WrenchStamped) -> None:
         self._node.dispatch(self._master.on_push, stamp_ns(message), *push_forces(message))
+
+    def _on_retuned(self, data: bytes) -> None:
+        try:
+            values = decode_parameter_event(data)
+            self._node.dispatch(self._master.on_retuned, stamp_of(data), values)
+        except ValueError as error:
+            self._node.warn_malformed(PARAMETER_EVENTS, error)
 
     def _on_announcement(self, data: bytes) -> None:
         try:

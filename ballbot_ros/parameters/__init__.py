@@ -27,6 +27,7 @@ from ballbot_ros.parameters.parameter import (
     designed,
     quantity,
     setting,
+    value_text,
 )
 from ballbot_ros.parameters.parameter_set import ParameterSet
 from ballbot_ros.parameters.plant import PlantParameters
@@ -116,4 +117,5 @@ __all__ = [
     'quantity',
     'setting',
     'suggest',
+    'value_text',
 ]  # fmt: skip

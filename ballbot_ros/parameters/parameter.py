@@ -20,6 +20,16 @@ _Value = TypeVar('_Value', bound=Value)
 _Node = TypeVar('_Node', bound='NodeParameters')
 _Bounds = tuple[float, float]
 
+
+def value_text(value: Value) -> str:
+    """Return the value of a parameter as text."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, tuple):
+        return ', '.join(map(value_text, value))
+    return f'{value:.9g}' if isinstance(value, float) else str(value)
+
+
 MAX_DELAY_MS = 100
 """Longest dead time, and largest jitter [ms]."""
 

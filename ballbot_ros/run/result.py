@@ -11,6 +11,7 @@ from ballbot_ros.analysis.metrics import Judgement
 from ballbot_ros.analysis.recorded_pushes import RecordedPush, external_push
 from ballbot_ros.analysis.verdict import Verdict
 from ballbot_ros.simulation.outcome import Outcome
+from ballbot_ros.simulation.parameter_changes import ParameterChange, changes_text
 from ballbot_ros.simulation.trajectory import Trajectory
 
 
@@ -57,6 +58,8 @@ class RunResult:
         Why the figure was not written; otherwise ''.
     external_pushes : tuple of RecordedPush
         The pushes that came from outside, not from the scenario.
+    parameter_changes : tuple of ParameterChange
+        The parameters that somebody set during the run.
     """
 
     outcome: Outcome
@@ -76,6 +79,7 @@ class RunResult:
     figure: Path | None = None
     figure_failure: str = ''
     external_pushes: tuple[RecordedPush, ...] = ()
+    parameter_changes: tuple[ParameterChange, ...] = ()
 
     @classmethod
     def from_summary(cls, summary: Mapping[str, Any], trajectory: Trajectory) -> RunResult:
@@ -92,6 +96,7 @@ class RunResult:
             round_trip=RoundTrip(**trip) if trip else None,
             participants=summary['participants'],
             external_pushes=tuple(map(external_push, summary['external_pushes'])),
+            parameter_changes=tuple(map(ParameterChange.from_json, summary['parameter_changes'])),
             trajectory=trajectory,
         )
 
@@ -106,7 +111,7 @@ class RunResult:
 
     @property
     def passed(self) -> bool:
-        """Whether the run reached its end, all expectations hold, and no figure is missing."""
+        """Whether the specified run reached its end, expectations hold, and a figure is drawn."""
         return self.verdict is Verdict.PASSED
 
     @property
@@ -116,13 +121,16 @@ class RunResult:
             return Verdict(self.outcome.value)
         if self._missed:
             return Verdict.NOT_MET
-        return Verdict.FAILED if self.figure_failure else Verdict.PASSED
+        if self.figure_failure:
+            return Verdict.FAILED
+        return Verdict.CHANGED if self.parameter_changes else Verdict.PASSED
 
     @property
     def reason(self) -> str:
         """Why the run did not pass, on one line; '' if it did."""
         reason = ', '.join(map(str, self._missed)) if self.is_complete else self.failure
-        return '; '.join(filter(None, (reason, self.figure_failure)))
+        changes = changes_text(self.parameter_changes)
+        return '; '.join(filter(None, (reason, self.figure_failure, changes)))
 
     @property
     def exit_status(self) -> int:

@@ -12,6 +12,7 @@ from enum import Enum, auto
 from ballbot_ros.plant.ground_truth import GroundTruth, Push
 from ballbot_ros.simulation.lockstep import Run
 from ballbot_ros.simulation.outcome import Outcome
+from ballbot_ros.simulation.parameter_changes import ParameterChange
 from ballbot_ros.simulation.participants import Membership, Participant
 from ballbot_ros.world.world import World
 
@@ -166,6 +167,8 @@ class RunSummary:
         Times from publishing a truth to receiving its duties [s]; empty if not measured.
     external_pushes : tuple of Push
         The pushes that came from outside, not from the scenario.
+    parameter_changes : tuple of ParameterChange
+        The parameters that somebody set during the run, or between the first run and this one.
     """
 
     outcome: Outcome
@@ -179,6 +182,7 @@ class RunSummary:
     start_ns: int
     members: tuple[Membership, ...] = field(default=())
     external_pushes: tuple[Push, ...] = ()
+    parameter_changes: tuple[ParameterChange, ...] = ()
 
 
 Action = (

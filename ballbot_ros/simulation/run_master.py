@@ -8,18 +8,19 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from array import array
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from enum import Enum, auto
 from functools import wraps
 from typing import Concatenate, ParamSpec, TypeVar
 
-from ballbot_ros.parameters import PlantParameters
+from ballbot_ros.parameters import CONTROLLER, PLANT, PlantParameters, Value, parameters_of
 from ballbot_ros.plant.ground_truth import Pair, Push
 from ballbot_ros.simulation import run_actions as do
 from ballbot_ros.simulation.liveness import ProcessObserver
 from ballbot_ros.simulation.lockstep import Run
 from ballbot_ros.simulation.outcome import Outcome
 from ballbot_ros.simulation.pacer import Pacer
+from ballbot_ros.simulation.parameter_changes import ParameterChange
 from ballbot_ros.simulation.participants import Announcement
 from ballbot_ros.simulation.pause_control import PauseControl
 from ballbot_ros.simulation.roster import Readiness, ReadinessState
@@ -41,6 +42,9 @@ STILL_S = 1.0
 
 MAX_PUSHES = 100
 """Limit on external pushes that are active or pending: each costs time in every step."""
+
+_OF_PACE = frozenset(name for name, row in parameters_of(PLANT).items() if row.is_live)
+"""Parameters of the plant that act at once: they change no duty by themselves."""
 
 
 class Phase(Enum):
@@ -113,6 +117,7 @@ class RunMaster(ABC):
         self._pacer = Pacer()
         self._created_s = self._now_s = now_s
         self._number = 0
+        self._first_values: Mapping[tuple[str, str], Value] = {}
         self._is_warned = self._is_wake_pending = False
         self._prepare(FIRST_TICK_NS)
         self.pause = PauseControl(starts_paused=self._parameters.start_paused)
@@ -218,6 +223,13 @@ class RunMaster(ABC):
             self._push(push)
 
     @event
+    def on_retuned(self, stamp_ns: int, values: Mapping[str, Value]) -> None:
+        """Note values that the controller's parameters have from the tick at `stamp_ns` [ns] on."""
+        time = (stamp_ns - self._run.start_ns) / SECOND_NS
+        if self._is_open and time >= 0.0:
+            self._changes += [ParameterChange(time, CONTROLLER, *item) for item in values.items()]
+
+    @event
     def on_parameters(self, parameters: PlantParameters) -> None:
         """Apply new parameters, such as another pace."""
         self._parameters = parameters
@@ -280,6 +292,7 @@ class RunMaster(ABC):
         self._truth = self._plant.truth()
         self._pushes = 0
         self._external_pushes: list[Push] = []
+        self._changes: list[ParameterChange] = []
         self._is_hit = self._is_held = False
         self.log = TrajectoryLog(keep=self._duration_ns > 0)
         self._round_trips_s = array('d')
@@ -325,6 +338,7 @@ class RunMaster(ABC):
         """Begin the run with its participants: publish the first truth."""
         self._phase = Phase.TICKING
         self._participants.confirm()
+        self._note_values()
         start_s = self._run.start_ns / SECOND_NS
         self._act(do.Log(f'run {self._number} begins at sim time {start_s:.3f} s'))
         self._act(do.BeginRun(self._run.start_ns, self._setup.world, self._parameters.ball_radius))
@@ -332,6 +346,21 @@ class RunMaster(ABC):
             self._push(push)
         self._publish_truth()
         self._act(do.Report())
+
+    def _note_values(self) -> None:
+        """Note the parameters that have other values than in the first run."""
+        values = {
+            (role, name): value if isinstance(value, bool | int | float | str) else str(value)
+            for role, member in self._participants.roster.members.items()
+            for name, value in member.parameters.items()
+            if role != PLANT or name not in _OF_PACE
+        }
+        self._first_values = self._first_values or values
+        self._changes = [
+            ParameterChange(0.0, *key, value)
+            for key, value in values.items()
+            if value != self._first_values.get(key)
+        ]
 
     def _push(self, push: Push) -> None:
         """Apply a push, and publish its start and end, so that the run can be replayed."""
@@ -409,6 +438,7 @@ class RunMaster(ABC):
             start_ns=self._run.start_ns,
             members=self._participants.roster.history,
             external_pushes=tuple(self._external_pushes),
+            parameter_changes=tuple(self._changes),
         )
         self._participants.publish_status(self.summary)
         if self._number:

@@ -23,6 +23,7 @@ _MAX_DETAILS = 4
 
 _KINDS: Mapping[str, BannerKind] = {
     Verdict.PASSED: BannerKind.GOOD,
+    Verdict.CHANGED: BannerKind.INFO,
     Verdict.STOPPED: BannerKind.INFO,
     Outcome.COMPLETED: BannerKind.GOOD,
 }

@@ -21,7 +21,8 @@ from ballbot_ros.analysis.interval import Interval
 from ballbot_ros.analysis.run_data import Series, read_run
 from ballbot_ros.analysis.run_metrics import pitch_error, position_error
 from ballbot_ros.messages.topics import CONTROLLER_STATE, GYRO_IMU, PLANT_IMU, PLANT_ODOM
-from ballbot_ros.parameters import ControllerParameters
+from ballbot_ros.parameters import CONTROLLER, ControllerParameters
+from ballbot_ros.simulation.parameter_changes import ParameterChange
 
 TICK_S = 0.004
 PITCH = st.floats(-10.0, 10.0)
@@ -222,8 +223,10 @@ def test_with_ticks_missing_there_are_no_reasons(short_assessment, topic, lost):
 
 def test_what_changes_the_estimate_leaves_no_reasons(short_assessment):
     run = short_assessment.run
-    assert estimate_offset(replace(run, retunings=((1.5, {'k_i': -1.0}),))) is not None
-    assert estimate_offset(replace(run, retunings=((1.5, {'a_gd': 0.99}),))) is None
+    for name, is_known in (('k_i', True), ('a_gd', False)):
+        change = ParameterChange(1.5, CONTROLLER, name, 0.99)
+        found = estimate_offset(replace(run, parameter_changes=(change,)))
+        assert (found is not None) == is_known
     foreign = replace(run.attached, external={'gyro_driver': 'theirs'})
     assert estimate_offset(replace(run, attached=foreign)) is None
 

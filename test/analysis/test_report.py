@@ -22,12 +22,14 @@ from ballbot_ros.analysis.report import loop_of, report_document, report_page, w
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.analysis.run_figures import FIGURES, MIN_AXIS_SPAN, figure_contents
 from ballbot_ros.analysis.table import MAX_FIGURE_ROWS, envelope, every_nth
+from ballbot_ros.analysis.verdict import Verdict
 from ballbot_ros.messages.parameter_events import encode_parameter_event
 from ballbot_ros.messages.topics import CONTROLLER_STATE, PARAMETER_EVENTS
-from ballbot_ros.parameters import ParameterSet
+from ballbot_ros.parameters import CONTROLLER, ParameterSet
 from ballbot_ros.recording.encoding import encoder, new_message
 from ballbot_ros.scenario.metrics import METRICS
 from ballbot_ros.scenario.scenario import Scenario
+from ballbot_ros.simulation.parameter_changes import ParameterChange
 from ballbot_ros.world.exports import OccupancyGrid
 
 VOID = {'meta', 'img', 'br', 'link'}
@@ -381,9 +383,19 @@ def test_the_page_says_which_parameters_changed_on_the_way(short, copy):
     run = read_run(
         copy(recording, first=[(name, stamp, event)], types={name: PARAMETER_EVENTS.type_name})
     )
-    assert run.retunings == ((1.5, {'k_f': (1.0, 2.0, 3.0, 4.0), 'dst_thr': 20}),)
-    text = ' '.join(' '.join(Page(report_page(assess(run), [])).text).split())
-    assert 'Parameters of the controller changed during the run: dst_thr, k_f.' in text
-    assert re.search(r'1\.5\d* k_f 1, 2, 3, 4 1\.5\d* dst_thr 20', text)
-    plain = ' '.join(Page(report_page(assess(read_run(recording)), [])).text)
-    assert 'changed during the run' not in plain
+    k_f, dst_thr = run.parameter_changes
+    assert k_f == ParameterChange(1.5, CONTROLLER, 'k_f', (1.0, 2.0, 3.0, 4.0))
+    assert dst_thr == ParameterChange(1.5, CONTROLLER, 'dst_thr', 20)
+    without_expectations = replace(run, attached=replace(run.attached, scenario=Scenario()))
+    assert assess(without_expectations).outcome is Verdict.CHANGED
+    unchanged = replace(without_expectations, parameter_changes=())
+    assert (assess(unchanged).outcome, assess(unchanged).reason) == (Verdict.PASSED, '')
+    changed = assess(run)
+    assert changed.outcome is Verdict.NOT_MET
+    assert changed.as_json()['parameter_changes'] == [k_f.as_json(), dst_thr.as_json()]
+    text = ' '.join(' '.join(Page(report_page(changed, [])).text).split())
+    words = '; controller.k_f was set to 1, 2, 3, 4 at 1.500 s (tick 375); controller.dst_thr'
+    assert words in text
+    assert re.search(r'1\.5\d* 375 k_f 1, 2, 3, 4 1\.5\d* 375 dst_thr 20', text)
+    plain = ' '.join(Page(report_page(assess(unchanged), [])).text)
+    assert 'was set to' not in plain

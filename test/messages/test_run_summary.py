@@ -1,11 +1,13 @@
 """The summary of a run, as JSON and in the diagnostics."""
 
+import math
 from dataclasses import replace
 
 from ballbot_ros.messages.run_summary import run_status, summary_json, summary_words
 from ballbot_ros.plant.ground_truth import Push
 from ballbot_ros.simulation.lockstep import Run
 from ballbot_ros.simulation.outcome import Outcome
+from ballbot_ros.simulation.parameter_changes import ParameterChange
 from ballbot_ros.simulation.participants import Membership, Participant
 from ballbot_ros.simulation.run_actions import PublishStatus, RunSummary
 
@@ -27,6 +29,7 @@ SUMMARY = RunSummary(
     start_ns=START_NS,
     members=(MEMBER,),
     external_pushes=(Push(START_NS + 250_000_000, START_NS + 350_000_000, (0.0, 2.0)),),
+    parameter_changes=(ParameterChange(0.5, 'controller', 'k_f', (1.0, math.nan)),),
 )
 
 
@@ -35,6 +38,9 @@ def test_the_json_keeps_its_keys():
     assert summary.pop('participants')[0]['since_s'] == 0.5
     assert summary.pop('external_pushes') == [
         {'start_s': 0.25, 'end_s': 0.35, 'force_n': [0.0, 2.0], 'torque_n_m': [0.0, 0.0]}
+    ]
+    assert summary.pop('parameter_changes') == [
+        {'time_s': 0.5, 'tick': 125, 'node': 'controller', 'parameter': 'k_f', 'value': '1, nan'}
     ]
     assert summary.pop('round_trip_ms') == {'p50': 2.0, 'p99': 2.98, 'max': 3.0}
     assert summary == {

@@ -13,8 +13,10 @@ from std_srvs.srv import SetBool
 
 from ballbot_ros.messages.conversions import encode_duty
 from ballbot_ros.messages.motor_stop import encode_stop
+from ballbot_ros.messages.parameter_events import encode_parameter_event
 from ballbot_ros.messages.topics import (
     MOTOR_DUTY,
+    PARAMETER_EVENTS,
     PARTICIPANTS,
     PUSH,
     RECORDER_ACK,
@@ -42,7 +44,10 @@ class Node:
     """Stores the events, warnings, subscriptions and services of the plant's node."""
 
     def __init__(self, *, is_lockstep=True):
-        names = ('on_duty', 'on_ack', 'on_push', 'on_run', 'reset', 'start', 'set_paused', 'step')
+        names = (
+            'on_duty', 'on_ack', 'on_push', 'on_retuned', 'on_run', 'reset', 'start', 'set_paused',
+            'step',
+        )  # fmt: skip
         self.master = SimpleNamespace(
             is_lockstep=is_lockstep,
             pause=SimpleNamespace(is_paused=False, awaits_start=False),
@@ -69,6 +74,7 @@ class Node:
 def test_messages_are_passed_to_the_master():
     node = Node()
     duty, stop = encode_duty(8, (50, 0)), encode_stop(9)
+    event = encode_parameter_event(7, {'k_i': 2.0})
     push = WrenchStamped(header=Header(stamp=Time(sec=2)))
     push.wrench.force.y, push.wrench.torque.x = 1.0, 3.0
     for topic, message, event in (
@@ -77,14 +83,20 @@ def test_messages_are_passed_to_the_master():
         (MOTOR_DUTY, duty[:20], ('on_duty', 8, None, duty[:20], False)),
         (RECORDER_ACK, Header(stamp=Time(sec=2)), ('on_ack', 2_000_000_000)),
         (PUSH, push, ('on_push', 2_000_000_000, (0.0, -1.0), (0.0, 3.0))),
+        (
+            PARAMETER_EVENTS,
+            encode_parameter_event(7, {'k_i': 2.0}),
+            ('on_retuned', 7, {'k_i': 2.0}),
+        ),
         (RUN, Header(frame_id='1 a'), ('on_run', '1 a', RUN.name)),
         (ROLL_CALL, Header(frame_id='2 b'), ('on_run', '2 b', ROLL_CALL.name)),
     ):
         node.receive[topic](message)
         assert node.events == [event], topic
         node.events.clear()
-    node.receive[MOTOR_DUTY](b'')
-    assert (node.events, node.warnings) == ([], [MOTOR_DUTY])
+    for topic in (MOTOR_DUTY, PARAMETER_EVENTS):
+        node.receive[topic](b'')
+    assert (node.events, node.warnings) == ([], [MOTOR_DUTY, PARAMETER_EVENTS])
     # Every duty of a tick in lockstep is received, also one by another controller.
     assert node.depths[MOTOR_DUTY] > Node(is_lockstep=False).depths[MOTOR_DUTY]
 

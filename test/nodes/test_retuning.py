@@ -21,8 +21,9 @@ from ballbot_ros.messages.topics import MOTOR_DUTY, OPERATING_STATE, PARAMETER_E
 from ballbot_ros.nodes.controller import Controller
 from ballbot_ros.nodes.node_parameters import NEXT_RUN
 from ballbot_ros.parameters import CONTROLLER, ControllerParameters, parameters_of
+from ballbot_ros.simulation.parameter_changes import ParameterChange
 from ballbot_ros.simulation.task_releases import DueTick
-from ballbot_ros.timing import FIRST_TICK_NS
+from ballbot_ros.timing import FIRST_TICK_NS, TICK_NS
 
 BALANCING_NS = FIRST_TICK_NS + 1_200_000_000
 
@@ -92,8 +93,12 @@ def test_gains_changed_on_the_way_replay_identically(
         run.process.send_signal(signal.SIGINT)
     assert run.finish() == 128 + signal.SIGINT, run.stderr
     recorded = read_run(run.result['recording'])
-    ((_, changed),) = recorded.retunings
-    assert changed == changes
+    time = (changed_ns + TICK_NS - FIRST_TICK_NS) / 1e9
+    changed = [ParameterChange(time, CONTROLLER, *each) for each in changes.items()]
+    assert sorted(recorded.parameter_changes) == sorted(changed)
+    told = sorted(map(ParameterChange.from_json, run.result['parameter_changes']))
+    assert told == sorted(changed)
+    assert f'controller.{name} was set to ' in run.result['reason']
     trust = ['--trust-attached-code'] if controller.startswith('own.py') else []
     status, output, errors = command('replay', run.result['recording'], *trust)
     assert status == 0, output + errors

@@ -14,6 +14,7 @@ from ballbot_ros.cli.replay import replay_recording
 from ballbot_ros.messages.topics import PARAMETER_EVENTS, PLANT_IMU
 from ballbot_ros.nodes.node_parameters import NEXT_RUN
 from ballbot_ros.parameters import (
+    CONTROLLER,
     ControllerParameters,
     EncoderParameters,
     GyroParameters,
@@ -69,8 +70,8 @@ def test_each_run_is_recorded_and_replayed_with_its_own_values(
     ]  # fmt: skip
     first, second = read_run(path, 1), read_run(path, 2)
     assert first.end * 1e9 + 1e9 > first_end - 1e9
-    assert [values for _, values in first.retunings] == [{'pwm_gain': 0.9}]
-    assert second.retunings == ()
+    assert [each[1:] for each in first.parameter_changes] == [(CONTROLLER, 'pwm_gain', 0.9)]
+    assert second.parameter_changes == ()
     told = [run.attached.parameters for run in (first, second)]
     assert [each.of(GyroParameters).noise for each in told] == [0.0, 0.5]
     assert [each.of(EncoderParameters).delay for each in told] == [0, 3]

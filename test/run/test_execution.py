@@ -30,6 +30,7 @@ from ballbot_ros.run.spec import RunOptions, RunSpec
 from ballbot_ros.scenario.scenario import Expectation
 from ballbot_ros.simulation.golden import load_golden
 from ballbot_ros.simulation.outcome import Outcome
+from ballbot_ros.simulation.parameter_changes import ParameterChange
 from ballbot_ros.simulation.trajectory import TrajectoryLog
 from ballbot_ros.world.library import read_map_file
 
@@ -274,6 +275,8 @@ STATUSES = [
     (RunResult(Outcome.STOPPED, '', 130), 'stopped', '', 130),
     (RunResult(Outcome.STOPPED, '', 0), 'stopped', '', 0),
 ]
+CHANGE = ParameterChange(2.004, 'controller', 'k_i', -0.02)
+CHANGED = 'controller.k_i was set to -0.02 at 2.004 s (tick 501)'
 
 
 @pytest.mark.parametrize(('result', 'verdict', 'reason', 'status'), STATUSES)
@@ -283,6 +286,10 @@ def test_verdict_reason_and_status_agree(result, verdict, reason, status):
     assert full.reason == '; '.join(filter(None, (reason, 'x.png: full')))
     assert full.exit_status == (status or 1)
     assert full.verdict == ('failed' if verdict == 'passed' else verdict)
+    changed = dataclasses.replace(result, parameter_changes=(CHANGE,))
+    assert changed.reason == '; '.join(filter(None, (reason, CHANGED)))
+    assert changed.exit_status == (status or int(result.is_complete))
+    assert changed.verdict == ('changed' if verdict == 'passed' else verdict)
 
 
 SUMMARY = {
@@ -292,6 +299,7 @@ SUMMARY = {
     'external_pushes': [
         {'start_s': 1.0, 'end_s': 1.1, 'force_n': [0.0, 2.0], 'torque_n_m': [0.0, 0.0]}
     ],
+    'parameter_changes': [CHANGE.as_json()],
 }  # fmt: skip
 
 
@@ -301,6 +309,7 @@ def test_a_summary_in_json_gives_the_whole_result():
         Outcome.FAILED, 'fell', 1, 3, 'ab', 0.5, 2, 1, RoundTrip(0.1, 0.2, 0.3),
         [{'role': 'plant_sim'}], trajectory,
         external_pushes=(RecordedPush(1.0, 1.1, (0.0, 2.0), (0.0, 0.0), is_external=True),),
+        parameter_changes=(CHANGE,),
     )  # fmt: skip
     assert RunResult.from_summary(SUMMARY, trajectory) == result
     assert RunResult.from_summary(SUMMARY | {'round_trip_ms': None}, trajectory).round_trip is None

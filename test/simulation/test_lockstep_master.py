@@ -21,11 +21,12 @@ from lockstep_world import (
 )
 from maps import open_floor, save
 
-from ballbot_ros.parameters import CONTROLLER, GYRO, RECORDER, SONAR
+from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, RECORDER, SONAR
 from ballbot_ros.simulation import run_actions as do
 from ballbot_ros.simulation.lockstep import Run
 from ballbot_ros.simulation.lockstep_master import LockstepMaster
 from ballbot_ros.simulation.outcome import Outcome
+from ballbot_ros.simulation.parameter_changes import ParameterChange
 from ballbot_ros.simulation.participants import Announcement, LocalNode, Objection
 from ballbot_ros.simulation.run_master import DISCOVERY_POLL_S, DISCOVERY_S
 from ballbot_ros.simulation.strangers import ANSWER_CALLS, Publisher
@@ -985,6 +986,34 @@ def test_a_push_acts_and_is_published():
     assert push.push.end_ns - push.push.start_ns == 100_000_000
     world.dispatch(world.master.stop)
     assert world.master.summary.external_pushes == (push.push,)
+
+
+def test_parameters_set_during_a_run_are_in_its_summary():
+    world = begun(3)
+    world.dispatch(world.master.on_retuned, START_NS - TICK_NS, {'k_i': 1.0})  # of an earlier run
+    world.dispatch(world.master.on_retuned, START_NS + 2 * TICK_NS, {'k_i': 2.0, 'dst_thr': 9})
+    world.dispatch(world.master.stop)
+    assert world.master.summary.parameter_changes == (
+        ParameterChange(0.008, CONTROLLER, 'k_i', 2.0),
+        ParameterChange(0.008, CONTROLLER, 'dst_thr', 9),
+    )
+
+
+def test_parameters_set_since_the_first_run_are_those_of_a_later_run():
+    world = LockstepWorld(duration=ENDLESS).start(parameters={'noise': 1.0, 'k_f': [1.0]})
+    world.advance(3)
+    world.dispatch(world.master.on_retuned, START_NS, {'k_i': 2.0})
+    for role, noise in ((GYRO, 3.0), (SONAR, 1.0)):
+        world.nodes[role].participant = make_participant(
+            role, parameters={'noise': noise, 'k_f': [1.0]}
+        )
+    pace = make_participant(PLANT, parameters={'real_time_factor': 2.0})
+    world.plant_node.participant = pace  # which moves the robot as before
+    world.dispatch(world.master.reset)
+    world.advance(10)
+    world.dispatch(world.master.stop)
+    assert world.master.number == 2
+    assert world.master.summary.parameter_changes == (ParameterChange(0.0, GYRO, 'noise', 3.0),)
 
 
 @pytest.mark.parametrize(
