@@ -180,8 +180,8 @@ def banner(run: RunData) -> list[str]:
     """Return the warnings that a reader needs before any number."""
     lines = list(run.notices)
     if run.damage:
-        lines.insert(0, f'This recording is damaged: {run.damage}. The report covers the part '
-                        f'before the damage, up to {run.end:.3f} s.')  # fmt: skip
+        lines.insert(0, f'This recording is not complete: {run.damage}. The report covers what it '
+                        f'has, up to {run.end:.3f} s.')  # fmt: skip
     if run.missing_ticks:
         lines.append(f'{run.missing_ticks} ticks are missing.')
     if not run.reached_end:

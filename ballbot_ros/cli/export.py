@@ -61,7 +61,7 @@ def command(
         else:
             exporter.write_topics()
         if reader.damage:
-            console.print(f'{file}: {reader.damage}; the tables end there')
+            console.print(f'{file}: {reader.damage}; the tables have the rest')
     if not exporter.files:
         raise RecordingError(f'{file}: no messages to export')
     for table in exporter.files:

@@ -65,7 +65,7 @@ class Player(BallbotNode[PlayerParameters]):
             self._made_clock = self.output(CLOCK)
         self._owned_clocks = int(CLOCK.name in self._outputs or self._made_clock is not None)
         if self._recording.damage:
-            self.warn(f'{self._recording.path}: {self._recording.damage}: played up to there')
+            self.warn(f'{self._recording.path}: {self._recording.damage}; the rest is played')
         self._begins_at = time.monotonic() + SETTLE_S
         self.playback.begin(self.parameters.start, self._begins_at)
         self._clock_ns = self._position_ns(self._begins_at)

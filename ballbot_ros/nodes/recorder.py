@@ -27,6 +27,7 @@ from ballbot_ros.simulation.lockstep import Run
 from ballbot_ros.simulation.participants import Objection
 from ballbot_ros.simulation.recording_gate import Stream
 from ballbot_ros.simulation.run_recording import RunRecording
+from ballbot_ros.timing import SECOND_NS
 from ballbot_ros.viewer.derived_channels import DerivedChannels
 
 POLL_S = 5e-3
@@ -221,6 +222,9 @@ class Recorder(BallbotNode[RecorderParameters]):
             self._writer.add_metadata(RUN_PARTICIPANTS, self._recording.members)
         if self._recording.outcome:
             self._writer.add_outcome(self._recording.outcome)
+        if begins_ns := self._recording.gate.complete_from_ns:
+            begins = f'{begins_ns / SECOND_NS:.3f} s'
+            self._writer.mark_incomplete(f'complete only from {begins} on: recorded from mid-run')
         if self._lost:
             gaps = '1 gap' if self._lost == 1 else f'{self._lost} gaps'
             self._writer.mark_incomplete(f'{gaps} in the sequence of messages')

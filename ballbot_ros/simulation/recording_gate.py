@@ -164,7 +164,7 @@ class RecordingGate:
         self.awaits_run = False
         self.takes_part = False
         self._run: Run | None = None
-        self._first_ns = 0
+        self._first_ns = self._late_ns = 0
         self._held: list[_Message] = []
         self.now_ns = 0
 
@@ -242,12 +242,15 @@ class RecordingGate:
         stream, stamp_ns, data, sequence = message
         is_expected = bool(self.is_lockstep and self.takes_part and self._run and stream.period_ns)
         is_missed = is_expected and self._is_missed_before(message)
+        is_late = bool(stream.period_ns and not stream.newest_ns and stamp_ns > self._first_ns)
         sample = stream.classify(stamp_ns, data, sequence)
         if sample is SampleStatus.CONFLICTING and self.is_lockstep:
             self._writer.raise_objection(stream, stamp_ns)
         elif sample is not SampleStatus.NEW:
             return
         else:
+            if is_late:
+                self._late_ns = max(self._late_ns, stamp_ns)
             has_gap = stream.has_lost_before(sequence)
             if is_expected:
                 # Judge by the stamps: a number missing between two consecutive stamps was that of
@@ -260,6 +263,11 @@ class RecordingGate:
                 self._writer.report_loss(stream, sequence)
         is_of_run = self._first_ns <= stamp_ns <= self.now_ns + MAX_EVENT_AHEAD_NS and stamp_ns > 0
         self._writer.keep(stream, stamp_ns if is_of_run else self.now_ns, data, sequence)
+
+    @property
+    def complete_from_ns(self) -> int:
+        """Sim time from which on the samples of a run are complete [ns]; 0: from its start on."""
+        return self._late_ns if self.takes_part and self.is_lockstep else 0
 
     def _may_have_stranger(self, stream: Stream) -> bool:
         """Return whether a topic has, or had in this run, several publishers.

@@ -338,10 +338,10 @@ def test_a_damaged_recording_is_reported_with_a_banner(command, short, tmp_path)
     path.write_bytes(content[: len(content) * 3 // 4])
     status, stdout, stderr = command('report', path, '--output', tmp_path / 'out')
     assert status == 0
-    assert 'damaged: cut off at byte' in stderr
+    assert 'not complete: cut off at byte' in stderr
     assert stdout.startswith('incomplete')
     page = Page((tmp_path / 'out/index.html').read_text(encoding='utf-8'))
-    assert any('damaged' in text for text in page.text)
+    assert any('not complete: cut off' in text for text in page.text)
 
 
 def test_a_mistake_is_one_line_and_status_2(command, short, tmp_path):

@@ -79,7 +79,7 @@ def test_export_writes_tables(run, cut, tmp_path):
     assert float(first['pitch_x_rad']) == pytest.approx(0.069813, abs=1e-5)
     result = call('export', cut, '--to', 'csv', '--joined')
     assert result.returncode == 0, result.stderr
-    assert 'the tables end there' in result.stderr
+    assert 'the tables have the rest' in result.stderr
     with cut.with_name('cut_csv').joinpath('joined.csv').open(newline='') as stream:
         rows = list(csv.DictReader(stream))
     assert (len(rows), rows[-1]['time_s']) == (251, '2.0')

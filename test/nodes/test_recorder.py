@@ -245,7 +245,10 @@ def stub_recorder(events, recording=None, **attributes):
     given = {
         'exit_status': 0, '_lost': 0, '_await_end': note('await'), '_fail': note('fail'),
         '_recording': SimpleNamespace(
-            **{'outcome': {}, 'members': {}, 'write_stop': lambda: None} | (recording or {})
+            **{
+                'outcome': {}, 'members': {}, 'write_stop': lambda: None,
+                'gate': SimpleNamespace(complete_from_ns=0),
+            } | (recording or {})
         ),
         'flush': note('flush'), 'warn': note('warn'),
         '_channels': SimpleNamespace(close=note('leave')),
@@ -303,6 +306,10 @@ def test_participants_outcome_and_gaps_are_noted_in_the_file():
             ('outcome', {'outcome': 'failed'}),
             *([('incomplete', f'{gaps} in the sequence of messages')] if gaps else []),
         ]
+        node._recording.gate.complete_from_ns = 1_196_000_000
+        node._write_metadata()
+        late = ('incomplete', 'complete only from 1.196 s on: recorded from mid-run')
+        assert events.count(late) == 1
         node._recording.ticks = SimpleNamespace(acked_ns=1_500_000_000)
         assert node.diagnose() == {
             'file': 'run.mcap', 'acknowledged [s]': '1.500', 'lost messages': lost,

@@ -115,6 +115,23 @@ def test_a_late_recorder_gets_the_messages_kept_for_it():
     assert [stamp for stamp, _ in file.of('/gyro')] == [1400, 1404]
 
 
+def test_a_late_recorder_knows_from_when_on_it_has_everything():
+    file = File()
+    file.take(file.clock, 1192)
+    for now in (1196, 1200, 1204, 1220):
+        file.tick(now)
+    assert file.gate.complete_from_ns == 1200 * MS  # the first sample of the sonar
+    file.begin('1 other', 3000 * MS)  # which it records from its start on
+    file.tick(3000)
+    assert file.gate.complete_from_ns == 1200 * MS
+    file.gate.takes_part = False  # of a player, which may begin anywhere
+    assert file.gate.complete_from_ns == 0
+    early = File()
+    for now in (1000, 1004, 1100, 1104):
+        early.tick(now)
+    assert early.gate.complete_from_ns == 0
+
+
 @pytest.mark.parametrize('is_first', [False, True])
 def test_a_contradiction_causes_an_objection_and_loses_nothing_of_the_run(is_first):
     file = File()
