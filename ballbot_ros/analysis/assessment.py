@@ -12,7 +12,6 @@ from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.analysis.run_metrics import RUN_METRICS
 from ballbot_ros.analysis.verdict import ExpectationVerdict, Verdict
 from ballbot_ros.parameters import GyroParameters, PlantParameters
-from ballbot_ros.scenario.metrics import METRICS
 from ballbot_ros.simulation.parameter_changes import changes_text
 from ballbot_ros.world.clearance import NO_WALLS, Walls
 from ballbot_ros.world.exports import floor_map_of
@@ -111,11 +110,12 @@ def _walls(run: RunData) -> Walls:
 
 
 def shown_metrics(assessment: Assessment) -> dict[str, float]:
-    """Return the metrics without the times in states that never occurred."""
+    """Return the metrics without times in states that never occurred, and settling of a drive."""
+    without = {'settling_time_s'} if assessment.run.is_driven else set()
     return {
         name: value
         for name, value in assessment.metrics.items()
-        if name in METRICS or not (name.startswith('time_in_') and value == 0.0)
+        if name not in without and not (name.startswith('time_in_') and value == 0.0)
     }
 
 

@@ -122,6 +122,9 @@ def _changes(loop: LoopAnalysis, margins: Margins) -> Iterator[tuple[str, Limit]
             yield change.format(_number(limit.value)), limit
 
 
+RINGS = 'rings'
+
+
 class Prediction(NamedTuple):
     """A frequency [Hz] at which a loop oscillates, and the reason: its own, or after a change."""
 
@@ -135,7 +138,7 @@ def predictions(sampled: LoopAnalysis) -> list[Prediction]:
     if (pole := sampled.unstable) and pole.oscillation_hz:
         found.append(Prediction(pole.oscillation_hz, 'grows'))
     if pole := sampled.ringing:
-        found.append(Prediction(pole.oscillation_hz, 'rings'))
+        found.append(Prediction(pole.oscillation_hz, RINGS))
     if margins := sampled.margins:
         found += [Prediction(limit.hz, change) for change, limit in _changes(sampled, margins)]
     return found

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from ballbot_ros.analysis.estimate_offset import offset_reasons
 from ballbot_ros.analysis.limit_cycle import LimitCycle, limit_cycles, lowest_hz
-from ballbot_ros.analysis.loop_summary import Prediction
+from ballbot_ros.analysis.loop_summary import RINGS, Prediction
 from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.messages.topics import CONTROLLER_STATE, MOTOR_DUTY, PLANT_IMU
 
@@ -37,7 +37,13 @@ def limit_cycle_sentences(run: RunData, predicted: Sequence[Prediction]) -> list
         return []
     cycles = zip('xy', limit_cycles(run), strict=True)
     found = [_sentence(plane, cycle, predicted) for plane, cycle in cycles if cycle]
-    return found or [f'No limit cycle found above {lowest:.2g} Hz.']
+    explained = [
+        f' The linear model of the loop rings at {each.hz:.3g} Hz: that oscillation dies away '
+        'after each disturbance, whereas a limit cycle lasts.'
+        for each in predicted
+        if each.reason == RINGS
+    ]
+    return found or [f'No limit cycle found above {lowest:.2g} Hz.{"".join(explained)}']
 
 
 def _sentence(plane: str, cycle: LimitCycle, predicted: Sequence[Prediction]) -> str:

@@ -27,7 +27,7 @@ from ballbot_ros.brick.brick import Tone
 from ballbot_ros.controllers.interface import OperatingState
 from ballbot_ros.errors import one_line
 from ballbot_ros.messages.conversions import map_grid
-from ballbot_ros.messages.topics import MOTOR_DUTY, PLANT_IMU, PLANT_ODOM, Topic
+from ballbot_ros.messages.topics import GAMEPAD_JOY, MOTOR_DUTY, PLANT_IMU, PLANT_ODOM, Topic
 from ballbot_ros.parameters import (
     CONTROLLER,
     DOCUMENTS_PROGRAM,
@@ -191,6 +191,14 @@ class RunData:
         return self.missing_ticks == 0 and all(
             topic in self.series for topic in (PLANT_IMU, PLANT_ODOM, MOTOR_DUTY)
         )
+
+    @property
+    def is_driven(self) -> bool:
+        """Whether sticks or the autonomous drive move the robot: its pitch need never settle."""
+        sticks = self.series.get(GAMEPAD_JOY)
+        is_steered = sticks is not None and bool(np.nan_to_num(sticks.values).any())
+        drives = OperatingState.FORWARD, OperatingState.RIGHTWARD, OperatingState.BACKWARD
+        return is_steered or any(each.name in drives for each in self.states)
 
     @property
     def complete(self) -> bool:

@@ -108,7 +108,12 @@ def test_the_nearest_prediction_is_nearest_in_octaves(unstable):
 
 
 def test_a_run_of_the_documents_loop_has_none(short_assessment):
-    assert limit_cycle_sentences(short_assessment.run, []) == ['No limit cycle found above 4 Hz.']
+    none = 'No limit cycle found above 4 Hz.'
+    assert limit_cycle_sentences(short_assessment.run, []) == [none]
+    predicted = [Prediction(125.0, 'rings'), Prediction(3.0, '2 times the gain')]
+    (explained,) = limit_cycle_sentences(short_assessment.run, predicted)
+    assert explained.startswith(f'{none} The linear model of the loop rings at 125 Hz: ')
+    assert explained.endswith('dies away after each disturbance, whereas a limit cycle lasts.')
 
 
 def test_an_oscillation_that_is_driven_is_none(unstable):

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ballbot_ros.analysis.assessment import shown_metrics
 from ballbot_ros.analysis.extraction import Status
 from ballbot_ros.analysis.interval import Interval
 from ballbot_ros.analysis.run_data import Series
@@ -13,6 +14,7 @@ from ballbot_ros.analysis.run_metrics import RUN_METRICS
 from ballbot_ros.messages.topics import (
     BATTERY_STATE,
     CONTROLLER_STATE,
+    GAMEPAD_JOY,
     GYRO_IMU,
     PLANT_IMU,
     PLANT_JOINT_STATES,
@@ -127,3 +129,18 @@ def test_the_numbers_of_the_shipped_run(short_assessment):
     assert measured == pytest.approx(golden, rel=2e-3)
     assert 0.5 < short_assessment.metrics['energy_j'] < 5.0
     assert short_assessment.metrics['position_error_rms_m'] < 1e-3
+
+
+def test_a_run_that_is_driven_has_no_settling_time_to_show(short_assessment):
+    run = short_assessment.run
+    sticks = run.series[GAMEPAD_JOY]
+    moved = replace(sticks, values=np.where(sticks.time > 2.0, 0.5, 0.0)[:, np.newaxis])
+    forward = (Interval(1.0, 2.0, 'forward'),)
+    for driven, is_shown in (
+        (run, True),
+        (replace(run, series={**run.series, GAMEPAD_JOY: moved}), False),
+        (replace(run, states=forward), False),
+    ):
+        shown = shown_metrics(replace(short_assessment, run=driven))
+        assert ('settling_time_s' in shown) == is_shown
+        assert 'peak_pitch_deg' in shown

@@ -2,6 +2,7 @@
 
 import itertools
 import json
+import math
 import os
 import resource
 import signal
@@ -15,13 +16,18 @@ import pytest
 from graph import BALLBOT, NODES, alive, await_recording, call, wait_for
 from matplotlib.image import imread
 
+from ballbot_ros.cli.result import print_table
 from ballbot_ros.nodes.domain_lock import DomainLock
 from ballbot_ros.nodes.processes import descendants
 from ballbot_ros.parameters import GYRO, PLANT, ParameterSet, ViewerParameters
 from ballbot_ros.parameters.assignment import assign
 from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.run.processes import Processes
+from ballbot_ros.run.result import RunResult
+from ballbot_ros.run.spec import RunOptions, RunSpec
 from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.simulation.golden import duty_sha256
+from ballbot_ros.simulation.outcome import Outcome
 from ballbot_ros.stop_request import STOP_SIGNALS
 
 AT_TRACK = ['--set=plant_sim.map=track', '--output=/dev/null/no']
@@ -357,3 +363,20 @@ def test_an_assignment_of_text_is_text_of_every_node(text, told):
     parameters = ParameterSet()
     assign(parameters, f'viewer.host={text}')
     assert parameters.of(ViewerParameters).host == told
+
+
+def test_the_table_has_only_values_that_mean_something(capsys):
+    def printed(scenario, outcome, **metrics):
+        spec = RunSpec.of_scenario(scenario, RunOptions(processes=Processes.NONE))
+        print_table(spec, RunResult(outcome, metrics=metrics))
+        return capsys.readouterr().out
+
+    for scenario, is_shown in (
+        ('stationary', True), ('forward_backward', False), ('autonomous', False),
+    ):  # fmt: skip
+        text = printed(scenario, Outcome.COMPLETED, settling_time_s=16.4, peak_pitch_deg=1.0)
+        assert ('settling time' in text) == is_shown, scenario
+        assert 'peak pitch' in text
+    text = printed('stationary', Outcome.FAILED, settling_time_s=math.nan, peak_pitch_deg=math.nan)
+    assert 'settling time' not in text
+    assert 'ticks' in text
