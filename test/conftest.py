@@ -1,6 +1,7 @@
 import contextlib
 import os
 import signal
+import threading
 import time
 
 # As in the command, and before numpy is imported: on matrices as small as these, more threads only
@@ -10,6 +11,7 @@ os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 import pytest
 from graph import Node, Run, call, free_domain
 
+from ballbot_ros.cli import progress
 from ballbot_ros.nodes.middleware import prepare_middleware
 from ballbot_ros.nodes.shared_memory import SETTLED_S, find_leftovers, sweep
 from ballbot_ros.own_command import COMMAND_ENV
@@ -24,6 +26,9 @@ prepare_middleware()
 
 # The name of the command in its output does not depend on PATH or on how the tests were started.
 os.environ[COMMAND_ENV] = 'ballbot'
+
+# What a command prints must not depend on the speed of the machine.
+progress.LINE_PERIOD_S = threading.TIMEOUT_MAX
 
 # Restore both signals: a suite in a shell's background job ignores SIGINT, one under nohup ignores
 # SIGHUP, and all processes that it starts would inherit this.

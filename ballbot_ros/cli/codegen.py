@@ -10,6 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from ballbot_ros.cli.path_types import PATH
+from ballbot_ros.cli.progress import ProgressLines, stderr_console
 from ballbot_ros.cli.value_types import Choice
 from ballbot_ros.codegen.application import STACK_BYTES, write_application
 from ballbot_ros.codegen.c_parameters import parameter_hash
@@ -165,7 +166,8 @@ def command(
             "--params and --mode require --output; --check uses the folder's own parameters"
         )
     if checked:
-        return check(checked)
+        with ProgressLines(f'checking {checked}', stderr_console()):
+            return check(checked)
     assert output
     generate(output, params, mode)
     return 0

@@ -1,19 +1,57 @@
-"""Progress bar with sim time and real-time factor."""
+"""Progress bar with sim time and real-time factor; lines in place of a bar without a terminal."""
 
 from __future__ import annotations
 
+import itertools
+import threading
 import time
+from collections.abc import Callable
 
 from rich.console import Console
 from rich.progress import BarColumn, TextColumn
 from rich.progress import Progress as Bar
 
+from ballbot_ros.parameters import CONTROLLER, PLANT
 from ballbot_ros.progress import PROGRESS_PERIOD_S
+
+LINE_PERIOD_S = 10.0
 
 
 def stderr_console() -> Console:
     """Return a console that prints plain lines."""
     return Console(stderr=True, highlight=False, markup=False)
+
+
+class ProgressLines:
+    """Prints a line every 10 s where there is no terminal to show a bar; `text`: how far it is.
+
+    `wait` waits so many seconds, and returns whether the work has ended; None for the clock.
+    """
+
+    def __init__(
+        self, name: str, console: Console, wait: Callable[[float], bool] | None = None
+    ) -> None:
+        self.text = ''
+        self._name, self._console, self._ended = name, console, threading.Event()
+        self._wait = wait or self._ended.wait
+        self._thread = threading.Thread(target=self._print, daemon=True)
+
+    def __enter__(self) -> ProgressLines:
+        if not self._console.is_terminal:
+            self._thread.start()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._ended.set()
+        if self._thread.ident:
+            self._thread.join()
+
+    def _print(self) -> None:
+        for count in itertools.count(1):
+            if self._wait(LINE_PERIOD_S):
+                return
+            words = f'{self._name}: {self.text}'.removesuffix(': ')
+            self._console.print(f'{words}, {count * LINE_PERIOD_S:.0f} s so far', soft_wrap=True)
 
 
 class Progress:
@@ -42,16 +80,22 @@ class Progress:
         self._duration = duration
         self._task = self._bar.add_task(name, total=duration or None, text='starting')
         self._last = (time.monotonic(), 0.0)
+        self._elapsed_s = 0.0
+        self._held: list[str] = []
 
     def __enter__(self) -> Progress:
         self._bar.start()
         return self
 
     def __exit__(self, *error: object) -> None:
+        self.release()
         self._bar.stop()
 
     def update(self, elapsed_s: float) -> None:
         """Show the sim time since the start [s]; cheap enough to be called at every tick."""
+        if elapsed_s > self._elapsed_s:  # the run goes on: what is held back did not end it
+            self._elapsed_s = elapsed_s
+            self.release()
         now = time.monotonic()
         if not elapsed_s:
             self._last = (now, 0.0)  # a run that waits for its start has no factor
@@ -69,5 +113,15 @@ class Progress:
         )
 
     def notice(self, text: str) -> None:
-        """Print a line above the bar."""
-        self._console.print(text, soft_wrap=True)
+        """Print a line above the bar; hold back one that may be the reason of the result."""
+        if text.removeprefix(f'{PLANT}: ').startswith(f'{CONTROLLER}: '):
+            self._held.append(text)
+        else:
+            self._console.print(text, soft_wrap=True)
+
+    def release(self, reason: str = '') -> None:
+        """Print the lines held back, without those that only repeat the reason of the result."""
+        for text in self._held:
+            if not (reason and text.endswith(reason)):
+                self._console.print(text, soft_wrap=True)
+        self._held.clear()

@@ -32,5 +32,6 @@ def run_and_print(
     spec = load_run(reference, options)
     with Progress(spec.name, spec.plant.duration) as progress, stdout_to_stderr():
         result = execute(spec, progress, client=client)
+        progress.release(result.reason)
     print_result(spec, result, as_json=as_json)
     return result.exit_status

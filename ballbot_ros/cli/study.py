@@ -212,6 +212,7 @@ def _execute(spec: RunSpec, expected: str, as_json: bool) -> int:
 
     with Progress(spec.name, spec.plant.duration) as progress, stdout_to_stderr():
         result = execute(spec, progress)
+        progress.release(result.reason)
     (print_json if as_json else print_table)(spec, result)
     if result.outcome is Outcome.STOPPED or result.duty_sha256 is None:
         return result.exit_status  # it did not get far enough to be compared

@@ -5,11 +5,11 @@ from __future__ import annotations
 import threading
 import time
 
-from rich.console import Console
 from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as Bar
 
 from ballbot_ros.analysis.proportion import wilson_interval
+from ballbot_ros.cli.progress import ProgressLines, stderr_console
 from ballbot_ros.progress import PROGRESS_PERIOD_S
 from ballbot_ros.studies.manifest import PartSummary
 
@@ -18,10 +18,11 @@ _WITH_BAR = 110
 
 
 class StudyProgress:
-    """A bar on a terminal; on a pipe or file only the notices."""
+    """A bar on a terminal; on a pipe or file notices, and a line every 10 s."""
 
     def __init__(self, name: str) -> None:
-        self._console = Console(stderr=True, highlight=False, markup=False)
+        self._console = stderr_console()
+        self._lines = ProgressLines(name, self._console)
         self._bar = Bar(
             TextColumn('{task.description}', markup=False),
             *([BarColumn(bar_width=20)] if self._console.width >= _WITH_BAR else ()),
@@ -40,15 +41,18 @@ class StudyProgress:
 
     def __enter__(self) -> StudyProgress:
         self._bar.start()
+        self._lines.__enter__()
         return self
 
     def __exit__(self, *error: object) -> None:
+        self._lines.__exit__()
         self._bar.stop()
 
     def begin(self, runs: int, done: PartSummary) -> None:
         """Show that a study of so many runs begins, or goes on after those that are done."""
         self._runs, self._written, self._summary = runs, done.runs, done
         self._begun = time.monotonic()
+        self._lines.text = f'{done.runs:,}/{runs:,}'
         self._bar.reset(self._task, total=runs, completed=done.runs, text='', passed='')
         if done.runs and done.runs < runs:
             self.notice(f'goes on after {done.runs:,} of {runs:,} runs')
@@ -65,11 +69,8 @@ class StudyProgress:
             self._shown = now
             speed = self._simulated / max(now - self._begun, 1e-3)
             done = self._written + self._simulated
-        self._bar.update(
-            self._task,
-            completed=done,
-            text=f'{done:,}/{self._runs:,}  {speed:,.0f} runs/s ',
-        )
+        self._lines.text = f'{done:,}/{self._runs:,}  {speed:,.0f} runs/s'
+        self._bar.update(self._task, completed=done, text=f'{self._lines.text} ')
 
     def part(self, summary: PartSummary) -> None:
         """Show the share that passed, with the runs of another part."""

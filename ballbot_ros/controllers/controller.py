@@ -84,6 +84,12 @@ class Readings(NamedTuple):
     distance_cm: int = NO_ECHO_CM
     sticks: tuple[int, int] = (0, 0)
 
+    def __str__(self) -> str:
+        return (
+            f'gyro {self.gyro}, revolutions {self.revolutions}, battery {self.battery_mv} mV, '
+            f'distance {self.distance_cm} cm, sticks {self.sticks}'
+        )
+
     @property
     def max_voltage(self) -> float:
         """Voltage of a motor at a duty of 100 % [V] (6.1)."""

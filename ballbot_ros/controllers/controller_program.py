@@ -76,8 +76,9 @@ class TickTimes:
         if self.slow <= NOTABLE_SHARE * self.ticks and self.longest_ms <= NOTABLE_MS:
             return ''
         return (
-            f'{self.slow} of {self.ticks} ticks took longer than {TICK_MS} ms, the longest '
-            f'{self.longest_ms:.1f} ms at {self.longest_at_s:.3f} s: the brick could not keep up'
+            f'{self.slow} of {self.ticks} ticks took longer than {TICK_MS} ms of wall time, the '
+            f'longest {self.longest_ms:.1f} ms at {self.longest_at_s:.3f} s: the controller is '
+            'slow here, or this machine was busy'
         )
 
 
@@ -169,8 +170,9 @@ class ControllerProgram:
         try:
             outputs = self._brick.tick(systick_ms, inputs, lambda: self._run_tasks(tasks, readings))
         except BaseException as error:
+            duty = ', '.join(map(str, self._brick.duty))
             at = f'{self._name}.{self._task} at {elapsed_ms / SECOND_MS:.3f} s'
-            raise self._error(error, at) from None
+            raise self._error(error, f'{at}; {readings}; last duty {duty}') from None
         self.times.add(elapsed_ms, time.perf_counter_ns() - started_ns)
         return outputs
 

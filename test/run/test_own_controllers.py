@@ -66,7 +66,7 @@ OFF = ((0.0, 0.0), 'stop')
 @pytest.mark.parametrize(
     ('class_name', 'told'),
     [
-        ('ReturnsNaN', 'nan is not a whole number in -100 … 100 (ReturnsNaN.tick at 0.400 s)'),
+        ('ReturnsNaN', 'nan is not a whole number in -100 … 100 (ReturnsNaN.tick at 0.400 s; '),
         ('ReturnsOne', 'returned 3: not the duties of two motors'),
         ('Raises', f'faulty.py:{line_in_faulty("1 // 0")}: ZeroDivisionError'),
         ('Exits', f'faulty.py:{line_in_faulty("sys.exit")}: SystemExit: 3'),
@@ -155,7 +155,7 @@ def test_a_fault_ends_a_graph_with_the_motors_off(start_run, folder, processes, 
 def test_a_fault_at_the_first_tick_ends_a_graph(start_run, folder):
     run = start_run('stationary', '--controller', 'faulty.py:RaisesAtOnce', '--no-record', '--json')
     assert run.finish() == 1, run.stderr
-    assert 'RuntimeError: no (RaisesAtOnce.tick at 0.000 s)' in run.result['reason']
+    assert 'RuntimeError: no (RaisesAtOnce.tick at 0.000 s; ' in run.result['reason']
 
 
 @pytest.mark.graph
@@ -165,7 +165,9 @@ def test_a_slow_controller_is_told_by_its_node(start_run, folder):
         '--no-record', '--json',
     )  # fmt: skip
     assert run.finish() == 1  # it has not begun to balance
-    assert 'controller: 50 of 50 ticks took longer than 4 ms, the longest' in run.stderr
+    assert (
+        'controller: 50 of 50 ticks took longer than 4 ms of wall time, the longest' in run.stderr
+    )
 
 
 @pytest.mark.graph
