@@ -86,6 +86,7 @@ setup(
         'scipy>=1.11',
         'control>=0.10',
         'mcap>=1.6',
+        'lz4>=4.0',
         'zstandard>=0.20',
         'rosbags>=0.11.9',
         'matplotlib>=3.6',

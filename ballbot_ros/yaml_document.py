@@ -15,6 +15,8 @@ from ballbot_ros.files import read_text
 _INT, _FLOAT = 'tag:yaml.org,2002:int', 'tag:yaml.org,2002:float'
 _COLLECTIONS = ('tag:yaml.org,2002:seq', 'tag:yaml.org,2002:map')
 _INTEGER_BITS = 64
+MAX_TEXT = 2**18
+"""Longest text of a document [byte]; parsing takes up to 400 times as much memory."""
 
 
 class YamlError(BallbotError):
@@ -53,13 +55,19 @@ _Loader.add_constructor(_INT, lambda loader, node: int(loader.construct_scalar(n
 
 def parse_value(text: str) -> object:
     """Return the value that `text` has in a YAML file, or `text` itself if it is not valid YAML."""
-    loader = _Loader(text)
+    return _parse(text, text)
+
+
+def parse_data(text: bytes | str) -> object:
+    """Return the content of a YAML text from anyone; None if it is not valid or too long."""
+    return _parse(text, None) if len(text) <= MAX_TEXT else None
+
+
+def _parse(text: bytes | str, otherwise: object) -> object:
     try:
-        return loader.get_single_data()
-    except (yaml.YAMLError, ValueError, RecursionError):
-        return text
-    finally:
-        loader.dispose()
+        return yaml.load(text, _Loader)
+    except (yaml.YAMLError, AttributeError, LookupError, TypeError, ValueError, RecursionError):
+        return otherwise
 
 
 class YamlDocument:
@@ -86,6 +94,8 @@ class YamlDocument:
         self._lines: dict[tuple[Hashable, ...], int] = {}
         loader: yaml.SafeLoader | None = None
         try:
+            if self.path.stat().st_size > MAX_TEXT:
+                raise YamlError(f'{path}: more than {MAX_TEXT} bytes')
             loader = _Loader(read_text(self.path))
             root = loader.get_single_node()
             self.data = None if root is None else self._convert(loader, root, ())

@@ -10,6 +10,7 @@ import zipfile
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
+from typing import Any
 
 import yaml
 
@@ -30,6 +31,7 @@ from ballbot_ros.files import write_temporary
 from ballbot_ros.recording.attachments import CONTROLLER_INFO, CONTROLLER_SOURCES
 from ballbot_ros.recording.reader import AttachedFile
 from ballbot_ros.simulation.participants import SOURCE_HASH
+from ballbot_ros.yaml_document import parse_data
 
 SHOWN_HASH = 12
 _HASH = re.compile('[0-9a-f]{64}')
@@ -103,17 +105,14 @@ def encode_controller(loaded: LoadedController) -> dict[str, bytes]:
 
 def decode_controller(files: Mapping[str, AttachedFile]) -> ControllerIdentity | None:
     """Return the attached identity of a controller; None if there is none that can be read."""
-    if CONTROLLER_INFO not in files:
-        return None
-    try:
-        content = yaml.safe_load(files[CONTROLLER_INFO].data)
-        kinds = {each.name: type(each.default) for each in fields(ControllerIdentity)}
-        values = {name: content[name] for name in kinds}
-        if all(isinstance(values[name], kind) for name, kind in kinds.items()):
-            identity = ControllerIdentity(**values)
-            return identity if _HASH.fullmatch(identity.sha256) else None
-    except (TypeError, KeyError, ValueError, RecursionError, yaml.YAMLError):
-        pass
+    content = parse_data(files[CONTROLLER_INFO].data) if CONTROLLER_INFO in files else None
+    kinds = {each.name: type(each.default) for each in fields(ControllerIdentity)}
+    values: dict[str, Any] = (
+        {name: content.get(name) for name in kinds} if isinstance(content, dict) else {}
+    )
+    if values and all(isinstance(values[name], kind) for name, kind in kinds.items()):
+        identity = ControllerIdentity(**values)
+        return identity if _HASH.fullmatch(identity.sha256) else None
     return None
 
 

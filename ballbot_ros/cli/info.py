@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import click
-import yaml
 from rich.console import Console
 
 from ballbot_ros.analysis.recorded_controller import ControllerIdentity, decode_controller
@@ -28,6 +27,7 @@ from ballbot_ros.recording.overview import read_topics
 from ballbot_ros.recording.reader import AttachedFile, RecordingReader
 from ballbot_ros.recording.rosbag2 import METADATA_NAME
 from ballbot_ros.recording.writer import RUN_OUTCOME
+from ballbot_ros.yaml_document import parse_data
 
 _NUMBERS = (
     ('rate_hz', '.2f', 'Hz'),
@@ -49,7 +49,7 @@ def command(file: Path, as_json: bool) -> None:
             content = _read(reader, progress)
         state = _state(reader)
     if as_json:
-        print(json.dumps(content, indent=2, allow_nan=False))
+        print(json.dumps(content, indent=2, allow_nan=False, default=str))
     else:
         _print_text(content, state)
 
@@ -181,20 +181,19 @@ def _made_by(attachments: Mapping[str, AttachedFile]) -> dict[str, object]:
             (
                 node['ros__parameters']['seed']
                 for node in parameters.values()
-                if isinstance(node, dict) and 'seed' in (node.get('ros__parameters') or {})
+                if isinstance(node, dict)
+                and isinstance(node.get('ros__parameters'), dict)
+                and 'seed' in node['ros__parameters']
             ),
             None,
         ),
-        'versions': versions,
+        'versions': {str(name): str(value) for name, value in versions.items()},
     }
     return {name: value for name, value in content.items() if value not in (None, {})}
 
 
 def _attached(file: AttachedFile | None) -> dict[str, Any]:
-    try:
-        content = yaml.safe_load(file.data) if file else None
-    except (yaml.YAMLError, UnicodeDecodeError):
-        content = None
+    content = parse_data(file.data) if file else None
     return content if isinstance(content, dict) else {}
 
 

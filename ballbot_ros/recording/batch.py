@@ -6,6 +6,7 @@ A loop over the messages themselves would take several times as long as reading 
 from __future__ import annotations
 
 import struct
+from array import array
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -18,8 +19,10 @@ from numpy.typing import NDArray
 Rows = NDArray[np.intp]
 
 _LENGTH = struct.Struct('<Q')
-_RECORD_HEADER_SIZE = 1 + _LENGTH.size
+RECORD_HEADER_SIZE = 1 + _LENGTH.size
 """An opcode and the length of the content [byte]."""
+
+_ROWS_AT_ONCE = 4096
 
 MESSAGE_HEADER = np.dtype(
     [
@@ -77,18 +80,9 @@ class Batch:
         McapError
             If a record is incomplete, or the channel of a message is unknown.
         """
-        offsets = []
-        offset = 0
-        while offset < len(data):
-            offsets.append(offset)
-            (length,) = _LENGTH.unpack_from(data, offset + 1)
-            offset += _RECORD_HEADER_SIZE + length
-        if offset != len(data):
-            raise McapError('a record is longer than the chunk that holds it')
-        begins = np.array(offsets, np.intp)
-        ends = np.append(begins[1:], offset).astype(np.intp)
-        is_message = np.frombuffer(data, np.uint8)[begins] == Opcode.MESSAGE
-        begins, ends = begins[is_message], ends[is_message]
+        bounds = np.array(record_bounds(data), np.intp)
+        is_message = np.frombuffer(data, np.uint8)[bounds[:-1]] == Opcode.MESSAGE
+        begins, ends = bounds[:-1][is_message], bounds[1:][is_message]
         starts = begins + MESSAGE_HEADER.itemsize
         if (starts > ends).any():
             raise McapError('a message is shorter than its header')
@@ -155,10 +149,32 @@ class Batch:
 
     def messages(self) -> Iterator[RawMessage]:
         """Iterate over the messages."""
-        columns = (self.headers[name].tolist() for name in ('channel', 'log_ns', 'sequence'))
-        spans = zip(self.starts.tolist(), self.ends.tolist(), strict=True)
-        for channel, log_ns, sequence, (start, end) in zip(*columns, spans, strict=True):
-            yield RawMessage(self.names[channel], log_ns, sequence, self.data[start:end])
+        names = ('channel', 'log_ns', 'sequence')
+        for first in range(0, len(self), _ROWS_AT_ONCE):
+            rows = slice(first, first + _ROWS_AT_ONCE)
+            columns = (self.headers[rows][name].tolist() for name in names)
+            spans = zip(self.starts[rows].tolist(), self.ends[rows].tolist(), strict=True)
+            for channel, log_ns, sequence, (start, end) in zip(*columns, spans, strict=True):
+                yield RawMessage(self.names[channel], log_ns, sequence, self.data[start:end])
+
+
+def record_bounds(data: bytes) -> array[int]:
+    """Return where each MCAP record begins, and where the last ends.
+
+    Raises
+    ------
+    McapError
+        If a record is incomplete.
+    """
+    bounds, offset = array('Q'), 0
+    while offset < len(data):
+        bounds.append(offset)
+        (length,) = _LENGTH.unpack_from(data, offset + 1)
+        offset += RECORD_HEADER_SIZE + length
+    if offset != len(data):
+        raise McapError('a record is longer than the chunk that holds it')
+    bounds.append(offset)
+    return bounds
 
 
 def read_structs(data: bytes, offsets: Rows, dtype: np.dtype[Any]) -> NDArray[np.void]:

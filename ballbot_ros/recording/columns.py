@@ -283,6 +283,9 @@ def _text(value: Any) -> str:
     """Write a list as JSON, bytes as two hexadecimal digits each."""
     if isinstance(value, np.ndarray) and value.dtype == np.uint8:
         return value.tobytes().hex()
+    if isinstance(value, np.ndarray):
+        parts = (value[at : at + 4096] for at in range(0, len(value), 4096))  # a map has 16 MB
+        return f'[{", ".join(json.dumps(part.tolist())[1:-1] for part in parts)}]'
     return json.dumps(_nested(value), ensure_ascii=False)
 
 

@@ -70,7 +70,8 @@ class Exporter:
                 if topic not in tables:
                     columns = self._columns(topic, message)
                     named = [(column.name, column.kind) for column in columns.columns]
-                    table = self._table(_file_name(topic), [('time_s', float), *named])
+                    named.insert(0, ('time_s', float))
+                    table = self._table(_file_name(topic), named, len(self.topics))
                     stack.callback(table.close)
                     tables[topic] = columns, table
                 columns, table = tables[topic]
@@ -165,7 +166,7 @@ class Exporter:
                 f'{self.reader.path}: {topic} at {stamp_ns / _SECOND_NS:.3f} s: {error}'
             ) from None
 
-    def _table(self, name: str, columns: Sequence[tuple[str, type]]) -> Table:
+    def _table(self, name: str, columns: Sequence[tuple[str, type]], tables: int = 1) -> Table:
         taken = {path.stem for path in self.files}
         while name in taken:
             name += '_'
@@ -175,7 +176,7 @@ class Exporter:
         except FileExistsError:
             raise RecordingError(f'{self.folder}: not a folder; choose another --output') from None
         try:
-            table = FORMATS[self.file_format](path, columns)
+            table = FORMATS[self.file_format](path, columns, tables)
         except FileExistsError:
             raise RecordingError(f'{path}: already exists; choose another --output') from None
         self.files.append(path)

@@ -9,11 +9,10 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator
 from mmap import ACCESS_READ, ALLOCATIONGRANULARITY, MADV_DONTNEED, mmap
 from pathlib import Path
-from typing import IO, Any, NamedTuple, TypeVar, cast
+from typing import Any, NamedTuple, TypeVar
 
 from mcap.data_stream import RecordBuilder
 from mcap.exceptions import McapError
-from mcap.opcode import Opcode
 from mcap.records import (
     Attachment,
     Channel,
@@ -26,7 +25,6 @@ from mcap.records import (
     Schema,
     Statistics,
 )
-from mcap.stream_reader import StreamReader, get_chunk_data_stream
 from mcap.well_known import MessageEncoding, Profile
 from mcap.writer import MCAP0_MAGIC
 from rosbags.serde import SerdeError
@@ -37,6 +35,7 @@ from ballbot_ros.files import open_regular
 from ballbot_ros.recording.batch import Batch, RawMessage, Rows
 from ballbot_ros.recording.batch_layout import BatchLayout
 from ballbot_ros.recording.errors import RecordingError
+from ballbot_ros.recording.mcap_records import LimitedReader, LimitError
 from ballbot_ros.recording.qos import QosProfile
 from ballbot_ros.recording.rosbag2 import DERIVED, TimeRange, parse_offered_qos
 from ballbot_ros.recording.schemas import recorded_typestore
@@ -289,14 +288,13 @@ class RecordingReader:
         self.check_topics(topics or ())
         channels = {number: channel.topic for number, channel in self._channels.items()}
 
-        def parse(stream: IO[bytes]) -> Iterator[Batch]:
-            reader = _IndexlessReader(stream, emit_chunks=True, validate_crcs=True)
+        def parse(stream: mmap) -> Iterator[Batch]:
+            reader = LimitedReader(stream)
             for group in _grouped(reader.records):
                 if isinstance(group, bytes):
                     yield Batch.of_records(group, channels)
                 elif group.message_end_time >= start_ns:
-                    content, size = get_chunk_data_stream(group, validate_crc=True)
-                    yield Batch.of_records(content.read(size), channels)
+                    yield Batch.of_records(reader.unpack(group), channels)
 
         for batch in self._read(parse):
             selected = batch.from_time(start_ns)
@@ -355,10 +353,12 @@ class RecordingReader:
         statistics = None
         oldest_ns, newest_ns = 2**64, -1
 
-        def parse(stream: IO[bytes]) -> Iterator[McapRecord]:
-            reader = _IndexlessReader(stream, emit_chunks=not unpack, validate_crcs=True)
+        def parse(stream: mmap) -> Iterator[McapRecord]:
+            reader = LimitedReader(stream)
             for record in reader.records:
-                if isinstance(record, Footer) and not summary_holds(cast('mmap', stream), record):
+                if unpack and isinstance(record, Chunk):
+                    yield from reader.parse_all(reader.unpack(record))
+                if isinstance(record, Footer) and not summary_holds(stream, record):
                     raise McapError('the summary fails its checksum')
                 yield record
 
@@ -395,7 +395,7 @@ class RecordingReader:
         self.times = TimeRange(oldest_ns, newest_ns) if self.count else None
         return True
 
-    def _read(self, parse: Callable[[IO[bytes]], Iterator[_Item]]) -> Iterator[_Item]:
+    def _read(self, parse: Callable[[mmap], Iterator[_Item]]) -> Iterator[_Item]:
         """Iterate over the results of `parse` on the file, until its end or damage."""
         try:
             # Map the file for each iterator: several can be active, each at its own position.
@@ -405,28 +405,17 @@ class RecordingReader:
         with stream:
             kept = 0
             try:
-                for item in parse(cast('IO[bytes]', stream)):
+                for item in parse(stream):
                     yield item
                     if read := (stream.tell() - kept) // _LET_GO * _LET_GO:
                         stream.madvise(MADV_DONTNEED, kept, read)
                         kept += read
+            except LimitError as error:
+                self._corruption = f'corrupt before byte {stream.tell()} ({error})'
             except DAMAGE:
                 end = stream.tell()
                 kind = 'cut off at' if end == len(stream) else 'corrupt before'
                 self._corruption = f'{kind} byte {end}'
-
-
-class _IndexlessReader(StreamReader):
-    """Passes over the message indexes, which are not needed to read a file from start to end.
-
-    Their parsing takes longer than all other reading.
-    """
-
-    def _read_record(self, opcode: int, length: int) -> McapRecord | None:
-        if opcode == Opcode.MESSAGE_INDEX:
-            self._stream.read(length)
-            return None
-        return super()._read_record(opcode, length)
 
 
 def _grouped(records: Iterable[McapRecord]) -> Iterator[Chunk | bytes]:

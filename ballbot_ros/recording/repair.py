@@ -167,7 +167,8 @@ class _Survey:
         corrupt = self.damage[:-1] if salvage.is_cut_off else self.damage
         if corrupt:
             which = f' (the first of {len(corrupt)} places)' if len(corrupt) > 1 else ''
-            places.append(f'corrupt from byte {corrupt[0].start} to {corrupt[0].end}{which}')
+            why = f' ({corrupt[0].reason})' if corrupt[0].reason else ''
+            places.append(f'corrupt from byte {corrupt[0].start} to {corrupt[0].end}{why}{which}')
         if salvage.is_cut_off:
             places.append(f'cut off at byte {salvage.size}')
         left_out = sum(damage.end - damage.start for damage in self.damage)

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import yaml
 
 from ballbot_ros.recording.qos import QosProfile
+from ballbot_ros.yaml_document import parse_data
 
 METADATA_NAME = 'rosbag2'
 """Name of the MCAP metadata record."""
@@ -80,8 +81,9 @@ def parse_offered_qos(text: str) -> list[QosProfile]:
         Empty if the text is not in the format of rosbag2.
     """
     try:
-        return [_parse_profile(profile) for profile in yaml.safe_load(text) or ()]
-    except (yaml.YAMLError, TypeError, KeyError, ValueError, AttributeError):
+        profiles = parse_data(text)
+        return [_parse_profile(each) for each in profiles] if isinstance(profiles, list) else []
+    except (TypeError, LookupError, ValueError, OverflowError):
         return []
 
 

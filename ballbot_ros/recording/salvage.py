@@ -5,19 +5,16 @@ from __future__ import annotations
 import re
 import struct
 import zlib
-from collections.abc import Iterator
-from io import BytesIO
+from collections.abc import Iterable, Iterator
 from itertools import chain
 from mmap import ACCESS_READ, mmap
 from pathlib import Path
 from typing import NamedTuple
 
 from mcap import records
-from mcap.data_stream import ReadDataStream
-from mcap.opcode import Opcode
-from mcap.stream_reader import breakup_chunk
 from mcap.writer import MCAP0_MAGIC
 
+from ballbot_ros.recording.mcap_records import LimitedReader, LimitError
 from ballbot_ros.recording.reader import DAMAGE, summary_holds
 
 _RECORD_HEADER = struct.Struct('<BQ')
@@ -30,29 +27,16 @@ _POSSIBLE_HEADER = re.compile(rb'[\x01-\x0f].{5}\0\0\0', re.DOTALL)
 _LANDMARK = re.compile(rb'(?=[\x06\x09\x0c].{5}\0\0\0|\x89MCAP0\r\n)', re.DOTALL)
 """The possible header of a chunk, an attachment or a metadata record, or the end of a recording."""
 
-_PARSERS = {
-    Opcode.HEADER: records.Header.read,
-    Opcode.FOOTER: records.Footer.read,
-    Opcode.SCHEMA: records.Schema.read,
-    Opcode.CHANNEL: records.Channel.read,
-    Opcode.CHUNK: records.Chunk.read,
-    Opcode.MESSAGE_INDEX: records.MessageIndex.read,
-    Opcode.CHUNK_INDEX: records.ChunkIndex.read,
-    Opcode.ATTACHMENT: records.Attachment.read,
-    Opcode.ATTACHMENT_INDEX: records.AttachmentIndex.read,
-    Opcode.STATISTICS: records.Statistics.read,
-    Opcode.METADATA: records.Metadata.read,
-    Opcode.METADATA_INDEX: records.MetadataIndex.read,
-    Opcode.SUMMARY_OFFSET: records.SummaryOffset.read,
-    Opcode.DATA_END: records.DataEnd.read,
-}
-
 
 class Damage(NamedTuple):
-    """A damaged part of the file: where it starts, and where intact data follow [byte]."""
+    """A damaged part of the file: where it starts, where intact data follow [byte], and why.
+
+    The reason is empty unless the part exceeds a limit.
+    """
 
     start: int
     end: int
+    reason: str = ''
 
 
 class Salvage:
@@ -71,6 +55,7 @@ class Salvage:
             self._map = mmap(file.fileno(), 0, access=ACCESS_READ)
         self.size = self._data_end = len(self._map)
         self._channels: set[int] = set()
+        self._reader, self._refusal = LimitedReader(self._map), ''
         self._summary: list[records.McapRecord] = []
         self._read_summary()
         self.is_cut_off = self._data_end == self.size and self._map[-8:] != MCAP0_MAGIC
@@ -93,6 +78,7 @@ class Salvage:
             Position after the record or its chunk [byte], and the record or damage. The records of
             the summary come first, and only if its checksum is right.
         """
+        self._reader = LimitedReader(self._map)
         summary = ((len(MCAP0_MAGIC), record) for record in self._summary)
         for place, record in chain(summary, self._walk()):
             if isinstance(record, records.Channel):
@@ -105,44 +91,49 @@ class Salvage:
         while position < self._data_end:
             found = self._record_at(position)
             if found is None:
+                reason = self._refusal
                 end = self._resume(position)
-                yield end, Damage(position, end)
+                yield end, Damage(position, end, reason)
                 if end == self.size:
                     return
                 position = end
                 continue
-            position, content = found
-            yield from ((position, record) for record in content)
-            if content and isinstance(content[-1], records.DataEnd):
+            position, record, parts = found
+            yield from ((position, part) for part in parts)
+            if isinstance(record, records.DataEnd):
                 break
         if self._data_end == self.size:
             yield self.size, Damage(position, self.size)
 
     def _record_at(
         self, position: int, *, proven: bool = False
-    ) -> tuple[int, list[records.McapRecord]] | None:
-        """Return end and content of the record at `position`; None if it is not consistent.
+    ) -> tuple[int, records.McapRecord, Iterable[records.McapRecord]] | None:
+        """Return end, record and content at `position`; None if it is not consistent.
 
         With `proven` a chunk or an attachment needs a checksum.
         """
+        self._refusal = ''
         begin = position + _RECORD_HEADER.size
         if begin > self.size:
             return None
         opcode, length = _RECORD_HEADER.unpack_from(self._map, position)
         end = begin + length
-        content = self._map[begin:end]
-        stream = ReadDataStream(BytesIO(content))
         try:
-            if opcode == Opcode.MESSAGE:
-                record = records.Message.read(stream, length)
-            else:
-                record = _PARSERS[opcode](stream)
-            parts = (
-                breakup_chunk(record, validate_crc=True)
-                if isinstance(record, records.Chunk)
-                else [record]
-            )
-        except (KeyError, *DAMAGE):
+            if proven:  # many that are none could have the length of the file
+                self._reader.take(min(length, self.size))
+            content = self._map[begin:end]
+            record, used = self._reader.parse(opcode, content)
+            if record is None:
+                return None
+            parts: Iterable[records.McapRecord] = [record]
+            if isinstance(record, records.Chunk):
+                unpacked = self._reader.unpack(record)
+                for _ in self._reader.parse_all(unpacked):
+                    pass  # all must be valid before one is used
+                parts = self._reader.parse_all(unpacked)
+        except DAMAGE as error:
+            if isinstance(error, LimitError):
+                self._refusal = str(error)
             return None
         match record:
             case records.Chunk():
@@ -157,7 +148,7 @@ class Salvage:
                 holds = record.channel_id in self._channels and self._may_begin_at(end)
             case _:
                 holds = True
-        return (end, parts) if holds and stream.count == length else None
+        return (end, record, parts) if holds and used == length else None
 
     def _may_begin_at(self, position: int) -> bool:
         return position == self.size or bool(_POSSIBLE_HEADER.match(self._map, position))
@@ -175,8 +166,9 @@ class Salvage:
     def _read_summary(self) -> None:
         footer_at = max(0, self.size - len(MCAP0_MAGIC) - _FOOTER_SIZE)
         match self._record_at(footer_at):
-            case _, [records.Footer() as footer] if summary_holds(self._map, footer):
+            case _, records.Footer() as footer, _ if summary_holds(self._map, footer):
                 position = self._data_end = footer.summary_start or footer_at
                 while position < footer_at and (found := self._record_at(position)):
-                    position, content = found
-                    self._summary += content
+                    position, record, _ = found
+                    if isinstance(record, records.Schema | records.Channel | records.Statistics):
+                        self._summary.append(record)

@@ -10,13 +10,14 @@ from typing import Any
 from ballbot_ros.recording.columns import Value
 from ballbot_ros.recording.errors import RecordingError
 
-ROWS_AT_ONCE = 20_000
+CELLS_AT_ONCE = 2**21
+"""Size of the row groups of all tables; each character of a text counts as a cell."""
 
 
 class CsvTable:
     """A CSV file with a header line; numbers have the shortest form that reads back exactly."""
 
-    def __init__(self, path: Path, columns: Sequence[tuple[str, type]]) -> None:
+    def __init__(self, path: Path, columns: Sequence[tuple[str, type]], tables: int = 1) -> None:
         self._file = path.open('x', newline='', encoding='utf-8')
         self._writer = csv.writer(self._file)
         self._writer.writerow([name for name, _ in columns])
@@ -31,9 +32,9 @@ class CsvTable:
 
 
 class ParquetTable:
-    """A Parquet file, written in row groups."""
+    """A Parquet file, written in row groups: one of several `tables` that are open."""
 
-    def __init__(self, path: Path, columns: Sequence[tuple[str, type]]) -> None:
+    def __init__(self, path: Path, columns: Sequence[tuple[str, type]], tables: int = 1) -> None:
         self._arrow = load_pyarrow()
         types = {
             float: self._arrow.float64(),
@@ -43,14 +44,17 @@ class ParquetTable:
         }
         self._schema = self._arrow.schema([(name, types[kind]) for name, kind in columns])
         self._path = path
+        self._texts = [number for number, (_, kind) in enumerate(columns) if kind is str]
         self._rows: list[Sequence[Value | None]] = []
+        self._cells, self._most_cells = 0, CELLS_AT_ONCE // tables
         self._file = path.open('xb')
         self._writer = self._arrow.parquet.ParquetWriter(self._file, self._schema)
 
     def add(self, row: Sequence[Value | None]) -> None:
         """Add a row; None becomes null."""
         self._rows.append(row)
-        if len(self._rows) == ROWS_AT_ONCE:
+        self._cells += len(row) + sum(len(str(row[number])) for number in self._texts)
+        if self._cells >= self._most_cells:
             self._write()
 
     def close(self) -> None:
@@ -70,6 +74,7 @@ class ParquetTable:
             raise RecordingError(f'{self._path}: {" ".join(str(error).split())}') from None
         self._writer.write_table(self._arrow.Table.from_arrays(arrays, schema=self._schema))
         self._rows.clear()
+        self._cells = 0
 
 
 def load_pyarrow() -> Any:

@@ -47,6 +47,7 @@ ROSDEP_KEYS = {
     'trimesh': 'python3-trimesh-pip',
     'viser': None,
     'websockets': None,
+    'lz4': 'mcap-ros2-support',
     'zstandard': 'mcap-ros2-support',
     'ros-jazzy-common-interfaces': 'std_msgs',
     'ros-jazzy-rclpy': 'rclpy',

@@ -280,7 +280,7 @@ def test_no_file_is_overwritten(recording):
 
 def test_parquet_has_the_same_values(recording, monkeypatch):
     parquet = pytest.importorskip('pyarrow.parquet')
-    monkeypatch.setattr(tables, 'ROWS_AT_ONCE', 2)
+    monkeypatch.setattr(tables, 'CELLS_AT_ONCE', 24)  # two rows of each topic
     for tick in range(3):
         recording.add('/sonar', RANGE, 10**9 + tick * TICK_NS, range=0.5 * tick)
     recording.add('/text', STRING, 10**9, data='a')
@@ -294,7 +294,7 @@ def test_parquet_has_the_same_values(recording, monkeypatch):
 
 def test_a_parquet_column_without_values_keeps_its_type(recording, monkeypatch):
     parquet = pytest.importorskip('pyarrow.parquet')
-    monkeypatch.setattr(tables, 'ROWS_AT_ONCE', 2)
+    monkeypatch.setattr(tables, 'CELLS_AT_ONCE', 26)  # two rows
     for tick in range(5):
         recording.add('/fast', RANGE, 10**9 + tick * TICK_NS, range=0.5 * tick)
     recording.add('/slow', RANGE, 10**9 + 3 * TICK_NS, range=7.0)

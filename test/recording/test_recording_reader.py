@@ -9,13 +9,13 @@ from hypothesis import example, settings
 from hypothesis import strategies as st
 from laws import given
 from mcap.opcode import Opcode
-from mcap.stream_reader import get_chunk_data_stream
 from recorded_bytes import FOREIGN, UNCHUNKED, UNCOMPRESSED, flip, write_foreign
 from text_messages import STRING, string
 
 from ballbot_ros.recording import reader as reading
 from ballbot_ros.recording.encoding import encoder, new_message
 from ballbot_ros.recording.errors import RecordingError
+from ballbot_ros.recording.mcap_records import LimitedReader
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.writer import RecordingWriter
 
@@ -309,11 +309,12 @@ def test_messages_outside_chunks_keep_their_place(tmp_path):
 def test_a_seek_unpacks_no_earlier_chunk(recording, sample, monkeypatch):
     unpacked = []
 
-    def unpack(chunk, **options):
-        unpacked.append(chunk.message_end_time)
-        return get_chunk_data_stream(chunk, **options)
+    class Noting(LimitedReader):
+        def unpack(self, chunk):
+            unpacked.append(chunk.message_end_time)
+            return super().unpack(chunk)
 
-    monkeypatch.setattr(reading, 'get_chunk_data_stream', unpack)
+    monkeypatch.setattr(reading, 'LimitedReader', Noting)
     with RecordingReader(recording) as reader:
         list(reader.raw_messages(start_ns=sample[150][2]))
     assert len(unpacked) == 2
