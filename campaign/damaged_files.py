@@ -1,4 +1,4 @@
-"""Damaged recordings, and invalid scenarios and arguments."""
+"""Damaged and hostile recordings, and invalid scenarios and arguments."""
 
 from __future__ import annotations
 
@@ -15,6 +15,8 @@ from campaign.site import BALLBOT, Program, Site
 COMMAND_BOUND_S = 60.0
 RECORDED_S = 1.2
 STATUSES = (0, 1, 2)
+FILES = 30
+"""Hostile recordings in a trial."""
 
 Damage = Callable[[random.Random, bytes], bytes]
 
@@ -92,6 +94,37 @@ class DamagedRecording:
                 'export': ('export', damaged, '--to', 'csv', '--output', site.folder / 'tables'),
             },
         )
+
+
+@dataclass(frozen=True)
+class HostileRecordings:
+    """Recordings with valid checksums and hostile content, read in one process.
+
+    Attributes
+    ----------
+    seed : int
+        Seed of the files.
+    """
+
+    seed: int
+
+    def __str__(self) -> str:
+        return f'{FILES} files, drawn with seed {self.seed}'
+
+    @classmethod
+    def draw(cls, generator: random.Random, index: int) -> HostileRecordings:
+        """Draw a seed."""
+        return cls(generator.getrandbits(32))
+
+    def carry_out(self, site: Site) -> Verdict:
+        """Write and read the files."""
+        words = ('campaign.hostile_reading', '--seed', self.seed, '--count', FILES)
+        program = site.start('hostile', *words)
+        end = site.await_end(program, COMMAND_BOUND_S)
+        failures = [line for line in program.text.splitlines() if line.startswith('file ')]
+        if end.status != 0 and not failures:
+            failures = judge_command(program, end.status) or [f'status {end.status}']
+        return Verdict(tuple(failures), end.took_s, COMMAND_BOUND_S)
 
 
 @dataclass(frozen=True)

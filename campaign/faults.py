@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 from signal import Signals
 
-from campaign.damaged_files import DamagedRecording, FuzzedInput
+from campaign.damaged_files import DamagedRecording, FuzzedInput, HostileRecordings
 from campaign.environments import UnusualEnvironment
 from campaign.fault import Fault
 from campaign.restarts import Restarts
@@ -37,6 +37,7 @@ FAULTS = (
     Fault('unusual environment', UnusualEnvironment.draw, 8.0, needs_mounts=True),
     Fault('signal to a helper process', HelperSignal.draw, 12.0),
     Fault('damaged recording', DamagedRecording.draw, 15.0),
+    Fault('hostile recordings', HostileRecordings.draw, 20.0),
     _node('kill -9 of a node', Moment.END, KILL, 10.0),
     _node('SIGSTOP of a node', Moment.MIDDLE, HANG, 14.0),
     _node('INT, TERM or HUP to a node', Moment.MIDDLE, STOP, 12.0),

@@ -65,6 +65,12 @@ from ballbot_ros.world.library import is_file_name
 CONTEXT_TICKS = 2
 """Ticks shown before and after a difference."""
 
+MAX_MISSING = 900_000
+"""Largest number of ticks without a duty, an hour: more would take very long to simulate."""
+
+END_OF_TIME_NS = 2**31 * SECOND_NS
+"""Smallest stamp that a message can't have [ns]."""
+
 ReportTime = Callable[[float], None]
 """Callback that receives the sim time replayed so far [s]."""
 
@@ -148,6 +154,14 @@ class RecordingReplay:
         self._jobs = [job for job in self._begun if job.inputs.ticks]
         if not self._jobs:
             raise RecordingError(f'{reader.path}: nothing to replay: no tick has a duty')
+        for inputs in recorded.runs:
+            start_ns, last_ns = inputs.run.start_ns, inputs.last_ns
+            missing = inputs.ticks - len(inputs.duties)
+            if start_ns % TICK_NS or last_ns >= END_OF_TIME_NS or missing > MAX_MISSING:
+                raise RecordingError(
+                    f'{reader.path}: cannot replay from {start_ns} ns to {last_ns} ns: these are '
+                    f'not the stamps of a run, or more than {MAX_MISSING} ticks have no duty'
+                )
         if controller in DOCUMENTS_PROGRAM:
             require_implementation(controller)
         self._scratch, self._trusts_code = scratch, trust_attached_code
@@ -252,8 +266,10 @@ class RecordingReplay:
         if result.difference is None:
             return result
         # Show the last run that had begun by then; it may have ended before the difference.
-        job = next(j for j in reversed(self._begun) if j.has_begun_before(result.difference))
-        return replace(result, context=self._context(job, result.difference.stamp_ns))
+        begun = [job for job in self._begun if job.has_begun_before(result.difference)]
+        if not begun:
+            return result
+        return replace(result, context=self._context(begun[-1], result.difference.stamp_ns))
 
     def replay_with(self, assignments: Sequence[str], update: ReportTime) -> list[Divergence]:
         """Compare the duties of another controller with the recorded ones, run by run.

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from ballbot_ros.messages.topics import MOTOR_DUTY, PLANT_STEPS, TOPICS, Topic
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.recording.schemas import typestore
 
 IDENTIFYING_TOPICS = (
     MOTOR_DUTY,
@@ -61,6 +62,10 @@ def robot_topics(reader: RecordingReader) -> RobotTopics:
         )
     ours = {topic.resolved(namespace): topic for topic in TOPICS}
     types = {name: each.type_name for name, each in reader.topics().items() if name in ours}
+    unreadable = reader.unreadable()
+    for name in types:
+        if name in unreadable or reader.typestore(name) is not typestore():
+            types[name] += ' in another definition or encoding'
     return RobotTopics(
         namespace,
         {name: ours[name] for name in types},

@@ -19,6 +19,7 @@ from ballbot_ros.analysis.recorded_pushes import (
 )
 from ballbot_ros.cli.file_progress import file_progress
 from ballbot_ros.cli.path_types import RECORDING
+from ballbot_ros.errors import printable
 from ballbot_ros.messages.topics import RUN
 from ballbot_ros.own_command import own_command
 from ballbot_ros.progress import ProgressCallback
@@ -102,7 +103,7 @@ def _read(reader: RecordingReader, progress: ProgressCallback) -> dict[str, Any]
 def _print_text(content: Mapping[str, Any], state: str) -> None:
     console = Console(highlight=False, markup=False, soft_wrap=True)
     for label, text in _lines(content, state):
-        console.print(f'{label:<12}{text}')
+        console.print(f'{label:<12}{printable(text)}')
     rows = [('topic', 'type', 'messages', 'mean rate', 'largest gap', 'at')]
     for name, topic in content['topics'].items():
         cells = [
@@ -118,7 +119,7 @@ def _print_text(content: Mapping[str, Any], state: str) -> None:
             f'{cell:<{width}}' if number < 2 else f'{cell:>{width}}'
             for number, (cell, width) in enumerate(zip(row, widths, strict=True))
         ]
-        console.print('  '.join(cells).rstrip())
+        console.print(printable('  '.join(cells).rstrip()))
 
 
 def _lines(content: Mapping[str, Any], state: str) -> list[tuple[str, str]]:

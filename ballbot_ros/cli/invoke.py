@@ -6,7 +6,7 @@ import os
 
 import click
 
-from ballbot_ros.errors import BallbotError
+from ballbot_ros.errors import BallbotError, printable
 from ballbot_ros.standard_streams import (
     STANDARD_OUTPUT,
     open_standard_streams,
@@ -32,7 +32,7 @@ def invoke(command: click.Command, name: str, failed: int = 2) -> int:
         click.echo(f'error: {" ".join(error.format_message().split())}', err=True)
         return 2
     except BallbotError as error:
-        click.echo(f'error: {error}', err=True)
+        click.echo(f'error: {printable(str(error))}', err=True)
         return failed
     except OSError as error:
         if error.filename == STANDARD_OUTPUT:

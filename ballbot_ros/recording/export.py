@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
@@ -20,8 +21,14 @@ JOINED = 'joined'
 LATENESS_S = 1
 """Maximum delay of a message behind the newest one [s]; after that, its row has been written."""
 
+MAX_ROWS = 2**24
+"""Largest number of rows of a joined table, 18 hours of ticks."""
+
 MAX_GAP_S = 3600
 """Gap between stamps from which another clock is assumed, not a pause of all topics [s]."""
+
+MAX_NAME = 100
+"""Longest name of a table, without its ending."""
 
 _SECOND_NS = 10**9
 
@@ -114,7 +121,7 @@ class Exporter:
                 if not grid.put(tick, topic, row, longest):
                     raise RecordingError(
                         f'{self.reader.path}: {topic} at {stamp_ns / _SECOND_NS:.3f} s is out of '
-                        'order, so the joined table cannot be completed'
+                        'order or far ahead, so the joined table cannot be completed'
                     )
                 for ready, values in grid.rows(lateness):
                     table.add([ready * period_ns / _SECOND_NS, *values])
@@ -184,7 +191,8 @@ class Exporter:
 
 
 def _file_name(topic: str) -> str:
-    return topic.strip('/').replace('/', '_')
+    """Return a name for files and columns: a topic can be any text."""
+    return re.sub(r'[^\w.-]', '_', topic.strip('/'))[:MAX_NAME] or '_'
 
 
 class _Grid:
@@ -196,13 +204,18 @@ class _Grid:
         }
         self._pending: dict[int, dict[str, Sequence[Value | None]]] = {}
         self._newest: int | None = None
+        self._last = 0
         self._next: int | None = None
 
     def put(self, tick: int, topic: str, values: Sequence[Value | None], longest_gap: int) -> bool:
         """Store values; return False if the row of `tick` is written or beyond `longest_gap`."""
         if self._newest is None:
-            self._newest = tick
-        if abs(tick - self._newest) > longest_gap or (self._next is not None and tick < self._next):
+            self._newest, self._last = tick, tick + MAX_ROWS
+        if (
+            tick > self._last
+            or abs(tick - self._newest) > longest_gap
+            or (self._next is not None and tick < self._next)
+        ):
             return False
         self._pending.setdefault(tick, {})[topic] = values
         self._newest = max(self._newest, tick)

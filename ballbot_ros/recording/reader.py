@@ -31,6 +31,7 @@ from rosbags.serde import SerdeError
 from rosbags.typesys.store import Typestore
 from zstandard import ZstdError
 
+from ballbot_ros.errors import printable
 from ballbot_ros.files import open_regular
 from ballbot_ros.recording.batch import Batch, RawMessage, Rows
 from ballbot_ros.recording.batch_layout import BatchLayout
@@ -86,7 +87,8 @@ def summary_holds(data: mmap, footer: Footer) -> bool:
 class RecordingReader:
     """A recording, read message by message in file order.
 
-    If the file is cut off or corrupt, the part before the damage is read.
+    If the file is cut off or corrupt, the part before the damage is read. A space replaces each
+    control character in the names of topics, types and attachments.
 
     Parameters
     ----------
@@ -369,21 +371,24 @@ class RecordingReader:
                     oldest_ns = min(oldest_ns, record.log_time)
                     newest_ns = max(newest_ns, record.log_time)
                 case Schema():
+                    record.name = printable(record.name)
                     self._schemas[record.id] = record
                 case Channel():
+                    record.topic = printable(record.topic)
                     self._channels[record.id] = record
                 case Attachment():
-                    self._attachments[record.name] = AttachedFile(record.media_type, record.data)
+                    file = AttachedFile(record.media_type, record.data)
+                    self._attachments[printable(record.name)] = file
                 case Metadata():
                     self._metadata[record.name] = record.metadata
                     if record.name == INCOMPLETE:
-                        self._gaps.append(record.metadata.get('reason', INCOMPLETE))
+                        self._gaps.append(printable(record.metadata.get('reason', INCOMPLETE)))
                 case Header():
                     if record.profile != Profile.ROS2:
                         raise RecordingError(
                             f"{self.path}: profile {record.profile!r} is not 'ros2'"
                         )
-                    self.library = record.library
+                    self.library = printable(record.library)
                 case Statistics():
                     statistics = record
         if not unpack:

@@ -3,16 +3,24 @@
 from __future__ import annotations
 
 import re
-from functools import cache
-from typing import NamedTuple
+from functools import cache, lru_cache
+from typing import NamedTuple, cast
 
 from mcap import records
 from mcap.well_known import SchemaEncoding
+from rosbags.interfaces import Nodetype
+from rosbags.interfaces.typing import FieldDesc, Typesdict
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.base import TypesysError
 from rosbags.typesys.store import Typestore
 
+from ballbot_ros.errors import one_line
 from ballbot_ros.recording.errors import RecordingError
+
+_parse = lru_cache(maxsize=64)(get_types_from_msg)  # takes milliseconds, and each pass asks again
+
+MAX_FIELDS = 100_000
+"""Largest number of fields of a message, with those of its parts and fixed arrays."""
 
 _CHAR_FIELD = re.compile(r'^char\b', re.MULTILINE)
 
@@ -73,7 +81,7 @@ def recorded_typestore(definition: records.Schema) -> Typestore:
         return ours
     try:
         if definition.encoding == SchemaEncoding.ROS2:
-            types = get_types_from_msg(text, name)
+            types = _parse(text, name)
         elif definition.encoding == 'ros2idl':
             types = get_types_from_idl(text)
         else:
@@ -88,9 +96,31 @@ def recorded_typestore(definition: records.Schema) -> Typestore:
         if not others:
             return ours
         store = get_typestore(Stores.EMPTY)
-        store.register({**ours.fielddefs, **others})
+        store.register(_needed({**ours.fielddefs, **others}, name))
         store.get_msgdef(name)
-    except (TypesysError, KeyError) as error:
-        reason = ' '.join(str(error).split())
-        raise RecordingError(f'its definition is invalid: {reason}') from None
+    except (TypesysError, KeyError, SyntaxError, ValueError) as error:
+        raise RecordingError(f'its definition is invalid: {one_line(error)}') from None
+    except RecursionError:
+        raise RecordingError('its definition contains itself, or is nested too deeply') from None
     return store
+
+
+def _needed(types: Typesdict, name: str) -> Typesdict:
+    """Return the definition of a type and of its parts, which have a limited number of fields."""
+    counts: dict[str, int] = {}
+
+    def in_type(name: str) -> int:
+        if name not in counts:
+            counts[name] = 1 + sum(in_field(description) for _, description in types[name][1])
+        return counts[name]
+
+    def in_field(description: FieldDesc) -> int:
+        kind, content = description
+        if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE):
+            element, size = cast('tuple[FieldDesc, int]', content)
+            return in_field(element) * (size if kind == Nodetype.ARRAY else 1)
+        return in_type(str(content)) if kind == Nodetype.NAME else 1
+
+    if in_type(name) > MAX_FIELDS:
+        raise RecordingError(f'its definition has more than {MAX_FIELDS} fields')
+    return {each: types[each] for each in counts}
