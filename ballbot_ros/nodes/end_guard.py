@@ -30,11 +30,14 @@ def guarded_end() -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
+    # Imported here: as a program, this file has no packages.
+    from ballbot_ros.stop_request import STOP_SIGNALS
+
     ours, theirs = socket.socketpair()
     with ours:
         with theirs:
             guard = subprocess.Popen(
-                [sys.executable, '-IS', __file__],
+                [sys.executable, '-IS', __file__, *(str(int(each)) for each in STOP_SIGNALS)],
                 stdin=theirs.fileno(),
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,
@@ -51,10 +54,12 @@ def guarded_end() -> Iterator[None]:
 
 
 def main() -> None:
-    """Wait for a signal to the parent; kill it if its main thread then hangs."""
+    """Wait for one of the given signals to the parent; kill it if its main thread then hangs."""
     parent = os.getppid()
-    if not sys.stdin.buffer.read(1):
-        return
+    awaited = {int(number) for number in sys.argv[1:]}
+    while not awaited.intersection(number := os.read(sys.stdin.fileno(), 1)):
+        if not number:
+            return
     wait, since = '', time.monotonic()
     while os.getppid() == parent:
         last, wait = wait, _wait_of(parent)

@@ -8,7 +8,7 @@ import pytest
 from graph import LAST_RESORT_S
 
 PROGRAM = """
-import ctypes, time
+import ctypes, signal, time
 from ballbot_ros.nodes.end_guard import guarded_end
 from ballbot_ros.stop_request import StopRequest
 
@@ -18,31 +18,30 @@ def block():
     while True:  # calls of the middleware may keep Python's lock, too
         ctypes.PyDLL(None).pthread_mutex_lock(mutex)
 
-with guarded_end(), StopRequest() as stop:
+def await_signal():
     print('ready', flush=True)
+    while not stop.signal:
+        time.sleep(0.01)
+
+with guarded_end(), StopRequest() as stop:
     {body}
 print('ended', stop.signal)
 """
+ENDED = f'ended {signal.SIGTERM:d}\n'
 
 
 @pytest.mark.parametrize(
     ('body', 'status', 'output'),
     [
-        pytest.param('block()', -signal.SIGKILL, '', id='blocked'),
+        pytest.param('print("ready", flush=True); block()', -signal.SIGKILL, '', id='blocked'),
+        pytest.param('await_signal(); block()', -signal.SIGKILL, '', id='blocked at its end'),
+        pytest.param('await_signal(); [time.sleep(0.1) for _ in range(30)]', 0, ENDED, id='slow'),
         pytest.param(
-            'while not stop.signal: time.sleep(0.01)\n    block()',
-            -signal.SIGKILL,
-            '',
-            id='blocked at its end',
-        ),
-        pytest.param(
-            'while not stop.signal: time.sleep(0.01)\n    for _ in range(30): time.sleep(0.1)',
-            0,
-            f'ended {signal.SIGTERM:d}\n',
-            id='slow',
+            'signal.signal(signal.SIGALRM, lambda *_: None); signal.setitimer(0, 0.1); '
+            'time.sleep(2.5); await_signal()', 0, ENDED, id='another signal',
         ),
     ],
-)
+)  # fmt: skip
 def test_a_signal_ends_a_blocked_process(body, status, output):
     process = subprocess.Popen(
         [sys.executable, '-c', PROGRAM.format(body=body)], stdout=subprocess.PIPE, text=True
