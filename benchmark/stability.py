@@ -21,8 +21,8 @@ from ballbot_ros.design.sampled_loop import LoopDelays, SampledLoop
 from ballbot_ros.design.state_feedback import DesignError
 from ballbot_ros.parameters import CONTROLLER, PLANT, ControllerParameters, ParameterSet
 from ballbot_ros.simulation.closed_loop import ClosedLoop
-from ballbot_ros.simulation.unquantised import run_unquantised
 from ballbot_ros.timing import TICK_MS, TICK_S
+from benchmark.unquantised import run_unquantised
 
 Floats = NDArray[np.float64]
 

@@ -25,8 +25,8 @@ from ballbot_ros.design.state_feedback import DesignError
 from ballbot_ros.parameters import ParameterSet, PlantParameters
 from ballbot_ros.parameters.assignment import assign_values
 from ballbot_ros.plant.actuator import max_voltage
-from ballbot_ros.simulation.unquantised import run_unquantised
 from ballbot_ros.timing import TICK_S
+from benchmark.unquantised import run_unquantised
 
 DOCUMENT = design_servo(physical()).gain
 QUIET_FILTERS = {'controller.a_d': 0.975}

@@ -6,7 +6,7 @@ import pytest
 
 from ballbot_ros.parameters import ALL_NODES, TABLE, ParameterSet
 from ballbot_ros.parameters.files import read_parameter_file
-from ballbot_ros.plant.parameter_pages import default_file, reference_page
+from benchmark.parameter_pages import default_file, reference_page
 
 ROOT = Path(__file__).parents[2]
 
