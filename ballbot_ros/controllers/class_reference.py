@@ -19,7 +19,7 @@ from ballbot_ros.controllers.source import Source
 from ballbot_ros.errors import one_line
 from ballbot_ros.parameters import ControllerParameters
 
-_COMPARED = (bool, int, float, complex, str, bytes, list, tuple, dict, np.ndarray, np.generic)
+_COMPARED = (bool, int, float, complex, str, bytes, list, tuple, dict, np.ndarray, np.number)
 
 
 def reference_to(cls: type[Controller[Any]]) -> str | LoadedController:

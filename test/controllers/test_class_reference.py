@@ -78,12 +78,12 @@ def test_a_fault_in_a_cell_shows_its_line(notebook):
         controller_class('wait() if readings.elapsed_ms == 400 else 0', 'Hangs'),
         controller_class('1.5', 'ReturnsFloats'),
     )
-    assert simulate(notebook.Raises).reason == (
+    assert simulate(notebook.Raises).reason.startswith(
         'controller: cell:3 (return 1 // (readings.elapsed_ms - 400), 0): ZeroDivisionError: '
-        'integer division or modulo by zero (Raises.tick at 0.400 s)'
+        'integer division or modulo by zero (Raises.tick at 0.400 s; '
     )
-    assert simulate(notebook.Hangs).reason == (
-        'controller: cell:3 (while True: pass): does not return within 1 s (Hangs.tick at 0.400 s)'
+    assert simulate(notebook.Hangs).reason.startswith(
+        'controller: cell:3 (while True: pass): does not return within 1 s (Hangs.tick at 0.400 s; '
     )
     with pytest.raises(
         bb.BallbotError, match=r'^controller: cell:2 \(def tick.*\): returned \(1\.5'

@@ -56,7 +56,7 @@ def test_a_path_that_can_not_be_passed_to_the_nodes_is_refused_for_a_recording(t
 @pytest.mark.parametrize('words', [(), ('controller.implementation=c',)], ids=len)
 def test_without_a_folder_for_temporary_files_there_is_no_run(tmp_path, monkeypatch, words):
     pytest.importorskip('rclpy')
-    monkeypatch.setattr(spec, 'compose_controller', lambda _: None)
+    monkeypatch.setattr(spec, 'compose_controller', lambda *_: None)
     monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path / 'no'))
     with pytest.raises(BallbotError, match=f'^{tmp_path}/no: No such file or directory'):
         stationary(tmp_path / 'output', 'none' if words else 'one', *words)

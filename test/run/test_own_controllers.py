@@ -72,7 +72,7 @@ OFF = ((0.0, 0.0), 'stop')
         ('Exits', f'faulty.py:{line_in_faulty("sys.exit")}: SystemExit: 3'),
         ('Blocks', f'faulty.py:{line_in_faulty("while True: pass")}: {DOES_NOT_RETURN}'),
         ('Sleeps', f'faulty.py:{line_in_faulty("time.sleep(1000")}: {DOES_NOT_RETURN}'),
-        ('SleepsInAnyCase', f'{DOES_NOT_RETURN} (SleepsInAnyCase.tick at 0.400 s)'),
+        ('SleepsInAnyCase', f'{DOES_NOT_RETURN} (SleepsInAnyCase.tick at 0.400 s; '),
     ],
 )
 def test_a_fault_ends_a_run_without_nodes_with_the_motors_off(folder, class_name, told):

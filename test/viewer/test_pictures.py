@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from ballbot_ros.viewer.offscreen import offscreen_scene
 from ballbot_ros.viewer.playback_run import PlaybackRun
 from ballbot_ros.viewer.views import VIEWS
 
@@ -48,3 +49,8 @@ def test_all_views_differ(pictures):
     for view in VIEWS:
         others = [difference(pictures[view], pictures[other]) for other in VIEWS if other != view]
         assert min(others) > 2.0 * TOLERANCE
+
+
+def test_a_slow_machine_does_not_lower_the_resolution():
+    with offscreen_scene(*SIZE) as offscreen:
+        assert 'fixedDpr=1' in offscreen._browser.evaluate('location.search')

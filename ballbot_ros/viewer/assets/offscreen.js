@@ -4,7 +4,7 @@
 // that depends on the speed. Here nothing is drawn before `takePicture`, a pixel of the scene is a
 // pixel of the picture, and messages are applied when they arrive, as on a hidden page.
 
-if (location.search) history.replaceState(null, '', `?fixedDpr=1&${location.search.slice(1)}`);
+history.replaceState(null, '', `?fixedDpr=1&${location.search.slice(1)}`);
 Object.defineProperty(document, 'hidden', { get: () => true });
 
 const callbacks = new Map();

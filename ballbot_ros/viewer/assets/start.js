@@ -4,11 +4,14 @@
 document.documentElement.classList.add('is-connecting');
 
 // The token leaves the address at once, where others may see it; this tab keeps it for reloads.
-const given = new URLSearchParams(location.search).get('token');
-if (given) sessionStorage.setItem('token', given);
+const query = new URLSearchParams(location.search);
+if (query.has('token')) sessionStorage.setItem('token', query.get('token'));
+query.delete('token');
 
 const dark = matchMedia('(prefers-color-scheme: dark)');
-history.replaceState(null, '', dark.matches ? '?darkMode' : location.pathname);
+if (dark.matches) query.set('darkMode', '');
+else query.delete('darkMode');
+history.replaceState(null, '', query.size ? `?${query}` : location.pathname);
 dark.addEventListener('change', () => location.reload());
 
 // viser shows the address that it connects to, which therefore has no token: it is added when the
