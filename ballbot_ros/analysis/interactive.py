@@ -195,7 +195,7 @@ def _height(lanes: int, rows: int) -> int:
 
 def _domains(lanes: int, rows: int) -> tuple[list[float], list[float]]:
     """Return the bottoms and tops of the lanes and of each row, as shares of the height."""
-    whole = lanes * _LANE_PX + rows * (_ROW_PX + _GAP_PX)
+    whole = max(1, lanes * _LANE_PX + rows * (_ROW_PX + _GAP_PX))  # there may be only a track
     tops = [1.0] + [
         1.0 - (lanes * _LANE_PX + row * (_ROW_PX + _GAP_PX) + _GAP_PX) / whole
         for row in range(rows)

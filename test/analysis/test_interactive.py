@@ -3,6 +3,7 @@
 import io
 from dataclasses import replace
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -43,6 +44,11 @@ def history(eventful, numbers):
 
 def curves(figure):
     return [each for each in figure['data'] if 'packed' in each]
+
+
+def test_a_run_of_which_only_the_track_is_known_has_a_page():
+    run = SimpleNamespace(states=(), marked=(), end=0.0)
+    assert history_figure(run, [], PackedNumbers())['data'] == []
 
 
 def test_all_curves_share_one_time_axis(history):
