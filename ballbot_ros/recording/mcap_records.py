@@ -24,8 +24,8 @@ MAX_CHUNK = 2**25
 message of this package, a map of 40 m, has 16 MB."""
 
 MAX_RATIO, ALLOWANCE = 64, 2**26
-"""Largest content of all chunks: per byte of the file, and in addition [byte]. In recordings of
-this package it is 6 to 16 times the file."""
+"""Largest content of all chunks and messages: per byte of the file, and in addition [byte]. In
+recordings of this package, chunks have 6 to 16 times the bytes of the file."""
 
 MAX_DESCRIPTION, MAX_DESCRIPTIONS = 2**20, 2**21
 """Largest record that describes others, such as a schema, and largest sum of all different ones of
@@ -33,6 +33,10 @@ a kind [byte]. Parsed, they take up to 14 times as much memory."""
 
 ENTRY = 2**10
 """What each description counts in addition, and each attachment [byte]: commands keep more."""
+
+MESSAGE = 1000
+"""What each message counts in addition [byte]: commands keep columns of them. Recordings of this
+package have one message in 41 bytes."""
 
 _LARGE = (Opcode.CHUNK, Opcode.MESSAGE, Opcode.ATTACHMENT)
 _KEPT = (Opcode.HEADER, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.METADATA, Opcode.ATTACHMENT)
@@ -80,7 +84,7 @@ class LimitedReader(StreamReader):
         """Count bytes to look at; raise LimitError if they are too many for the file."""
         self._content_left -= size
         if self._content_left < 0:
-            raise LimitError(f'chunks with more than {MAX_RATIO} times the bytes of the file')
+            raise LimitError(f'content for more than {MAX_RATIO} times the bytes of the file')
 
     def unpack(self, chunk: Chunk) -> bytes:
         """Return the records in a chunk; raises the errors of mcap, lz4 and zstandard."""

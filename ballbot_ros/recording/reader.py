@@ -36,7 +36,7 @@ from ballbot_ros.files import open_regular
 from ballbot_ros.recording.batch import Batch, RawMessage, Rows
 from ballbot_ros.recording.batch_layout import BatchLayout
 from ballbot_ros.recording.errors import RecordingError
-from ballbot_ros.recording.mcap_records import LimitedReader, LimitError
+from ballbot_ros.recording.mcap_records import MESSAGE, LimitedReader, LimitError
 from ballbot_ros.recording.qos import QosProfile
 from ballbot_ros.recording.rosbag2 import DERIVED, TimeRange, parse_offered_qos
 from ballbot_ros.recording.schemas import recorded_typestore
@@ -294,9 +294,14 @@ class RecordingReader:
             reader = LimitedReader(stream)
             for group in _grouped(reader.records):
                 if isinstance(group, bytes):
-                    yield Batch.of_records(group, channels)
+                    records = group
                 elif group.message_end_time >= start_ns:
-                    yield Batch.of_records(reader.unpack(group), channels)
+                    records = reader.unpack(group)
+                else:
+                    continue
+                batch = Batch.of_records(records, channels)
+                reader.take(MESSAGE * len(batch))
+                yield batch
 
         for batch in self._read(parse):
             selected = batch.from_time(start_ns)

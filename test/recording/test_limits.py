@@ -14,6 +14,7 @@ from ballbot_ros.recording.mcap_records import (
     MAX_CHUNK,
     MAX_DESCRIPTIONS,
     MAX_RATIO,
+    MESSAGE,
     LimitedReader,
 )
 from ballbot_ros.recording.reader import RecordingReader
@@ -74,6 +75,15 @@ def test_many_chunks_are_refused_that_are_much_larger_than_the_file(path):
     found, damage = count(path)
     allowed = (ALLOWANCE + MAX_RATIO * path.stat().st_size) // 2**24
     assert 5 < found <= 5 + allowed
+    assert f'more than {MAX_RATIO} times the bytes of the file' in damage
+
+
+def test_messages_are_limited_in_number(path):
+    """Each is small, but commands keep columns of them."""
+    chunk = chunk_of([message(number) for number in range(60_000)], 'zstd')
+    path.write_bytes(content(chunks=[chunk] * 10).encode())
+    found, damage = count(path)
+    assert 5 < found <= 5 + (ALLOWANCE + MAX_RATIO * path.stat().st_size) // MESSAGE
     assert f'more than {MAX_RATIO} times the bytes of the file' in damage
 
 
