@@ -34,7 +34,7 @@ a kind [byte]. Parsed, they take up to 14 times as much memory."""
 ENTRY = 2**10
 """What each description counts in addition, and each attachment [byte]: commands keep more."""
 
-MESSAGE = 1000
+MESSAGE = 1400
 """What each message counts in addition [byte]: commands keep columns of them. Recordings of this
 package have one message in 41 bytes."""
 
