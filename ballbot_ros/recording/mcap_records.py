@@ -34,9 +34,12 @@ a kind [byte]. Parsed, they take up to 14 times as much memory."""
 ENTRY = 2**10
 """What each description counts in addition, and each attachment [byte]: commands keep more."""
 
-MESSAGE = 1400
+MESSAGE = 1700
 """What each message counts in addition [byte]: commands keep columns of them. Recordings of this
 package have one message in 41 bytes."""
+
+RECORD = 2**14
+"""What each other record of the file counts in addition [byte]: there are about two per chunk."""
 
 _LARGE = (Opcode.CHUNK, Opcode.MESSAGE, Opcode.ATTACHMENT)
 _KEPT = (Opcode.HEADER, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.METADATA, Opcode.ATTACHMENT)
@@ -56,6 +59,8 @@ class LimitedReader(StreamReader):
         self._known: set[int] = set()
 
     def _read_record(self, opcode: int, length: int) -> McapRecord | None:
+        if opcode not in (Opcode.MESSAGE, Opcode.MESSAGE_INDEX):
+            self.take(RECORD)
         return self.parse(opcode, self._stream.read(length))[0]
 
     def parse(self, opcode: int, content: bytes) -> tuple[McapRecord | None, int]:

@@ -97,6 +97,12 @@ def test_descriptions_are_limited_one_by_one_and_together(path, monkeypatch):
     assert 'schema records of more than 100000 bytes' in count(path)[1]
 
 
+def test_records_are_limited_in_number(path):
+    chunks = [chunk_of([])] * 10_000
+    path.write_bytes(content(chunks=chunks).encode())
+    assert f'more than {MAX_RATIO} times the bytes of the file' in count(path)[1]
+
+
 def test_attachments_are_limited_in_number(path):
     files = [Attachment(0, 0, str(number), '', b'') for number in range(5000)]
     path.write_bytes(content(attachments=files).encode())
