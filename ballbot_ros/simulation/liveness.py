@@ -65,7 +65,9 @@ class LivenessMonitor:
             on this machine have died, only those roles, since the other participants may be waiting
             for them.
         """
-        if self._since_call is None:
+        if self._since_call is None or self._called_s < since_s:
+            # An answer to a roll call of an earlier silence says nothing about this one.
+            self._since_call = None
             return {}
         due_ns = {role: tick_ns for role in DRIVERS if tick_ns % DRIVER_PERIODS_NS[role] == 0}
         due_ns |= {role: 0 for role in (*DRIVERS, CONTROLLER) if role not in due_ns}

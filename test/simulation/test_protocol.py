@@ -41,6 +41,11 @@ def test_no_fault_breaks_what_must_hold(first):
             pytest.fail(f'trial {number}, {[each.what for each in trial.faults]}: {violation}')
 
 
+def test_a_controller_that_leaves_before_the_recorder_knows_it_is_named():
+    """It had answered a roll call of an earlier silence."""
+    assert Trial(41, 27484).run().summary.reason.startswith('controller silent for 3 s')
+
+
 def test_the_trials_have_every_kind_of_fault_and_both_outcomes():
     from protocol_trials import FAULTS
 
