@@ -7,7 +7,7 @@ import os
 import stat
 from io import BufferedReader, FileIO, TextIOWrapper
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import TemporaryDirectory, TemporaryFile
 
 from ballbot_ros.errors import BallbotError
 
@@ -41,6 +41,12 @@ def read_text(path: str | os.PathLike[str]) -> str:
     """Read a regular file of UTF-8 text; raises as :func:`open_regular` does, or UnicodeError."""
     with TextIOWrapper(BufferedReader(open_regular(path)), encoding='utf-8') as file:
         return file.read()
+
+
+def make_folder(folder: Path) -> None:
+    """Create a folder, unless it exists; raise OSError if no file can be created in it."""
+    folder.mkdir(parents=True, exist_ok=True)
+    TemporaryFile(dir=folder).close()
 
 
 def temporary_folder() -> TemporaryDirectory[str]:

@@ -8,9 +8,9 @@ import socket
 import subprocess
 import sys
 from pathlib import Path
-from tempfile import TemporaryFile
 
 from ballbot_ros.errors import BallbotError, one_line
+from ballbot_ros.files import make_folder
 from ballbot_ros.nodes.processes import END_WITH_PARENT
 from ballbot_ros.nodes.shared_memory import clear_shared_memory
 from ballbot_ros.share import share_directory
@@ -70,15 +70,15 @@ def require_discovery() -> None:
 
 
 def prepare_middleware() -> None:
-    """Remove what killed processes left, and speed up discovery.
+    """Check the surroundings, remove what killed processes left, and speed up discovery.
 
-    A node started by a command removes nothing: the command has already done so. It raises
-    BallbotError for an invalid ROS domain, an unknown peer, a log folder that is not writable, or a
-    leftover that can't be removed and would hold up the node.
+    A node started by a command leaves that to the command. It raises BallbotError for an invalid
+    ROS domain, an unknown peer, a log folder that is not writable, or a leftover that can't be
+    removed and would hold up the node.
     """
     ros_domain()
-    prepare_log_folder()
     if END_WITH_PARENT not in os.environ:
+        prepare_log_folder()
         require_peers()
         clear_shared_memory()
     use_profiles()
@@ -107,8 +107,7 @@ def prepare_log_folder() -> None:
     folder = os.environ.get(LOG_FOLDER) or f'{home}/log'
     try:
         folder = os.environ[LOG_FOLDER] = str(Path(folder).expanduser())
-        Path(folder).mkdir(parents=True, exist_ok=True)
-        TemporaryFile(dir=folder).close()
+        make_folder(Path(folder))
     except (OSError, RuntimeError) as error:  # RuntimeError: nobody knows the home folder
         reason = getattr(error, 'strerror', None) or one_line(error)
         raise BallbotError(

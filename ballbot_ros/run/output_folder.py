@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
-from tempfile import TemporaryFile
 from typing import NamedTuple
 
 from ballbot_ros.errors import BallbotError
+from ballbot_ros.files import make_folder
 from ballbot_ros.parameters import RECORDER
 from ballbot_ros.run.spec import RunSpec
 
@@ -49,8 +49,7 @@ def _remove_if_empty(folder: Path) -> None:
 
 def _make_folder(folder: Path) -> None:
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        TemporaryFile(dir=folder).close()
+        make_folder(folder)
     except (FileExistsError, NotADirectoryError):
         raise BallbotError(f'--output {folder}: not a folder; choose another --output') from None
     except OSError as error:

@@ -14,7 +14,6 @@ from contextlib import contextmanager, suppress
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
-from tempfile import TemporaryFile
 from types import CodeType, FunctionType, MappingProxyType
 from typing import IO, Any, cast
 
@@ -22,6 +21,7 @@ import numpy as np
 
 import ballbot_ros
 from ballbot_ros.errors import BallbotError
+from ballbot_ros.files import make_folder
 
 _PACKAGE = ballbot_ros.__name__
 _KEPT_FOLDERS = 4
@@ -184,9 +184,7 @@ def _folder() -> Path | None:
     base = os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache'
     folder = Path(base) / _PACKAGE / 'compiled' / identity
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with TemporaryFile(dir=folder):
-            pass
+        make_folder(folder)
     except (OSError, RuntimeError):
         return None
     folder.touch()
