@@ -128,6 +128,7 @@ class LockstepTicks:
         self._answered_ns: int | None = None
         self._is_open = False
         self._received_ns: dict[str, int] = {}
+        self._later: dict[str, tuple[int, bytes, Any]] = {}
 
     def begin(self, start_ns: int, tasks: Iterable[TaskTiming]) -> None:
         """Wait for the first tick of a run, at `start_ns` [ns]; ignore all other runs."""
@@ -138,6 +139,7 @@ class LockstepTicks:
         self._start_ns, self._next_ns, self._is_open = start_ns, None, False
         self._answered_ns = None
         self._received_ns.clear()
+        self._later.clear()
 
     def take(self, name: str, stamp_ns: int, data: bytes, value: Any) -> SampleReaction | DueTick:
         """Decide the reaction to a sample.
@@ -158,12 +160,14 @@ class LockstepTicks:
         self._is_open = self._is_open or name == self._first
         if not self._is_open:
             return SampleReaction.IGNORE
-        if self._next_ns is None and stamp_ns > self._start_ns and name != self._first:
+        if stamp_ns > (self._start_ns if self._next_ns is None else self._next_ns):
+            if self._answered_ns is not None:
+                return SampleReaction.OBJECT
+            # Another controller has answered the ticks before, or a stranger has sent the sample.
+            self._later[name] = stamp_ns, data, value
             return (
-                SampleReaction.MISSED_START if name == self._every_tick else SampleReaction.IGNORE
+                SampleReaction.MISSED_START if name == self._every_tick else SampleReaction.STORE
             )
-        if self._next_ns is not None and stamp_ns > self._next_ns:
-            return SampleReaction.OBJECT
         sample = self._histories[name].classify(stamp_ns, data)
         if sample is SampleStatus.CONFLICTING:
             return SampleReaction.OBJECT
@@ -211,6 +215,11 @@ class LockstepTicks:
         if not rejoin:
             return SampleReaction.ABORT
         self._next_ns = stamp_ns
+        for name, (later_ns, data, value) in self._later.items():
+            if later_ns <= stamp_ns:
+                self._histories[name].classify(later_ns, data)
+                self.gate.put(name, later_ns, value)
+        self._later.clear()
         return SampleReaction.RESTART
 
     def awaited(self) -> dict[str, int | None]:

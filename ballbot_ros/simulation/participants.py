@@ -154,15 +154,23 @@ class RunMember:
         self.participant = participant
         self.run: Run | None = None
         self._objection: Objection | None = None
+        self._left = ''
 
     def includes(self, stamp_ns: int) -> bool:
         """Return whether a sample can belong to the run that the participant has joined."""
         return self.run is not None and stamp_ns >= self.run.start_ns
 
     def join(self, run: Run) -> bool:
-        """Join a run without earlier objections; return whether the plant is another one."""
-        is_another_plants = self.run is not None and run.plant != self.run.plant
-        self.run, self._objection = run, None
+        """Join a run without earlier objections; return whether the plant is another one.
+
+        A run that another plant's has interrupted can't be continued: its state is lost.
+        """
+        before, self.run, self._objection = self.run, run, None
+        is_another_plants = before is not None and run.plant != before.plant
+        if before and is_another_plants:
+            if run.name == self._left:
+                self._objection = Objection(f'another run, {before.name!r}, has interrupted it')
+            self._left = before.name
         return is_another_plants
 
     def objects(self, objection: Objection) -> bool:

@@ -68,6 +68,14 @@ def test_an_objection_and_an_answer_concern_only_their_run(node):
     ]
 
 
+def test_a_node_that_another_plant_has_called_away_cannot_continue(node):
+    member = Participation(node)
+    for run in ('1 abc', '2 abc', '1 xyz', '2 abc', '3 abc'):
+        member._on_roll_call(Header(frame_id=run))
+    interrupted = Objection("another run, '1 xyz', has interrupted it")
+    assert [each.objection for each in node.announced] == [None, None, None, interrupted, None]
+
+
 def test_a_repeated_objection_is_told_once(node):
     member = Participation(node)
     member._on_roll_call(Header(frame_id='1 abc'))
