@@ -16,6 +16,9 @@ from ballbot_ros.progress import PROGRESS_PERIOD_S
 
 LINE_PERIOD_S = 10.0
 
+HOLD_S = 5.0
+"""Time for which a line is held back that may be the reason of a result that follows [s]."""
+
 
 def stderr_console() -> Console:
     """Return a console that prints plain lines."""
@@ -80,8 +83,8 @@ class Progress:
         self._duration = duration
         self._task = self._bar.add_task(name, total=duration or None, text='starting')
         self._last = (time.monotonic(), 0.0)
-        self._elapsed_s = 0.0
         self._held: list[str] = []
+        self._held_since_s = 0.0
 
     def __enter__(self) -> Progress:
         self._bar.start()
@@ -93,10 +96,9 @@ class Progress:
 
     def update(self, elapsed_s: float) -> None:
         """Show the sim time since the start [s]; cheap enough to be called at every tick."""
-        if elapsed_s > self._elapsed_s:  # the run goes on: what is held back did not end it
-            self._elapsed_s = elapsed_s
-            self.release()
         now = time.monotonic()
+        if now - self._held_since_s > HOLD_S:  # the run goes on: what is held back did not end it
+            self.release()
         if not elapsed_s:
             self._last = (now, 0.0)  # a run that waits for its start has no factor
             return
@@ -116,6 +118,7 @@ class Progress:
         """Print a line above the bar; hold back one that may be the reason of the result."""
         if text.removeprefix(f'{PLANT}: ').startswith(f'{CONTROLLER}: '):
             self._held.append(text)
+            self._held_since_s = time.monotonic()
         else:
             self._console.print(text, soft_wrap=True)
 

@@ -50,6 +50,8 @@ class BallbotNode(ParameterNode[P]):
         Completed when the node has finished its work, so that its process may end.
     failure : str
         Why the node failed; '' if it did not.
+    logs_failure : bool
+        Whether the node logs why it failed; False if the result of its command says so.
     awaits : str
         What the node waits for at its start; '' for nothing.
     on_destroy : contextlib.ExitStack
@@ -63,6 +65,7 @@ class BallbotNode(ParameterNode[P]):
         self.done = rclpy.Future()
         self.exit_status = 0
         self.failure = ''
+        self.logs_failure = True
         self.awaits = ''
         self.on_destroy = ExitStack()
         self.now_ns = 0
@@ -185,12 +188,17 @@ class BallbotNode(ParameterNode[P]):
     def report_error(self, problem: str) -> None:
         """Log an error and show it in the diagnostics at once, until :meth:`clear_error`."""
         self.get_logger().error(problem)
+        self._show_error(problem)
+
+    def _show_error(self, problem: str) -> None:
         self._level, self._problem = DiagnosticStatus.ERROR, problem
         self.report()
 
     def fail(self, problem: str) -> None:
         """Log an error and report it at once; the node's exit status becomes 1."""
-        self.report_error(problem)
+        if self.logs_failure:
+            self.get_logger().error(problem)
+        self._show_error(problem)
         self.failure, self.exit_status = problem, 1
 
     def clear_warning(self) -> None:

@@ -47,6 +47,9 @@ def run_in_one_process(
             nodes.append(plant)
             others = [name for name in spec.nodes if name not in (PLANT, RECORDER)]
             nodes += [_make_node(name, parameters, spec.controller) for name in others]
+            for node in nodes:
+                # The failure of a controller is that of the run.
+                node.logs_failure = node.role not in (PLANT, CONTROLLER)
             if recording:
                 recorder = Recorder(parameters.of(RecorderParameters))
                 nodes.append(recorder)

@@ -165,9 +165,7 @@ class LockstepTicks:
                 return SampleReaction.OBJECT
             # Another controller has answered the ticks before, or a stranger has sent the sample.
             self._later[name] = stamp_ns, data, value
-            return (
-                SampleReaction.MISSED_START if name == self._every_tick else SampleReaction.STORE
-            )
+            return SampleReaction.MISSED_START if name == self._every_tick else SampleReaction.STORE
         sample = self._histories[name].classify(stamp_ns, data)
         if sample is SampleStatus.CONFLICTING:
             return SampleReaction.OBJECT

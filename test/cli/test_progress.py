@@ -1,7 +1,9 @@
 """What the progress of a command prints, on a terminal and elsewhere."""
 
 import io
+import itertools
 import threading
+from types import SimpleNamespace
 
 from rich.console import Console
 
@@ -69,7 +71,9 @@ def test_short_work_prints_no_line():
     assert out.file.getvalue() == ''
 
 
-def test_what_the_result_says_is_not_printed_before_it():
+def test_what_the_result_says_is_not_printed_before_it(monkeypatch):
+    now_s = itertools.chain([0.0, 100.0, 106.0], itertools.repeat(110.0))
+    monkeypatch.setattr(progress, 'time', SimpleNamespace(monotonic=lambda: next(now_s)))
     out = console()
     with Progress('own', 0.0, console=out) as shown:
         shown.notice('controller: slow')
@@ -77,6 +81,7 @@ def test_what_the_result_says_is_not_printed_before_it():
         assert out.file.getvalue().splitlines() == ['controller: slow']
         for text in (WHY, f'plant_sim: {WHY}', 'controller: 2 of 9 ticks', 'gyro_driver: noisy'):
             shown.notice(text)
+        shown.update(0.5)  # the last sim time may be told after the reason
         shown.release(WHY)
     assert out.file.getvalue().splitlines()[1:] == [
         'gyro_driver: noisy',

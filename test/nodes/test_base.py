@@ -36,7 +36,7 @@ def stub_node(**attributes):
     log = Log()
     given = {
         '_level': DiagnosticStatus.OK, '_problem': '', 'exit_status': 0, 'failure': '',
-        'get_logger': lambda: log,
+        'logs_failure': True, 'get_logger': lambda: log,
     }  # fmt: skip
     return bare(BallbotNode, **given | attributes), log
 
@@ -89,6 +89,10 @@ def test_an_error_hides_warnings_until_it_is_cleared():
     assert log.lines == [
         ('warning', 'slow'), ('error', 'broken'), ('warning', 'slow'), ('error', 'gone')
     ]  # fmt: skip
+    node.logs_failure = False
+    node.fail('gone again')
+    assert shown[-1] == (DiagnosticStatus.ERROR, 'gone again')
+    assert len(log.lines) == 4
 
 
 def test_a_subscription_decodes_messages_and_ignores_malformed_ones():

@@ -345,6 +345,7 @@ class OneProcess:
     def node(self, name, **attributes):
         return SimpleNamespace(
             name=name,
+            role=name,
             close=lambda: self.events.append(f'close {name}'),
             destroy_node=lambda: self.events.append(f'destroy {name}'),
             **attributes,

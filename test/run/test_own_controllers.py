@@ -132,6 +132,7 @@ def test_what_a_controller_prints_is_not_the_result(folder):
     ('processes', 'class_name', 'told'),
     [
         ('one', 'Sleeps', f'faulty.py:{line_in_faulty("time.sleep(1000")}: {DOES_NOT_RETURN}'),
+        ('one', 'Raises', f'faulty.py:{line_in_faulty("1 // 0")}: ZeroDivisionError'),
         ('separate', 'Raises', f'faulty.py:{line_in_faulty("1 // 0")}: ZeroDivisionError'),
         ('separate', 'Sleeps', 'controller silent for 1 s at sim time 1.400 s'),
     ],
@@ -149,6 +150,8 @@ def test_a_fault_ends_a_graph_with_the_motors_off(start_run, folder, processes, 
     assert stamp_s in (FAULT_S, FAULT_S + 0.004)  # of the controller, or of the plant
     assert tuple(what) == OFF
     assert 'Traceback' not in run.stderr
+    if class_name == 'Raises' or processes == 'one':
+        assert told not in run.stderr  # the result says it
 
 
 @pytest.mark.graph
