@@ -14,7 +14,7 @@ from typing import NamedTuple
 from mcap import records
 from mcap.writer import MCAP0_MAGIC
 
-from ballbot_ros.recording.mcap_records import LimitedReader, LimitError
+from ballbot_ros.recording.mcap_records import MESSAGE, LimitedReader, LimitError
 from ballbot_ros.recording.reader import DAMAGE, summary_holds
 
 _RECORD_HEADER = struct.Struct('<BQ')
@@ -128,8 +128,8 @@ class Salvage:
             parts: Iterable[records.McapRecord] = [record]
             if isinstance(record, records.Chunk):
                 unpacked = self._reader.unpack(record)
-                for _ in self._reader.parse_all(unpacked):
-                    pass  # all must be valid before one is used
+                for part in self._reader.parse_all(unpacked):  # all are valid before one is used
+                    self._reader.take(MESSAGE * isinstance(part, records.Message))
                 parts = self._reader.parse_all(unpacked)
         except DAMAGE as error:
             if isinstance(error, LimitError):
