@@ -44,7 +44,8 @@ def file_progress(name: str, unit: str = '') -> Iterator[ProgressCallback]:
             if (now := time.monotonic()) < due:
                 return
             due = now + PROGRESS_PERIOD_S
-            lines.text = f'{done / max(total, 1):.0%}'
+            # A file may have more than it says.
+            lines.text = f'{min(done / max(total, 1), 1.0):.0%}'
             bar.update(task, completed=done, total=total)
 
         yield update

@@ -3,11 +3,12 @@
 import io
 import itertools
 import threading
+from contextlib import nullcontext
 from types import SimpleNamespace
 
 from rich.console import Console
 
-from ballbot_ros.cli import progress
+from ballbot_ros.cli import file_progress, progress
 from ballbot_ros.cli.progress import Progress, ProgressLines
 
 WHY = 'controller: own.py:4: RuntimeError: no'
@@ -55,6 +56,14 @@ def test_without_a_terminal_a_line_says_every_ten_seconds_how_far_the_work_is(mo
     assert out.file.getvalue().splitlines() == [
         'identifying, 10 s so far', 'identifying: 40%, 20 s so far',
     ]  # fmt: skip
+
+
+def test_a_file_with_more_messages_than_it_says_is_read_to_the_end(monkeypatch):
+    shown = nullcontext(SimpleNamespace())
+    monkeypatch.setattr(file_progress, 'ProgressLines', lambda name, console: shown)
+    with file_progress.file_progress('run.mcap') as progress:
+        progress(30, 10)
+    assert shown.enter_result.text == '100%'
 
 
 def test_a_terminal_has_a_bar_and_no_lines():
