@@ -7,6 +7,7 @@ import struct
 import zlib
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator
+from itertools import chain
 from mmap import ACCESS_READ, ALLOCATIONGRANULARITY, MADV_DONTNEED, mmap
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
@@ -276,8 +277,7 @@ class RecordingReader:
         RecordingError
             If a topic is not in the file.
         """
-        for batch in self.batches(topics, start_ns):
-            yield from batch.messages()
+        return chain.from_iterable(map(Batch.messages, self.batches(topics, start_ns)))
 
     def batches(self, topics: Collection[str] | None = None, start_ns: int = 0) -> Iterator[Batch]:
         """Iterate over the messages of :meth:`raw_messages` in batches, one per chunk.
@@ -292,23 +292,23 @@ class RecordingReader:
 
         def parse(stream: mmap) -> Iterator[Batch]:
             reader = LimitedReader(stream)
-            for group in _grouped(reader.records):
-                if isinstance(group, bytes):
-                    records = group
-                elif group.message_end_time >= start_ns:
-                    records = reader.unpack(group)
-                else:
-                    continue
+
+            def select(group: Chunk | bytes) -> Batch:
+                records = group if isinstance(group, bytes) else reader.unpack(group)
                 batch = Batch.of_records(records, channels)
                 reader.take(MESSAGE * len(batch))
-                yield batch
+                batch = batch.from_time(start_ns)
+                return batch if topics is None else batch.of_topics(topics)
 
-        for batch in self._read(parse):
-            selected = batch.from_time(start_ns)
-            if topics is not None:
-                selected = selected.of_topics(topics)
-            if len(selected):
-                yield selected
+            groups = (
+                group
+                for group in _grouped(reader.records)
+                if isinstance(group, bytes) or group.message_end_time >= start_ns
+            )
+            # No name keeps a batch, which can be large, while the next one is unpacked.
+            yield from filter(len, map(select, groups))
+
+        return self._read(parse)
 
     def check_topics(self, topics: Iterable[str]) -> None:
         """Raise RecordingError for the first of `topics` that is not in the file."""
@@ -364,7 +364,9 @@ class RecordingReader:
             reader = LimitedReader(stream)
             for record in reader.records:
                 if unpack and isinstance(record, Chunk):
-                    yield from reader.parse_all(reader.unpack(record))
+                    for part in reader.parse_all(reader.unpack(record)):
+                        reader.take(MESSAGE * isinstance(part, Message))
+                        yield part
                 if isinstance(record, Footer) and not summary_holds(stream, record):
                     raise McapError('the summary fails its checksum')
                 yield record
@@ -417,6 +419,7 @@ class RecordingReader:
             try:
                 for item in parse(stream):
                     yield item
+                    del item  # it need not be kept while the next one is read
                     if read := (stream.tell() - kept) // _LET_GO * _LET_GO:
                         stream.madvise(MADV_DONTNEED, kept, read)
                         kept += read

@@ -2,12 +2,13 @@
 
 import struct
 import tracemalloc
+import weakref
 from dataclasses import replace
 
 import pytest
 from mcap.records import Attachment, Channel, Header, Message, Metadata, Schema
 
-from ballbot_ros.recording import mcap_records, salvage
+from ballbot_ros.recording import mcap_records, reader, salvage
 from ballbot_ros.recording.mcap_records import (
     ALLOWANCE,
     ENTRY,
@@ -35,8 +36,8 @@ def content(**parts):
 
 
 def count(path):
-    with RecordingReader(path) as reader:
-        return sum(1 for _ in reader.raw_messages()), reader.damage
+    with RecordingReader(path) as opened:
+        return sum(1 for _ in opened.raw_messages()), opened.damage
 
 
 @pytest.fixture
@@ -89,6 +90,28 @@ def test_messages_are_limited_in_number(path):
     assert 5 < repair(path, path.with_name('repaired.mcap')).message_count <= limit
 
 
+def test_messages_are_counted_within_the_limits(path):
+    chunk = chunk_of([message(number) for number in range(60_000)], 'zstd')
+    path.write_bytes(content(chunks=[chunk] * 10).encode())
+    with RecordingReader(path) as opened:
+        assert opened.count <= 5 + (ALLOWANCE + MAX_RATIO * path.stat().st_size) // MESSAGE
+
+
+def test_one_chunk_at_a_time_is_in_memory(path, monkeypatch):
+    path.write_bytes(content(chunks=[chunk_of([message(number)]) for number in range(5)]).encode())
+    seen, kept = [], []
+
+    class Noting(LimitedReader):
+        def unpack(self, chunk):
+            kept.append(sum(batch() is not None for batch in seen))
+            return super().unpack(chunk)
+
+    with RecordingReader(path) as opened:
+        monkeypatch.setattr(reader, 'LimitedReader', Noting)
+        seen.extend(map(weakref.ref, opened.batches()))
+    assert kept == [0] * 6
+
+
 def test_descriptions_are_limited_one_by_one_and_together(path, monkeypatch):
     long = content(metadata=[Metadata('long', {'a': 'x' * mcap_records.MAX_DESCRIPTION})])
     path.write_bytes(long.encode())
@@ -108,9 +131,9 @@ def test_records_are_limited_in_number(path):
 def test_attachments_are_limited_in_number(path):
     files = [Attachment(0, 0, str(number), '', b'') for number in range(5000)]
     path.write_bytes(content(attachments=files).encode())
-    with RecordingReader(path) as reader:
-        assert 'attachment records of more than' in reader.damage
-        assert len(reader.attachments()) == MAX_DESCRIPTIONS // ENTRY
+    with RecordingReader(path) as opened:
+        assert 'attachment records of more than' in opened.damage
+        assert len(opened.attachments()) == MAX_DESCRIPTIONS // ENTRY
     done = repair(path, path.with_name('repaired.mcap'))
     assert done.message_count == 5  # behind the last attachment
     assert 'the first of' not in done.description
