@@ -51,7 +51,7 @@ class BallbotNode(ParameterNode[P]):
     failure : str
         Why the node failed; '' if it did not.
     logs_failure : bool
-        Whether the node logs why it failed; False if the result of its command says so.
+        Whether the node logs why it failed; False if its command tells it.
     awaits : str
         What the node waits for at its start; '' for nothing.
     on_destroy : contextlib.ExitStack

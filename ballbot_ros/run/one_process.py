@@ -48,7 +48,7 @@ def run_in_one_process(
             others = [name for name in spec.nodes if name not in (PLANT, RECORDER)]
             nodes += [_make_node(name, parameters, spec.controller) for name in others]
             for node in nodes:
-                # The failure of a controller is that of the run.
+                # The observer knows whether the result says it.
                 node.logs_failure = node.role not in (PLANT, CONTROLLER)
             if recording:
                 recorder = Recorder(parameters.of(RecorderParameters))
@@ -59,6 +59,9 @@ def run_in_one_process(
             with StopRequest() as stop, TickTimer(spec.controller, spec.plant, stop):
                 spin(nodes, plant.done, stop)
             plant.stop()
+            for node in nodes:
+                if node.failure and not node.logs_failure:
+                    observer.notice(f'{node.role}: {node.failure}')
         finally:
             for node in nodes:
                 node.close()

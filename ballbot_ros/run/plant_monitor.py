@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 from ballbot_ros.nodes.heartbeat import HeartbeatPipe
 from ballbot_ros.nodes.processes import is_waiting, threads_by_process
@@ -15,7 +15,11 @@ machine is too busy to run it does not count."""
 
 PLANT_WAIT_S = 6.0
 """The same for a plant whose main thread waits from time to time: if a reader was killed while it
-held the lock of its port, publishing blocks for 3 s, until Fast DDS gives up."""
+held the lock of its port, publishing blocks for 3 s, until Fast DDS gives up. Time in which the
+machine is too busy to run another process of the run, for which it may wait, does not count."""
+
+QUIET_S = 0.3
+"""Silence after which the other processes are observed, too [s]."""
 
 PLANT_BUSY_S = 30.0
 """The same before the plant's first heartbeat, while its process starts, and after the end of its
@@ -40,14 +44,21 @@ class PlantWatchdog:
     def is_hung(
         self, now_s: float, process: int, threads: Mapping[int, Threads], *, is_waiting: bool
     ) -> bool:
-        """Return whether the plant, which runs as `process`, has been silent for too long."""
+        """Return whether the plant, which runs as `process`, has been silent for too long.
+
+        `threads` are those of all observed processes of the run.
+        """
         if is_waiting:
             self._waited_s = now_s
         self._timer.update(self._heard_s, now_s, threads)
         self._busy_timer.update(max(self._heard_s, self._waited_s), now_s, threads)
-        return self._busy_timer.silence_s(process) > self._limit_s or self._timer.silence_s(
-            process
-        ) > max(self._limit_s, PLANT_WAIT_S)
+        waited_s = min(self._timer.silence_s(each) for each in (process, *threads))
+        is_busy = self._busy_timer.silence_s(process) > self._limit_s
+        return is_busy or waited_s > max(self._limit_s, PLANT_WAIT_S)
+
+    def is_quiet(self, now_s: float) -> bool:
+        """Return whether the plant has been silent for so long that its judgement may follow."""
+        return now_s - self._heard_s > QUIET_S
 
 
 class PlantMonitor:
@@ -76,8 +87,10 @@ class PlantMonitor:
             self.now_ns = beat.now_ns
             self._watchdog.feed(time.monotonic(), has_ended=beat.has_ended)
 
-    def plant_hangs(self, process: int) -> bool:
-        """Return whether the plant, which runs as `process`, hangs."""
+    def plant_hangs(self, process: int, others: Iterable[int] = ()) -> bool:
+        """Return whether the plant, which runs as `process`, hangs next to other processes."""
+        now_s = time.monotonic()
+        observed = [process, *(others if self._watchdog.is_quiet(now_s) else ())]
         return self._watchdog.is_hung(
-            time.monotonic(), process, threads_by_process([process]), is_waiting=is_waiting(process)
+            now_s, process, threads_by_process(observed), is_waiting=is_waiting(process)
         )

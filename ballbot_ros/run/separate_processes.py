@@ -164,7 +164,7 @@ def watch(
             if name == PLANT or process.exit_status == 2 or is_too_early:
                 process.forward_remaining_output()
                 return process.failure
-        if monitor.plant_hangs(plant.pid):
+        if monitor.plant_hangs(plant.pid, [each.pid for each in processes.values()]):
             # Report killed nodes, too: one may have blocked the middleware of the plant for good.
             killed = [p.failure for p in processes.values() if p.was_killed]
             end = ', '.join([f'{PLANT} does not answer', *killed])

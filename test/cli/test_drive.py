@@ -202,6 +202,7 @@ def test_without_a_terminal_it_explains_how_to_drive(domain, tmp_path):
             'drive with a gamepad, joy or cmd_vel'
         )
     ]
+    out = without_taken_ports(out)
     assert out.splitlines()[0] == f'recording  {tmp_path / "drive.mcap"}'
 
 

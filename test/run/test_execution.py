@@ -134,7 +134,8 @@ def test_a_graph_is_run_without_the_command(processes, domain, monkeypatch, tmp_
     assert result.duty_sha256 == execute(spec_of('square', *words, record=False)).duty_sha256
     assert next(each['role'] for each in result.participants) == 'plant_sim'
     assert result.recording.exists()
-    assert notes.lines == []
+    # A busy machine may hold up a tick.
+    assert [line for line in notes.lines if 'waiting for ' not in line] == []
 
 
 @pytest.mark.graph
@@ -348,7 +349,7 @@ class OneProcess:
             role=name,
             close=lambda: self.events.append(f'close {name}'),
             destroy_node=lambda: self.events.append(f'destroy {name}'),
-            **attributes,
+            **{'failure': '', 'logs_failure': True} | attributes,
         )
 
     def spin(self, nodes, done, stop):

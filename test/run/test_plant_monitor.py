@@ -69,6 +69,15 @@ def test_a_starting_plant_and_a_saving_one_have_more_time():
     assert watchdog.is_hung(62.2, 1, {1: IDLE}, is_waiting=False)
 
 
+def test_a_plant_does_not_hang_that_waits_while_another_process_gets_no_processor():
+    starved = {1: ThreadTime(cpu_s=1.0, queued_s=0.0, is_runnable=True)}
+    watchdog = PlantWatchdog(0.0)
+    watchdog.feed(0.0)
+    for now in range(1, 600):
+        assert not watchdog.is_hung(0.1 * now, 1, {1: IDLE, 2: starved}, is_waiting=True)
+    assert any(watchdog.is_hung(0.1 * now, 1, {1: IDLE}, is_waiting=True) for now in range(600, 700))
+
+
 @pytest.mark.parametrize(
     ('is_spinning', 'is_waiting', 'ends_s'),
     [(False, False, 12.25), (True, False, 12.25), (False, True, 15.95)],

@@ -91,11 +91,13 @@ def watched(victim, now_ns, *, plant_hangs=False, exit_status=-9):
     )
     end = 'was killed by SIGKILL'
     dead = SimpleNamespace(
-        running=False, was_killed=True, exit_status=exit_status, exit_description=end,
+        running=False, pid=2, was_killed=True, exit_status=exit_status, exit_description=end,
         failure=f'{victim} {end}', forward_remaining_output=lambda: None,
     )  # fmt: skip
     processes = dict.fromkeys((*NODES, VIEWER), running) | {victim: dead}
-    monitor = SimpleNamespace(now_ns=now_ns, poll=lambda: None, plant_hangs=lambda pid: plant_hangs)
+    monitor = SimpleNamespace(
+        now_ns=now_ns, poll=lambda: None, plant_hangs=lambda pid, others: plant_hangs
+    )
     notices, times_s = [], []
     progress = SimpleNamespace(notice=notices.append, update=times_s.append)
     looks = iter([False, False, True])
