@@ -86,7 +86,8 @@ class StoppedError(BallbotError):
 class LocalWorkers:
     """The cores of this machine: threads for compiled runs, or else processes.
 
-    Compiled code runs in parallel in the threads of one process.
+    Compiled code runs in parallel in the threads of one process. Until it is on disk, processes
+    compile it: nothing can interrupt the compiler, but a process can be killed.
     """
 
     def __init__(self, job: Job, observer: StudyObserver) -> None:
@@ -110,7 +111,7 @@ class LocalWorkers:
 
     def submit(self, part: int, samples: Samples) -> Future[PartSummary]:
         """Have a part done and written."""
-        if self._compiled:
+        if self._compiled and is_kept(simulate_runs):
             return self._pool.submit(self._job.do, part, samples, self._on_runs)
         return self._pool.submit(self._do_in_process, part, samples)
 

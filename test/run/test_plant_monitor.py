@@ -75,7 +75,8 @@ def test_a_plant_does_not_hang_that_waits_while_another_process_gets_no_processo
     watchdog.feed(0.0)
     for now in range(1, 600):
         assert not watchdog.is_hung(0.1 * now, 1, {1: IDLE, 2: starved}, is_waiting=True)
-    assert any(watchdog.is_hung(0.1 * now, 1, {1: IDLE}, is_waiting=True) for now in range(600, 700))
+    looks = (watchdog.is_hung(0.1 * now, 1, {1: IDLE}, is_waiting=True) for now in range(600, 700))
+    assert any(looks)
 
 
 @pytest.mark.parametrize(

@@ -16,6 +16,7 @@ from ballbot_ros.errors import BallbotError
 from ballbot_ros.run.spec import RunOptions, RunSpec
 from ballbot_ros.simulation.closed_loop import ClosedLoop
 from ballbot_ros.simulation.trajectory import TrajectoryLog
+from ballbot_ros.studies import execution
 from ballbot_ros.studies.execution import run_study
 from ballbot_ros.studies.job import job_of
 from ballbot_ros.studies.library import read_study
@@ -130,6 +131,18 @@ def test_a_finished_study_is_not_run_again_unless_asked(finished, tmp_path):
     data, observer = carry_out(path, output, again=True)
     assert (observer.advanced, observer.done.runs) == (60, 0)
     assert equal(data, finished[0])
+
+
+def test_code_that_is_not_on_disk_is_compiled_where_it_can_be_given_up(monkeypatch, tmp_path):
+    monkeypatch.setattr(execution, 'is_kept', lambda function: False)
+    study = read_study(str(write(tmp_path)))
+    observer = Observer()
+    workers = execution.LocalWorkers(job_of(study, tmp_path / 'results'), observer)
+    part = workers.submit(0, Sampler(study).part(0, 1))
+    wait_for(lambda: workers._processes, what='a process')
+    workers.stop()
+    assert isinstance(part.exception(), execution.StoppedError)
+    assert observer.notices == ['compiling, which takes about 20 s the first time ...']
 
 
 def test_an_interrupted_study_goes_on(finished, tmp_path):
