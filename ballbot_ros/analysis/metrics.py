@@ -35,7 +35,8 @@ class Judgement:
     def __str__(self) -> str:
         """Return a text that says that the value is outside the bounds."""
         window = f' ({self.expectation.window})' if self.expectation.window else ''
-        return f'{self.expectation.metric}{window} {self.value:.4g} instead of {self.expectation}'
+        value = 'without a value' if math.isnan(self.value) else f'{self.value:.4g}'
+        return f'{self.expectation.metric}{window} {value} instead of {self.expectation}'
 
     def as_json(self) -> dict[str, object]:
         """Return metric, window, bounds and value; a missing number is None."""

@@ -7,6 +7,7 @@ from importlib import import_module
 import click
 
 from ballbot_ros import __version__
+from ballbot_ros.own_command import program
 from ballbot_ros.suggestions import similar
 
 COMMANDS = {
@@ -72,7 +73,7 @@ class _LazyGroup(click.Group):
         except click.NoSuchOption as error:
             if owners := _commands_with(error.option_name):
                 raise click.UsageError(
-                    f'{error.option_name}: name the command first, as in `ballbot {owners[0]} '
+                    f'{error.option_name}: name the command first, as in `{program()} {owners[0]} '
                     f'{error.option_name}`; an option of {", ".join(owners)}'
                 ) from None
             raise

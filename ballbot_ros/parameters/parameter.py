@@ -38,8 +38,8 @@ MAX_DESIGNED = 10_000
 
 
 NOT_DESIGNED = (
-    'not designed: `ballbot run`, `drive` and the launch file design it; for a node alone, '
-    '`ballbot design --controller` prints a parameter file'
+    'not designed: the commands run and drive and the launch file design it; for a node alone, '
+    'the command design --controller prints a parameter file'
 )
 
 

@@ -27,17 +27,17 @@ run, while it saves the result."""
 
 
 class PlantWatchdog:
-    """Distinguishes a plant that hangs from one that is starved of processor time."""
+    """Distinguishes a plant that hangs from one that is starved; heard of at `heard_s` [s]."""
 
     def __init__(self, now_s: float) -> None:
-        self._heard_s = self._waited_s = now_s
+        self.heard_s = self._waited_s = now_s
         self._limit_s = PLANT_BUSY_S
         self._has_ended = False
         self._timer, self._busy_timer = SilenceTimer(), SilenceTimer()
 
     def feed(self, now_s: float, *, has_ended: bool = False) -> None:
         """Note a sign of life of the plant, and whether it reports the end of the run."""
-        self._heard_s = now_s
+        self.heard_s = now_s
         self._has_ended = self._has_ended or has_ended
         self._limit_s = PLANT_BUSY_S if self._has_ended else PLANT_SILENCE_S
 
@@ -50,15 +50,11 @@ class PlantWatchdog:
         """
         if is_waiting:
             self._waited_s = now_s
-        self._timer.update(self._heard_s, now_s, threads)
-        self._busy_timer.update(max(self._heard_s, self._waited_s), now_s, threads)
+        self._timer.update(self.heard_s, now_s, threads)
+        self._busy_timer.update(max(self.heard_s, self._waited_s), now_s, threads)
         waited_s = min(self._timer.silence_s(each) for each in (process, *threads))
         is_busy = self._busy_timer.silence_s(process) > self._limit_s
         return is_busy or waited_s > max(self._limit_s, PLANT_WAIT_S)
-
-    def is_quiet(self, now_s: float) -> bool:
-        """Return whether the plant has been silent for so long that its judgement may follow."""
-        return now_s - self._heard_s > QUIET_S
 
 
 class PlantMonitor:
@@ -90,7 +86,8 @@ class PlantMonitor:
     def plant_hangs(self, process: int, others: Iterable[int] = ()) -> bool:
         """Return whether the plant, which runs as `process`, hangs next to other processes."""
         now_s = time.monotonic()
-        observed = [process, *(others if self._watchdog.is_quiet(now_s) else ())]
+        is_quiet = now_s - self._watchdog.heard_s > QUIET_S
+        observed = [process, *(others if is_quiet else ())]
         return self._watchdog.is_hung(
             now_s, process, threads_by_process(observed), is_waiting=is_waiting(process)
         )

@@ -111,7 +111,7 @@ def study_parameters(
         if reference not in DOCUMENTS_PROGRAM and not is_installed(reference):
             raise StudyError(
                 f'the controller of the study {record.name} is {short_text(reference)}, which is '
-                'not installed as a controller: run it by `ballbot study rerun --controller`'
+                'not installed as a controller: name it by --controller of the command study rerun'
             )
     options = RunOptions(
         processes=Processes.NONE, parameter_file=parameter_file, controller=controller

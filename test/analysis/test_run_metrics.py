@@ -9,6 +9,7 @@ import pytest
 from ballbot_ros.analysis.assessment import shown_metrics
 from ballbot_ros.analysis.extraction import Status
 from ballbot_ros.analysis.interval import Interval
+from ballbot_ros.analysis.metrics import Judgement
 from ballbot_ros.analysis.run_data import Series
 from ballbot_ros.analysis.run_metrics import RUN_METRICS
 from ballbot_ros.messages.topics import (
@@ -21,6 +22,7 @@ from ballbot_ros.messages.topics import (
     PLANT_ODOM,
 )
 from ballbot_ros.parameters import PlantParameters
+from ballbot_ros.scenario.scenario import Expectation
 
 COUNT = 1000
 STAMPS = 1_000_000_000 + 4_000_000 * np.arange(COUNT)
@@ -144,3 +146,8 @@ def test_a_run_that_is_driven_has_no_settling_time_to_show(short_assessment):
         shown = shown_metrics(replace(short_assessment, run=driven))
         assert ('settling_time_s' in shown) == is_shown
         assert 'peak_pitch_deg' in shown
+
+
+def test_a_missed_expectation_without_a_value_is_told_in_words():
+    missed = Judgement(Expectation('settling_time_s', maximum=3.0), math.nan)
+    assert str(missed) == 'settling_time_s without a value instead of ≤ 3'

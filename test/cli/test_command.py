@@ -92,12 +92,13 @@ def test_completion(before, incomplete, found):
         (['design', '--method', 'plce'], "'lqg' (did you mean place?)"),
         (['codegen', '--mode', 'remot'], "'autonomous' (did you mean remote?)"),
         (['render', __file__, '--output', 'x.png', '--view', 'chasr1'], 'you mean chaser1 or'),
-        (['--output', 'x'], '--output: name the command first, as in `ballbot run --output`'),
+        (['--output', 'x'], '--output: name the command first, as in `scripts/run run --output`'),
         (['--nosuch'], "No such option '--nosuch'."),
     ],
     ids=' '.join,
 )
 def test_a_wrong_word_gets_a_suggestion(words, told, capsys, monkeypatch):
+    monkeypatch.setenv('BALLBOT_COMMAND', 'scripts/run')
     monkeypatch.setattr(sys, 'argv', ['ballbot', *words])
     assert invoke(ballbot, 'ballbot') == 2
     shown = capsys.readouterr().err
@@ -114,6 +115,7 @@ def test_a_wrong_word_gets_a_suggestion(words, told, capsys, monkeypatch):
     ids=' '.join,
 )
 def test_an_option_that_takes_a_number_refuses_nan(words, capsys, monkeypatch):
+    monkeypatch.setenv('BALLBOT_COMMAND', 'scripts/run')
     monkeypatch.setattr(sys, 'argv', ['ballbot', *words])
     assert invoke(ballbot, 'ballbot') == 2
     shown = capsys.readouterr().err
