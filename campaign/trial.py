@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import sys
 import time
 from pathlib import Path
@@ -37,6 +38,7 @@ def judge_shared_memory() -> tuple[str, ...]:
 
 def main(words: list[str]) -> int:
     """Run a trial."""
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)  # nohup would let all its programs ignore it
     name, seed, number, folder, *domains = [word for word in words if word != OWN_MEMORY]
     attempt = BY_NAME[name].attempt(int(seed), int(number))
     with Site(Path(folder), [int(domain) for domain in domains]) as site:

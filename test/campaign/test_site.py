@@ -1,13 +1,17 @@
 """The processes of a trial: none of them outlives it."""
 
 import os
+import signal
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import pytest
 from click.testing import CliRunner
 
+from campaign import trial
 from campaign.campaign import campaign
+from campaign.fault import Verdict
 from campaign.site import MARK, Site, processes_of
 
 SLEEP = ('timeit', '-n', '1', 'import time; time.sleep(60)')
@@ -31,6 +35,23 @@ def test_processes_that_outlive_a_program_are_reported_and_killed(tmp_path):
     assert end.status == 0
     assert len(end.survivors) == 1
     assert processes_of(tmp_path) == {}
+
+
+def test_the_programs_of_a_trial_do_not_ignore_a_hangup_as_with_nohup(tmp_path, monkeypatch):
+    handlers = []
+
+    def carry_out(site):
+        handlers.append(signal.getsignal(signal.SIGHUP))
+        return Verdict((), 0.0, 1.0)
+
+    fault = SimpleNamespace(attempt=lambda seed, number: SimpleNamespace(carry_out=carry_out))
+    monkeypatch.setattr(trial, 'BY_NAME', {'hangup': fault})
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        assert trial.main(['hangup', '1', '1', str(tmp_path), '1']) == 0
+    finally:
+        signal.signal(signal.SIGHUP, before)
+    assert handlers == [signal.SIG_DFL]
 
 
 def test_other_processes_are_left_alone(tmp_path):
