@@ -97,7 +97,7 @@ class Progress:
     def update(self, elapsed_s: float) -> None:
         """Show the sim time since the start [s]; cheap enough to be called at every tick."""
         now = time.monotonic()
-        if now - self._held_since_s > HOLD_S:  # the run goes on: what is held back did not end it
+        if self._held and now - self._held_since_s > HOLD_S:  # the run goes on: they did not end it
             self.release()
         if not elapsed_s:
             self._last = (now, 0.0)  # a run that waits for its start has no factor

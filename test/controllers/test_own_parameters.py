@@ -234,6 +234,6 @@ def test_a_program_without_a_design_is_refused(compose):
     parameters, _ = compose()
     values = parameters.of(ControllerParameters).with_values({'user.poles': ()})
     with pytest.raises(
-        ParameterError, match=r'controller\.user\.poles: not designed: the commands'
+        ParameterError, match=r'controller\.user\.poles: not designed: the commands run and drive'
     ):
         implementation_for(values)

@@ -373,7 +373,8 @@ def test_a_node_without_a_design_says_how_to_get_it(make, tmp_path):
         )
     )
     arguments = ['-p', f'implementation:={file}:Balance']
-    with pytest.raises(BallbotError, match=r'controller\.user\.gain: not designed: the commands'):
+    told = r'controller\.user\.gain: not designed: the commands run and drive and the launch file'
+    with pytest.raises(BallbotError, match=told):
         make(CONTROLLER, arguments)
     rclpy.try_shutdown()
     node = make(CONTROLLER, [*arguments, '-p', 'user.gain:=[1.0, 2.0, 3.0]'])
