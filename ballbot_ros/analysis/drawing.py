@@ -15,16 +15,7 @@ from numpy.typing import NDArray
 
 from ballbot_ros.analysis.interval import Interval, IntervalKind
 from ballbot_ros.analysis.panel import POINTS, TRUE, Curve, Panel, panel_of_planes
-from ballbot_ros.analysis.style import (
-    BLUE,
-    GRAY,
-    GREEN,
-    ORANGE,
-    PURPLE,
-    SKY,
-    YELLOW,
-    Line,
-)
+from ballbot_ros.analysis.style import BLUE, GRAY, GREEN, ORANGE, PURPLE, SKY, YELLOW, Line
 from ballbot_ros.analysis.table import Table, plane_columns
 from ballbot_ros.controllers.interface import OperatingState
 from ballbot_ros.world.exports import OccupancyGrid

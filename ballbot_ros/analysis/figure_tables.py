@@ -19,13 +19,7 @@ from ballbot_ros.analysis.run_metrics import (
     reference_speed,
     true_gyro_offset,
 )
-from ballbot_ros.analysis.table import (
-    Table,
-    envelope,
-    every_nth,
-    plane_columns,
-    track_columns,
-)
+from ballbot_ros.analysis.table import Table, envelope, every_nth, plane_columns, track_columns
 from ballbot_ros.messages.topics import (
     BATTERY_STATE,
     GAMEPAD_JOY,

@@ -55,14 +55,7 @@ from ballbot_ros.analysis.panel import (
     panel_of_planes,
 )
 from ballbot_ros.analysis.run_data import RunData, Series
-from ballbot_ros.analysis.style import (
-    BLUE,
-    GRAY,
-    WIDTH,
-    Line,
-    new_figure,
-    png_of,
-)
+from ballbot_ros.analysis.style import BLUE, GRAY, WIDTH, Line, new_figure, png_of
 from ballbot_ros.analysis.table import Table, track_columns
 from ballbot_ros.controllers.interface import OperatingState
 from ballbot_ros.messages.topics import (
@@ -226,47 +219,39 @@ def _draw_states(run: RunData, table: Table) -> Figure:
     return figure
 
 
+_panel = partial(panel_of_planes, min_span=MIN_AXIS_SPAN)
 _MOTION = POSITION.panel, PITCH.panel
 _DUTY = (replace(DUTY.panel, limits=(-100.0, 100.0)),)
 _STICKS = (panel_of_planes('sticks [%]', [(TRUE, 'stick_{}_percent')]),)
 _COMMAND = (
-    panel_of_planes(
+    _panel(
         'speed [cm/s]',
         [
             (TRUE, 'true_speed_{}_cm_per_s'),
             (COMMANDED, 'commanded_speed_{}_cm_per_s'),
             (REFERENCE, 'reference_speed_{}_cm_per_s'),
         ],
-        min_span=MIN_AXIS_SPAN,
     ),
-    panel_of_planes(
+    _panel(
         POSITION.label,
         [(TRUE, 'true_position_{}_cm'), (REFERENCE, 'reference_position_{}_cm')],
-        min_span=MIN_AXIS_SPAN,
     ),
 )
 _ESTIMATE = (
-    panel_of_planes(
-        PITCH.label,
-        [(TRUE, 'true_pitch_{}_deg'), (ESTIMATED, 'estimated_pitch_{}_deg')],
-        min_span=MIN_AXIS_SPAN,
-    ),
-    panel_of_planes(
+    _panel(PITCH.label, [(TRUE, 'true_pitch_{}_deg'), (ESTIMATED, 'estimated_pitch_{}_deg')]),
+    _panel(
         POSITION.label,
         [(TRUE, 'true_position_{}_cm'), (ESTIMATED, 'estimated_position_{}_cm')],
-        min_span=MIN_AXIS_SPAN,
     ),
 )
 _GYRO = (
-    panel_of_planes(
+    _panel(
         'pitch rate [°/s]',
         [(TRUE, 'true_rate_{}_deg_per_s'), (READING, 'read_rate_{}_deg_per_s')],
-        min_span=MIN_AXIS_SPAN,
     ),
-    panel_of_planes(
+    _panel(
         'gyro offset [°/s]',
         [(TRUE, 'true_offset_{}_deg_per_s'), (ESTIMATED, 'estimated_offset_{}_deg_per_s')],
-        min_span=MIN_AXIS_SPAN,
     ),
 )
 _SONAR = (

@@ -83,7 +83,7 @@ class FreeRunningMaster(RunMaster):
         if self._duty_s is not None:
             self._duty_s = self._now_s
 
-    def _is_recorded(self) -> bool:
+    def _is_settled(self) -> bool:
         return True
 
     @property

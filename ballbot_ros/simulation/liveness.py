@@ -30,12 +30,8 @@ class LivenessMonitor:
         self._since_call: int | None = None
         self._called_s = 0.0
 
-    def begin(self) -> None:
-        """Start over with a run whose participants are still joining."""
-        self.reset()
-
     def reset(self) -> None:
-        """End the current silence: the awaited message has arrived."""
+        """End the current silence: the awaited message has arrived, or another run begins."""
         self._since_call = None
 
     def call(self) -> None:
@@ -69,21 +65,27 @@ class LivenessMonitor:
             # An answer to a roll call of an earlier silence says nothing about this one.
             self._since_call = None
             return {}
-        due_ns = {role: tick_ns for role in DRIVERS if tick_ns % DRIVER_PERIODS_NS[role] == 0}
+        due_ns = dict.fromkeys(_due_drivers(tick_ns), tick_ns)
         due_ns |= {role: 0 for role in (*DRIVERS, CONTROLLER) if role not in due_ns}
         awaited = CONTROLLER
         if awaits_recorder:
             awaited, due_ns[RECORDER] = RECORDER, 0
         living = self._poll(max(since_s, self._called_s), self._participants())
         # A controller whose tick is done awaits the next one, which the plant has not sent.
+        is_owed = not (awaits_recorder or self._roster.has_answered(CONTROLLER, tick_ns))
         found = self._roster.silences_s(
-            self._since_call, due_ns, self._silence_s, heeds_awaited=not awaits_recorder
+            self._since_call, due_ns, self._silence_s, heeds_awaited=is_owed
         )
         processes = {role: self._process(self._roster.members.get(role)) for role in found}
         gone = [role for role, process in processes.items() if process and process not in living]
         if gone:
             return {role: found[role] for role in gone}
         return found or {awaited: self._silence_s(self._roster.members.get(awaited))}
+
+    def may_be_forged(self, tick_ns: int) -> bool:
+        """Return whether a stranger may have answered a tick in the place of a participant."""
+        due = (*_due_drivers(tick_ns), CONTROLLER)
+        return any(self._roster.may_be_forged(role, tick_ns) for role in due)
 
     def waited_s(self, since_s: float) -> float:
         """Return how long the plant has waited for participants to join its run [s]."""
@@ -109,3 +111,7 @@ class LivenessMonitor:
 
     def _silence_s(self, participant: Participant | None) -> float:
         return self._timer.silence_s(self._process(participant))
+
+
+def _due_drivers(tick_ns: int) -> list[str]:
+    return [role for role in DRIVERS if tick_ns % DRIVER_PERIODS_NS[role] == 0]

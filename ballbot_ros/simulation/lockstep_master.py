@@ -65,6 +65,8 @@ class LockstepMaster(RunMaster):
         self._recorder.ack_ns = stamp_ns
         self._advance()
         if self._is_behind() and self._last_sent.stamp_ns <= stamp_ns and not self._is_ended:
+            # The silence of the others begins: until now, they were not asked for the newest tick.
+            self._waiting_since_s = self._now_s
             self._resend()
 
     def _note_early(self, topic: str, stamp_ns: int) -> None:
@@ -119,8 +121,12 @@ class LockstepMaster(RunMaster):
         self._pacer.restart()
         self._advance()
 
-    def _is_recorded(self) -> bool:
-        return self._recorder.has_all(self._truth.stamp_ns)
+    def _is_settled(self) -> bool:
+        last_ns = self._truth.stamp_ns
+        if self._participants.controller_since_ns() > last_ns:
+            return True  # no other controller can repeat the last answer: the run fails
+        is_forged = self._participants.liveness.may_be_forged(last_ns)
+        return self._recorder.has_all(last_ns) and not is_forged
 
     # Silence
 
@@ -147,7 +153,9 @@ class LockstepMaster(RunMaster):
 
     def _awaits_recorder(self) -> bool:
         """Return whether the plant waits for the recorder instead of the controller."""
-        return self._phase is Phase.DRAINING or self._duty is not None or self._is_behind()
+        if self._phase is Phase.DRAINING:
+            return not self._recorder.has_all(self._truth.stamp_ns)
+        return self._duty is not None or self._is_behind()
 
     def _find_silent(self, since_s: float, *, awaits_recorder: bool) -> list[str]:
         """Return the roles that have been silent for too long; call the roll early enough."""
@@ -181,7 +189,8 @@ class LockstepMaster(RunMaster):
         """Return with which stamp a role has answered instead of the awaited one, or ''."""
         topic = {CONTROLLER: self._topics.duty, RECORDER: self._topics.ack}.get(role)
         if topic is None:
-            return self._participants.roster.wrong_stamp(role)
+            is_due = self._phase is not Phase.DRAINING
+            return self._participants.roster.wrong_stamp(role) if is_due else ''
         return wrong_stamp_text(topic, self._other_ns.get(topic))
 
     @property

@@ -192,6 +192,18 @@ class Roster:
         """Note a message on a suspected topic that no participant can have sent."""
         self._strangers.note_message(topic, self._calls)
 
+    def has_answered(self, role: str, stamp_ns: int) -> bool:
+        """Return whether a participant has announced that it has sent a sample."""
+        member = self._run.members.get(role)
+        heard = self._run.heard.get(member.instance) if member else None
+        return heard is not None and heard.announcement.answered_ns >= stamp_ns
+
+    def may_be_forged(self, role: str, stamp_ns: int) -> bool:
+        """Return whether a stranger may have sent a sample in the place of a participant."""
+        topics = self._strangers.former_topics
+        is_exposed = any(role in self._owners[topic] for topic in topics)
+        return is_exposed and not self.has_answered(role, stamp_ns)
+
     def readiness(self, now_ns: int) -> Readiness:
         """Return whether the run may continue; a successor takes part from `now_ns` on."""
         run = self._run
@@ -374,9 +386,7 @@ class Roster:
             return {role: silences_s[role] for role in unheard}
         awaited = [role for role in found if heeds_awaited and self._awaited_of(role)]
         lacking = [
-            role
-            for role, heard in found.items()
-            if (heard and heard.announcement.answered_ns < due_ns[role]) or role in awaited
+            role for role in found if not self.has_answered(role, due_ns[role]) or role in awaited
         ]
         # What a starved controller awaits may be waiting in its own queue.
         heard_by = [CONTROLLER] if awaited and CONTROLLER in found else []

@@ -405,8 +405,8 @@ class RunMaster(ABC):
             self._publish_truth()
 
     def _finish(self) -> None:
-        """End the run once everything is recorded, after a last check of the participants."""
-        if not (self._is_recorded() and self._check_participants()) or self._is_ended:
+        """End the run once it is settled, after a last check of the participants."""
+        if not (self._is_settled() and self._check_participants()) or self._is_ended:
             return
         problem = self._participants.restarted_controller()
         if problem:
@@ -451,6 +451,8 @@ class RunMaster(ABC):
         """Check the participants at once if the run is waiting for them."""
         if self._phase is Phase.GATHERING:
             self._check_participants()
+        elif self._phase is Phase.DRAINING:
+            self._finish()
 
     def _check_participants(self, *, calls_roll: bool = False) -> bool:
         """Return whether all participants, and no others, are present; if not, hold or end the run.
@@ -532,8 +534,8 @@ class RunMaster(ABC):
         """Continue after a pause."""
 
     @abstractmethod
-    def _is_recorded(self) -> bool:
-        """Return whether the recorder has everything it needs."""
+    def _is_settled(self) -> bool:
+        """Return whether everything is recorded, and nobody owes what a stranger may have sent."""
 
     @property
     @abstractmethod

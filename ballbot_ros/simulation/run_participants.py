@@ -126,7 +126,7 @@ class RunParticipants:
         self.roster.gather(run.name, plant, required, fatal=(CONTROLLER,))
         self._act(CallRoll(run, plant))
         self._graph.stop_listening()
-        self.liveness.begin()
+        self.liveness.reset()
 
     def on_announcement(self, announcement: Announcement) -> None:
         """Process a participant's announcement."""

@@ -32,7 +32,7 @@ def waited_s(awaited, starved):
         SimpleNamespace(observe=observe),
         JOINED.host,
     )
-    monitor.begin()
+    monitor.reset()
     for look in range(101):
         now_s = 0.1 * look
         waited = monitor.waited_s(0.0)
@@ -67,7 +67,7 @@ class Silence:
         roster = SimpleNamespace(members=members, calls=1, silences_s=self._silences_s)
         observer = SimpleNamespace(observe=self._observe)
         self.monitor = LivenessMonitor(roster, observer, JOINED.host)
-        self.monitor.begin()
+        self.monitor.reset()
         self.monitor.call()
 
     def _observe(self, processes):

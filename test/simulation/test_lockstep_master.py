@@ -611,6 +611,68 @@ def test_a_held_run_continues_with_its_duty_or_asks_for_it(has_duty):
     assert [each.is_resend for each in world.actions(do.PublishTruth)] == [not has_duty]
 
 
+def ended_by_a_stranger(hung):
+    """Return a world in which a stranger has answered the last tick, and has left again."""
+    world = LockstepWorld(duration=10 * TICK_NS * 1e-9).start().advance(9)
+    world.in_flight.clear()
+    for role in {hung, CONTROLLER}:
+        world.nodes[role].samples.remove(world.truths[-1])
+    world.nodes[hung].is_hung = True
+    world.graph.strangers['motor_duty'] = [Publisher(b'stranger', '/stranger')]
+    world.wait(0.2)
+    world.dispatch(world.master.on_duty, world.truths[-1], (99, 99), b'another')
+    del world.graph.strangers['motor_duty']
+    world.wait(1.0)
+    assert (world.ticks, world.summary) == (10, None)
+    return world
+
+
+def test_the_last_tick_counts_only_if_the_controller_has_answered_it():
+    """Its answer contradicts what a stranger has sent in the meantime."""
+    world = ended_by_a_stranger(hung=GYRO)
+    world.nodes[GYRO].is_hung = False
+    problem = "/stranger publishes on 'motor_duty', but takes no part in the run"
+    assert world.wait(1.0).summary.reason == problem
+
+
+@pytest.mark.parametrize('hung', [GYRO, CONTROLLER])
+def test_who_keeps_the_controller_from_answering_the_last_tick_is_named(hung):
+    world = ended_by_a_stranger(hung)
+    assert world.wait(TIMEOUT_S).summary.reason.startswith(f'{hung} silent for 2 s')
+
+
+def test_only_who_has_not_sent_the_last_sample_is_named():
+    """The controller has used the stranger's, and awaits the samples of a tick that never comes."""
+    world = LockstepWorld(duration=10 * TICK_NS * 1e-9).start().advance(9)
+    world.nodes[GYRO].samples.remove(world.truths[-1])
+    world.nodes[GYRO].is_mute = True
+    world.nodes[CONTROLLER].expects = {'gyro': None, 'joint_states': world.truths[-1]}
+    world.graph.strangers['gyro'] = [Publisher(b'stranger', '/stranger')]
+    world.wait(0.2)
+    del world.graph.strangers['gyro']
+    reason = f'gyro_driver silent for 2 s at sim time {START_NS * 1e-9 + 0.04:.3f} s'
+    assert world.wait(TIMEOUT_S + 1.0).summary.reason == reason
+
+
+def test_a_controller_that_replaces_one_after_the_last_tick_is_named_at_once():
+    """It cannot repeat the answer that the recorder lacks."""
+    world = LockstepWorld(duration=10 * TICK_NS * 1e-9).start(*ROLES, RECORDER).advance(9)
+    world.nodes[RECORDER].is_hung = True
+    world.advance(10)
+    world.kill(CONTROLLER)
+    world.start(CONTROLLER, generation=1)
+    reason = world.wait(1.0).summary.reason
+    assert reason == f'{world.nodes[CONTROLLER].participant} restarted at 0.040 s of the run'
+
+
+def test_a_stranger_that_has_done_nothing_does_not_keep_a_run_from_ending():
+    world = LockstepWorld().start().advance(9)
+    world.graph.strangers['motor_duty'] = [Publisher(b'stranger', '/stranger')]
+    world.wait(0.2)
+    del world.graph.strangers['motor_duty']
+    assert world.wait(1.0).summary.outcome == 'completed'
+
+
 def test_a_hold_is_no_silence_of_the_recorder():
     world = recorded(10)
     world.nodes[RECORDER].is_hung = True

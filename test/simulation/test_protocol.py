@@ -46,6 +46,22 @@ def test_a_controller_that_leaves_before_the_recorder_knows_it_is_named():
     assert Trial(41, 27484).run().summary.reason.startswith('controller silent for 3 s')
 
 
+def test_a_controller_that_starved_nodes_keep_waiting_must_answer_the_last_tick_itself():
+    """A stranger had answered it, and had left."""
+    reason = Trial(43, 2170).run().summary.reason
+    assert reason.startswith("'motor_duty' has a second duty stamped 1.024 s")
+
+
+def test_the_silence_of_the_controller_begins_when_the_recorder_has_caught_up():
+    """Until then, only the ticks that the recorder lacks are sent again."""
+    assert Trial(43, 44675).run().summary.outcome == 'completed'
+
+
+def test_a_controller_restarted_after_the_last_tick_is_named_even_if_the_recorder_lacks_it():
+    """The killed one's last messages were lost, and its successor cannot repeat them."""
+    assert 'restarted at 0.052 s of the run' in Trial(44, 9350).run().summary.reason
+
+
 def test_the_trials_have_every_kind_of_fault_and_both_outcomes():
     from protocol_trials import FAULTS
 
