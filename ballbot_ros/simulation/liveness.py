@@ -65,8 +65,7 @@ class LivenessMonitor:
             # An answer to a roll call of an earlier silence says nothing about this one.
             self._since_call = None
             return {}
-        due_ns = dict.fromkeys(_due_drivers(tick_ns), tick_ns)
-        due_ns |= {role: 0 for role in (*DRIVERS, CONTROLLER) if role not in due_ns}
+        due_ns = _due_ns(tick_ns)
         awaited = CONTROLLER
         if awaits_recorder:
             awaited, due_ns[RECORDER] = RECORDER, 0
@@ -82,10 +81,10 @@ class LivenessMonitor:
             return {role: found[role] for role in gone}
         return found or {awaited: self._silence_s(self._roster.members.get(awaited))}
 
-    def may_be_forged(self, tick_ns: int) -> bool:
-        """Return whether a stranger may have answered a tick in the place of a participant."""
-        due = (*_due_drivers(tick_ns), CONTROLLER)
-        return any(self._roster.may_be_forged(role, tick_ns) for role in due)
+    def have_confirmed(self, since_call: int, tick_ns: int) -> bool:
+        """Return whether all have announced, since a roll call, that they have answered a tick."""
+        due_ns = {**_due_ns(tick_ns), CONTROLLER: tick_ns}
+        return not self._roster.silences_s(since_call, due_ns, lambda _: 0.0, heeds_awaited=False)
 
     def waited_s(self, since_s: float) -> float:
         """Return how long the plant has waited for participants to join its run [s]."""
@@ -113,5 +112,7 @@ class LivenessMonitor:
         return self._timer.silence_s(self._process(participant))
 
 
-def _due_drivers(tick_ns: int) -> list[str]:
-    return [role for role in DRIVERS if tick_ns % DRIVER_PERIODS_NS[role] == 0]
+def _due_ns(tick_ns: int) -> dict[str, int]:
+    """Return the stamp that each driver must have answered [ns], and 0 for the controller."""
+    due_ns = {role: tick_ns for role in DRIVERS if tick_ns % DRIVER_PERIODS_NS[role] == 0}
+    return due_ns | {role: 0 for role in (*DRIVERS, CONTROLLER) if role not in due_ns}

@@ -121,12 +121,18 @@ class LockstepMaster(RunMaster):
         self._pacer.restart()
         self._advance()
 
+    def _drain(self) -> None:
+        # Whoever another plant has called away, or a stranger has answered for, now says so.
+        self._last_call = self._participants.roster.calls
+        self._participants.call_roll()
+        super()._drain()
+
     def _is_settled(self) -> bool:
         last_ns = self._truth.stamp_ns
         if self._participants.controller_since_ns() > last_ns:
             return True  # no other controller can repeat the last answer: the run fails
-        is_forged = self._participants.liveness.may_be_forged(last_ns)
-        return self._recorder.has_all(last_ns) and not is_forged
+        liveness = self._participants.liveness
+        return self._recorder.has_all(last_ns) and liveness.have_confirmed(self._last_call, last_ns)
 
     # Silence
 

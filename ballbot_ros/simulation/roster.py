@@ -198,12 +198,6 @@ class Roster:
         heard = self._run.heard.get(member.instance) if member else None
         return heard is not None and heard.announcement.answered_ns >= stamp_ns
 
-    def may_be_forged(self, role: str, stamp_ns: int) -> bool:
-        """Return whether a stranger may have sent a sample in the place of a participant."""
-        topics = self._strangers.former_topics
-        is_exposed = any(role in self._owners[topic] for topic in topics)
-        return is_exposed and not self.has_answered(role, stamp_ns)
-
     def readiness(self, now_ns: int) -> Readiness:
         """Return whether the run may continue; a successor takes part from `now_ns` on."""
         run = self._run

@@ -56,7 +56,7 @@ class Phase(Enum):
     """The run waits for its participants."""
     TICKING = auto()
     DRAINING = auto()
-    """All ticks are done, but the recorder has not acknowledged the last one."""
+    """All ticks are done, but not everybody has confirmed the last one."""
     ENDED = auto()
 
 
@@ -398,11 +398,15 @@ class RunMaster(ABC):
             self._publish_truth()
             self._end(Outcome.FAILED, str(self._plant.newest_hit), 1)
         elif self._duration_ns and self._plant.time_ns - self._run.start_ns >= self._duration_ns:
-            self._phase = Phase.DRAINING
-            self._last_tick_s = self._now_s
-            self._finish()
+            self._drain()
         else:
             self._publish_truth()
+
+    def _drain(self) -> None:
+        """End a run whose ticks are done, as soon as it is settled."""
+        self._phase = Phase.DRAINING
+        self._last_tick_s = self._now_s
+        self._finish()
 
     def _finish(self) -> None:
         """End the run once it is settled, after a last check of the participants."""
@@ -535,7 +539,7 @@ class RunMaster(ABC):
 
     @abstractmethod
     def _is_settled(self) -> bool:
-        """Return whether everything is recorded, and nobody owes what a stranger may have sent."""
+        """Return whether everything is recorded, and all participants have confirmed it."""
 
     @property
     @abstractmethod

@@ -128,11 +128,6 @@ class Strangers:
         return {suspect.topic for suspect in self._present}
 
     @property
-    def former_topics(self) -> set[str]:
-        """Topics that have or had a suspect in this run."""
-        return {suspect.topic for suspect in self._suspects.values()}
-
-    @property
     def waits(self) -> list[str]:
         """What the run waits for because of the suspects."""
         return [

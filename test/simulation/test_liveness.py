@@ -64,7 +64,13 @@ class Silence:
         self.threads, self.now_s, self.silent = {}, called_s, silent
         for member in members.values():
             self.threads[member.process] = {1: WAITING[1]}
-        roster = SimpleNamespace(members=members, calls=1, silences_s=self._silences_s)
+        self.answered_ns = 0
+        roster = SimpleNamespace(
+            members=members,
+            calls=1,
+            silences_s=self._silences_s,
+            has_answered=lambda role, stamp_ns: self.answered_ns >= stamp_ns,
+        )
         observer = SimpleNamespace(observe=self._observe)
         self.monitor = LivenessMonitor(roster, observer, JOINED.host)
         self.monitor.reset()
@@ -111,6 +117,25 @@ def test_if_all_answer_the_one_that_the_plant_waits_for_is_silent():
     silence = Silence({}, {})
     assert silence.after(0.1) == {CONTROLLER: pytest.approx(0.1)}
     assert silence.after(0.1, awaits_recorder=True) == {RECORDER: pytest.approx(0.2)}
+
+
+def test_a_controller_that_has_answered_the_tick_awaits_the_samples_of_the_next():
+    silence = Silence({}, {})
+    for answered_ms, heeds in ((996, True), (1000, False)):
+        silence.answered_ns = answered_ms * MS
+        silence.after(0.1)
+        assert silence.heeds_awaited is heeds
+    silence.answered_ns = 0
+    silence.after(0.1, awaits_recorder=True)
+    assert not silence.heeds_awaited
+
+
+@pytest.mark.parametrize('silent', [{}, {GYRO: JOINED}])
+def test_a_tick_is_confirmed_when_nobody_is_silent(silent):
+    silence = Silence({}, silent)
+    assert silence.monitor.have_confirmed(1, 1004 * MS) is not bool(silent)
+    owed = {role for role, due_ns in silence.due_ns.items() if due_ns == 1004 * MS}
+    assert owed == {GYRO, ENCODER, CONTROLLER}
 
 
 def test_a_dead_participant_is_named_before_those_that_may_wait_for_it():

@@ -52,6 +52,11 @@ def test_a_controller_that_starved_nodes_keep_waiting_must_answer_the_last_tick_
     assert reason.startswith("'motor_duty' has a second duty stamped 1.024 s")
 
 
+def test_a_controller_that_another_plant_has_called_away_unnoticed_says_so_at_the_end():
+    reason = Trial(45, 8869).run().summary.reason
+    assert reason == "gyro_driver: another run, '1 other', has interrupted it"
+
+
 def test_the_silence_of_the_controller_begins_when_the_recorder_has_caught_up():
     """Until then, only the ticks that the recorder lacks are sent again."""
     assert Trial(43, 44675).run().summary.outcome == 'completed'
@@ -168,7 +173,7 @@ def wait_for_silent_nodes_for_ever(patch):
 
 
 def blame_somebody_else(patch):
-    patch.setattr(Roster, 'silences_s', lambda *_, **__: {'sonar_driver': 99.0})
+    patch.setattr(LivenessMonitor, 'silences_s', lambda *_, **__: {'sonar_driver': 99.0})
 
 
 def answer_a_repeated_request_anew(patch):
