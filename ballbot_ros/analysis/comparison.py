@@ -30,13 +30,7 @@ from ballbot_ros.analysis.page import number_text, render_template, write_folder
 from ballbot_ros.analysis.report import MEANINGS, MetricText, banner, metric_text
 from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.analysis.run_figures import RenderedFigure
-from ballbot_ros.analysis.run_setup import (
-    RunSetup,
-    SetupChange,
-    labels_of,
-    names_of,
-    setup_changes,
-)
+from ballbot_ros.analysis.run_setup import RunSetup, SetupChange, labels_of, names_of, setup_changes
 from ballbot_ros.analysis.style import (
     BLUE,
     GRAY,

@@ -98,5 +98,10 @@ class RunRecording:
 
     @property
     def is_under_way(self) -> bool:
-        """Whether the recorder takes part in a run that has begun, but not ended."""
-        return self.gate.takes_part and self.gate.now_ns > 0 and not (self.outcome or self._stop)
+        """Whether a run in which the recorder takes part has begun, and more of it may arrive."""
+        if not (self.gate.takes_part and self.gate.now_ns):
+            return False
+        if self._stop is None:
+            return self.outcome.get('outcome') != Outcome.COMPLETED
+        # The samples that the last duty answers may arrive after it, and after the stop.
+        return self.gate.is_lockstep and self._stop[0].newest_ns > self.ticks.acked_ns

@@ -169,8 +169,10 @@ class OwnController:
             GYRO_IMU.message_class, GYRO_IMU.name, self._tick, reliable_qos(1, latched=False)
         )
 
+        self._answered_ns = 0
+
     def _answer(self, call):
-        announcement = Announcement(self._participant, call.frame_id)
+        announcement = Announcement(self._participant, call.frame_id, self._answered_ns)
         self._announcement.publish(encode_announcement(announcement))
 
     def _tick(self, gyro):
@@ -178,6 +180,7 @@ class OwnController:
         duty = Vector3Stamped()
         duty.header.stamp = gyro.header.stamp
         self._duty.publish(duty)
+        self._answered_ns = time_ns(gyro.header.stamp)
 
 
 def test_a_controller_without_a_state_topic_is_recorded(start_node, client, tmp_path, monkeypatch):

@@ -15,7 +15,8 @@ class File:
         self.clock = Stream('/clock', period_ns=TICK_NS, is_clock=True, is_live=True, is_same=same)
         self.duty = Stream('/motor_duty', period_ns=TICK_NS, is_same=same)
         self.kept = []
-        streams = (('/clock', self.clock), ('motor_duty', self.duty))
+        self.gyro = Stream('/gyro', period_ns=TICK_NS, is_same=same)
+        streams = (('/clock', self.clock), ('motor_duty', self.duty), ('gyro', self.gyro))
         self.recording = RunRecording(self, lambda: streams)
 
     def keep(self, stream, log_ns, data, sequence):
@@ -30,7 +31,8 @@ def same(one, other):
 
 
 def status(run, **result):
-    return RunStatus(run, True, ('/clock', 'motor_duty'), {'controller': 'it'}, result)
+    topics = ('/clock', 'motor_duty', 'gyro')
+    return RunStatus(run, True, topics, {'controller': 'it'}, result)
 
 
 @pytest.mark.parametrize('comes_first', [False, True])
@@ -76,5 +78,33 @@ def test_a_run_is_under_way_from_its_first_tick_to_its_end():
     assert not recording.is_under_way
     recording.gate.take(file.clock, FIRST_TICK_NS, b'', 1)
     assert recording.is_under_way
+    recording.note_status(status('1 abc', outcome='completed'))
+    assert not recording.is_under_way
+
+
+def test_a_stopped_run_is_under_way_until_the_samples_of_its_last_duty_are_there():
+    file = File()
+    recording = file.recording
+    recording.join(Run('1 abc', FIRST_TICK_NS))
     recording.note_status(status('1 abc', outcome='stopped'))
+    for stream in (file.clock, file.duty):
+        recording.gate.take(stream, FIRST_TICK_NS, b'', 1)
+    recording.gate.take(file.clock, FIRST_TICK_NS + TICK_NS, b'', 2)  # without a duty
+    assert recording.is_under_way
+    recording.hold_stop(file.duty, FIRST_TICK_NS + TICK_NS, b'', 2)
+    assert recording.is_under_way
+    recording.gate.take(file.gyro, FIRST_TICK_NS, b'', 1)
+    recording.ticks.advance()
+    assert not recording.is_under_way
+
+
+def test_a_run_without_lockstep_is_under_way_until_its_stop():
+    file = File()
+    recording = file.recording
+    recording.join(Run('1 abc', FIRST_TICK_NS))
+    recording.note_status(RunStatus('1 abc', False, (), {}))
+    for stream in (file.clock, file.duty):
+        recording.gate.take(stream, FIRST_TICK_NS, b'', 1)
+    assert recording.is_under_way
+    recording.hold_stop(file.duty, FIRST_TICK_NS, b'', 2)
     assert not recording.is_under_way
