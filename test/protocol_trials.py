@@ -551,9 +551,9 @@ def stranger(trial):
     content = chance.choice(('now', 'now', 'ahead', 'old', 'silent'))
     # The gyro driver answers a foreign truth with a second sample of its own.
     names = (name, topic, GYRO_IMU.name) if topic == PLANT_IMU.name else (name, topic)
-    if topic == MOTOR_DUTY.name:
-        # If it answers for a dead controller and leaves, the recorder waits for the rest of that
-        # controller's tick, and counts as silent (docs/reliability.md, known limits).
+    if topic in (MOTOR_DUTY.name, RECORDER_ACK.name):
+        # If it answers for a dead controller, or for a recorder that lacks the tick, and leaves,
+        # the recorder waits in vain, and is named as well (docs/reliability.md, known limits).
         names += (RECORDER,)
     names += ('by a node that has left',)
     trial.note(f'stranger on {topic}: {content}', *names, is_foreign=True)

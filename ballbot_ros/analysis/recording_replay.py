@@ -27,14 +27,8 @@ from ballbot_ros.analysis.replay import (
     replay_controller,
     replay_run,
 )
-from ballbot_ros.analysis.replayed_controller import (
-    ReplayedController,
-    choose_controller,
-)
-from ballbot_ros.codegen.implementation import (
-    missing_tool_for,
-    require_implementation,
-)
+from ballbot_ros.analysis.replayed_controller import ReplayedController, choose_controller
+from ballbot_ros.codegen.implementation import missing_tool_for, require_implementation
 from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.controllers.loading import OUR_PACKAGE, public_reference
 from ballbot_ros.controllers.own_parameters import own_rows

@@ -184,8 +184,9 @@ class LockstepMaster(RunMaster):
     def _give_up(self, silent: Collection[str]) -> None:
         who, when = ', '.join(silent), f'{self._sim_time_s:.3f} s'
         problem = f'{who} silent for {self._limit_s:g} s at sim time {when}'
-        if wrong := '; '.join(filter(None, map(self._wrong_stamp, silent))):
-            problem = f'{problem}: {wrong}'
+        causes = (*map(self._wrong_stamp, silent), self._participants.roster.stranger())
+        if cause := '; '.join(filter(None, causes)):
+            problem = f'{problem}: {cause}'
         if self._parameters.on_timeout == 'wait':
             self._warn(f'{problem}; still waiting')
         else:

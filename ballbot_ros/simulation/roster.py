@@ -331,6 +331,10 @@ class Roster:
         objection = heard.announcement.objection if heard else None
         return one_line(objection.text) if objection and not objection.topic else ''
 
+    def stranger(self) -> str:
+        """Return who may have sent samples in the place of participants, also if it left, or ''."""
+        return self._strangers.former_problem(self._member_names())
+
     def missing(self) -> list[str]:
         """Return the required roles that have no participant in this run."""
         return [role for role in self._required if role not in self._run.members]

@@ -176,6 +176,11 @@ class Strangers:
         suspect = _likeliest([each for each in found if each.topic == topic] or found, members)
         return suspect.problem if self._can_be_named(suspect) else ''
 
+    def former_problem(self, members: Collection[str]) -> str:
+        """Return the problem with a publisher that was or is a suspect in this run, or ''."""
+        found = list(self._suspects.values())
+        return _likeliest(found, members).problem if found else ''
+
     def _can_be_named(self, suspect: _Suspect) -> bool:
         return bool(suspect.node) or self._now_s - suspect.since_s > NAME_S
 

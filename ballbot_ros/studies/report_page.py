@@ -21,12 +21,7 @@ from ballbot_ros.errors import BallbotError, one_line
 from ballbot_ros.own_command import own_command
 from ballbot_ros.scenario.scenario import bounds_text
 from ballbot_ros.studies.axes import Axis
-from ballbot_ros.studies.charts import (
-    Histogram,
-    ShareChart,
-    draw_sensitivity,
-    sensitivity_table,
-)
+from ballbot_ros.studies.charts import Histogram, ShareChart, draw_sensitivity, sensitivity_table
 from ballbot_ros.studies.columns import MeasureColumn
 from ballbot_ros.studies.events import is_event
 from ballbot_ros.studies.manifest import StudyRecord
