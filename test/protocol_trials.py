@@ -401,7 +401,11 @@ class Trial:
             if not isinstance(recorder, RecorderNode) or not self._is_founder(recorder):
                 continue
             self._judge_samples(recorder, summary.start_ns)
-            is_whole = recorder.is_alive and not recorder.lost
+            begins_ns = recorder.recording.gate.complete_from_ns
+            is_late = begins_ns > summary.start_ns
+            if is_late and not self.is_foreign:
+                raise Violation(f'passed, but the recording is complete only from {begins_ns} on')
+            is_whole = recorder.is_alive and not (recorder.lost or is_late)
             duties = recorder.file.get(MOTOR_DUTY.name, ())
             stops = [1 for at_ns, data in duties if is_stop(data) and at_ns > summary.start_ns]
             is_reached = recorder.is_alive and not recorder.is_suspended
