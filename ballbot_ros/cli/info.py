@@ -12,11 +12,7 @@ import click
 from rich.console import Console
 
 from ballbot_ros.analysis.recorded_controller import ControllerIdentity, decode_controller
-from ballbot_ros.analysis.recorded_pushes import (
-    external_push,
-    outside_pushes,
-    outside_pushes_in,
-)
+from ballbot_ros.analysis.recorded_pushes import external_push, outside_pushes, outside_pushes_in
 from ballbot_ros.cli.file_progress import file_progress
 from ballbot_ros.cli.path_types import RECORDING
 from ballbot_ros.errors import printable

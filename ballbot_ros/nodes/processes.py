@@ -10,6 +10,7 @@ import time
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
+from threading import Thread
 
 from ballbot_ros.simulation.participants import LocalNode
 from ballbot_ros.simulation.silence_timer import Observation, SilenceTimer, Threads, ThreadTime
@@ -20,6 +21,7 @@ END_WITH_PARENT = 'BALLBOT_END_WITH_PARENT'
 _STARTED_NODES = 'BALLBOT_STARTED_NODES'
 """Environment variable of a plant: the processes of the nodes that its command has started."""
 
+_JOIN_POLL_S = 0.05
 _PR_SET_PDEATHSIG = 1
 _PROC = Path('/proc')
 _RUNNABLE, _WAITING, _ZOMBIE, _STOPPED = 'R', ('S', 'D'), 'Z', 'T'
@@ -121,6 +123,13 @@ class ProcessSilence:
         threads = threads_by_process([self._process])
         self._timer.update(self._begun_s, time.monotonic(), threads)
         return self._timer.silence_s(self._process)
+
+
+def join_thread(thread: Thread, limit_s: float) -> None:
+    """Wait for the end of a thread; the limit [s] is that of a :class:`ProcessSilence`."""
+    silence = ProcessSilence(os.getpid())
+    while thread.is_alive() and silence.measure_s() < limit_s:
+        thread.join(_JOIN_POLL_S)
 
 
 def children(parent: int) -> list[int]:

@@ -15,13 +15,7 @@ from ballbot_ros.plant.delayed_duty import DelayedDuty, DutyState
 from ballbot_ros.plant.ground_truth import GroundTruth, MeasuredState, Pair, Push
 from ballbot_ros.plant.integration import PlaneState, linear_step, nonlinear_step
 from ballbot_ros.plant.model import PhysicalParameters
-from ballbot_ros.plant.wall_contact import (
-    ContactState,
-    Floor,
-    WallContact,
-    WallHit,
-    ball_position,
-)
+from ballbot_ros.plant.wall_contact import ContactState, Floor, WallContact, WallHit, ball_position
 from ballbot_ros.timing import STEP_NS, STEPS_PER_TICK, TICK_NS
 
 _FLOAT32 = struct.Struct('<f')

@@ -13,7 +13,12 @@ from types import MappingProxyType
 
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.nodes.fork_server import NodeRequest
-from ballbot_ros.nodes.processes import exit_description, is_stopped, threads_by_process
+from ballbot_ros.nodes.processes import (
+    exit_description,
+    is_stopped,
+    join_thread,
+    threads_by_process,
+)
 from ballbot_ros.run.fork_client import ForkClient
 from ballbot_ros.simulation.silence_timer import SilenceTimer
 
@@ -137,7 +142,7 @@ class NodeProcess:
 
     def forward_remaining_output(self) -> None:
         """Forward the last lines of a process that has ended."""
-        self._reader.join(0.2)
+        join_thread(self._reader, 0.2)
 
     def kill(self) -> None:
         """Send SIGKILL, which also ends a stopped process, and wait for the end for a moment."""

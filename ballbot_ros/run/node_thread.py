@@ -7,6 +7,10 @@ from threading import Thread
 import rclpy
 
 from ballbot_ros.nodes.base import AnyNode, spin
+from ballbot_ros.nodes.processes import join_thread
+
+END_S = 1.0
+"""Time for a callback to return [s]; Python may abort if the thread still runs at its end."""
 
 
 class NodeThread:
@@ -29,6 +33,6 @@ class NodeThread:
     def close(self) -> None:
         """End the node."""
         self._end.set_result(None)
-        self._thread.join(1.0)
+        join_thread(self._thread, END_S)
         self._node.close()
         self._node.destroy_node()

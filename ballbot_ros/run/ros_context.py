@@ -10,11 +10,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 
 from ballbot_ros.errors import BallbotError, one_line
 from ballbot_ros.nodes.end_guard import guarded_end
-from ballbot_ros.nodes.middleware import (
-    prepare_middleware,
-    ros_domain,
-    stay_local,
-)
+from ballbot_ros.nodes.middleware import prepare_middleware, ros_domain, stay_local
 from ballbot_ros.nodes.participant_ports import avoid_stale_ports
 
 RCLError = rclpy_implementation.RCLError

@@ -1,5 +1,6 @@
 """A drive by hand: its settings, its nodes, and its exit status."""
 
+import os
 import signal
 import threading
 import time
@@ -15,6 +16,7 @@ from graph import LAST_RESORT_S
 from laws import refusal
 
 from ballbot_ros.errors import BallbotError
+from ballbot_ros.nodes import processes
 from ballbot_ros.parameters import (
     GAMEPAD,
     NODES,
@@ -26,6 +28,7 @@ from ballbot_ros.parameters import (
 from ballbot_ros.run import drive, node_thread
 from ballbot_ros.run.drive import DriveOptions, DriveResult, drive_spec
 from ballbot_ros.run.node_thread import NodeThread
+from ballbot_ros.simulation.silence_timer import ThreadTime
 
 
 def test_a_drive_is_in_real_time_and_survives_walls():
@@ -165,6 +168,28 @@ def test_the_gamepad_is_closed_and_its_error_is_raised(monkeypatch, tmp_path):
     with pytest.raises(BallbotError, match='another plant'):
         graph.drive(tmp_path)
     assert graph.events == ['gamepad closed']
+
+
+@pytest.mark.parametrize('is_starved', [True, False])
+def test_a_node_on_a_thread_has_more_time_if_it_lacks_a_processor(is_starved, monkeypatch):
+    """If its thread still runs at the end of the interpreter, Python may abort."""
+    returns = threading.Event()
+    monkeypatch.setattr(node_thread, 'END_S', 0.2)
+    monkeypatch.setattr(node_thread, 'spin', lambda nodes, end: returns.wait(LAST_RESORT_S))
+    node = SimpleNamespace(get_name=lambda: 'pad', close=list, destroy_node=list)
+    thread, looks = NodeThread(node), []
+
+    def threads_by_process(processes):
+        looks.append(processes)
+        if len(looks) == 20:
+            returns.set()
+        queued_s = time.monotonic() if is_starved else 0.0
+        return {os.getpid(): {1: ThreadTime(0.0, queued_s, is_runnable=is_starved)}}
+
+    monkeypatch.setattr(processes, 'threads_by_process', threads_by_process)
+    thread.close()
+    assert returns.is_set() is is_starved
+    returns.set()
 
 
 def test_a_node_on_a_thread_ends_in_order_and_stores_its_error(monkeypatch):
