@@ -1,5 +1,6 @@
 """`ballbot doctor`: the checks of this machine."""
 
+import contextlib
 import dataclasses
 import signal
 import socket
@@ -319,8 +320,12 @@ def test_the_command_ends_on_sigint_while_the_middleware_hangs(domain):
 
 def discovery_processes(children):
     """Return the processes that have begun to use the middleware."""
-    processes = [Path('/proc') / pid for pid in children.read_text().split()]
-    return [p for p in processes if b'libfastrtps' in (p / 'maps').read_bytes()]
+    found = []
+    for process in children.read_text().split():
+        with contextlib.suppress(FileNotFoundError):  # that of another check, which has ended
+            if b'libfastrtps' in Path('/proc', process, 'maps').read_bytes():
+                found.append(Path('/proc', process))
+    return found
 
 
 @pytest.mark.graph

@@ -39,8 +39,9 @@ def call(*words, cwd, pythonpath=(PROJECT,), **environment):
 
 
 def assert_passed(done):
-    """Assert that a run whose result is JSON passed without a warning."""
-    assert done.stderr == ''
+    """Assert that a run whose result is JSON passed without a warning, unless of slow ticks."""
+    lines = done.stderr.splitlines()
+    assert [each for each in lines if 'ticks took longer than 4 ms' not in each] == []
     assert json.loads(done.stdout)['outcome'] == 'passed', done.stdout
 
 
