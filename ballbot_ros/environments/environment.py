@@ -33,13 +33,7 @@ from ballbot_ros.environments.quantities import (
 )
 from ballbot_ros.environments.state import EnvironmentState, EpisodeState, Start
 from ballbot_ros.errors import short_repr
-from ballbot_ros.parameters import (
-    GYRO,
-    PLANT,
-    ControllerParameters,
-    PlantParameters,
-    parameters_of,
-)
+from ballbot_ros.parameters import GYRO, PLANT, ControllerParameters, PlantParameters, parameters_of
 from ballbot_ros.parameters.assignment import Parameters, plain_value
 from ballbot_ros.simulation.robot import Robot
 from ballbot_ros.timing import TICK_MS

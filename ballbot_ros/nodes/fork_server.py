@@ -16,6 +16,7 @@ import selectors
 import signal
 import socket
 import sys
+import time
 import warnings
 from collections.abc import Sequence
 from contextlib import suppress
@@ -23,10 +24,15 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ballbot_ros.nodes.executables import start
-from ballbot_ros.nodes.processes import END_WITH_PARENT, end_with_parent
+from ballbot_ros.nodes.processes import END_WITH_PARENT, ProcessSilence, end_with_parent
 
 MAX_FILES = 4
 """Descriptors in a request: its own, of the output, and two that a plant inherits."""
+
+GRACE_S = 5.0
+"""Time that a node has to end after its command [s]; the recorder finishes its file."""
+
+_POLL_S = 0.05
 
 PROGRAM = f'from {__name__} import main; main()'
 ROOM = ' ' * 512
@@ -62,8 +68,8 @@ def main() -> None:
     # Python puts the current folder first, where a file may have the name of an installed module.
     with suppress(ValueError):  # it does not with PYTHONSAFEPATH
         sys.path.remove('')
-    # From now on it does not outlive the command, even if it is stopped.
-    if not end_with_parent(signal.SIGKILL):
+    # If it is stopped when the command ends, it must continue in order to end the nodes.
+    if not end_with_parent(signal.SIGCONT):
         return
     parent = os.getpid()
     with socket.socket(fileno=int(sys.argv[1])) as control:
@@ -110,6 +116,8 @@ def import_nodes() -> str:
 def serve(control: socket.socket) -> tuple[NodeRequest, list[int]] | None:
     """Fork a node for each request, and report the end of each node.
 
+    If the command ends before its nodes, as when it is killed, it ends them.
+
     Returns
     -------
     request : NodeRequest
@@ -130,6 +138,8 @@ def serve(control: socket.socket) -> tuple[NodeRequest, list[int]] | None:
                     continue
                 files = _receive(control)
                 if not files:
+                    selector.unregister(control)
+                    _end_nodes([key.data for key in selector.get_map().values()])
                     return None
                 with os.fdopen(files.pop(0), 'rb') as text:
                     request = NodeRequest(*json.load(text))
@@ -143,6 +153,20 @@ def serve(control: socket.socket) -> tuple[NodeRequest, list[int]] | None:
                     os.close(file)
                 selector.register(os.pidfd_open(process), selectors.EVENT_READ, process)
                 control.send(_encode(process))
+
+
+def _end_nodes(nodes: Sequence[int]) -> None:
+    """Stop the nodes, and kill those that hang."""
+    for node in nodes:
+        os.kill(node, signal.SIGTERM)
+    silences = {node: ProcessSilence(node) for node in nodes}
+    while silences:
+        for node, silence in tuple(silences.items()):
+            if os.waitpid(node, os.WNOHANG)[0]:
+                del silences[node]
+            elif silence.measure_s() > GRACE_S:
+                os.kill(node, signal.SIGKILL)
+        time.sleep(_POLL_S)
 
 
 def _receive(control: socket.socket) -> list[int]:

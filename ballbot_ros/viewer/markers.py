@@ -22,14 +22,7 @@ from ballbot_ros.parameters import Dimensions
 from ballbot_ros.timing import SECOND_NS
 from ballbot_ros.viewer import colours
 from ballbot_ros.viewer.floor import walls
-from ballbot_ros.viewer.robot import (
-    BODY,
-    LINKS,
-    TRAIL_STEP,
-    Vector,
-    cone_slope,
-    parts,
-)
+from ballbot_ros.viewer.robot import BODY, LINKS, TRAIL_STEP, Vector, cone_slope, parts
 from ballbot_ros.viewer.snapshot import Snapshot
 from ballbot_ros.viewer.transforms import SONAR, Transform
 from ballbot_ros.world.exports import WALL_HEIGHT_CM

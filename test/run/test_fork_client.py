@@ -195,7 +195,8 @@ sys.stdin.read()
 """
 
 
-def test_everything_ends_with_a_killed_command(domain):
+@pytest.mark.parametrize('hangs', ['nothing', 'the fork server', 'a node'])
+def test_everything_ends_with_a_killed_command(hangs, domain):
     environment = {**os.environ, 'ROS_DOMAIN_ID': str(domain)}
     with contextlib.ExitStack() as stack:
         command = stack.enter_context(
@@ -204,6 +205,9 @@ def test_everything_ends_with_a_killed_command(domain):
             )
         )
         server, node = json.loads(command.stdout.readline())
+        stopped = {'the fork server': server, 'a node': node}.get(hangs)
+        if stopped:
+            os.kill(stopped, signal.SIGSTOP)
         command.kill()  # perhaps before the node knows its parent
         wait_for(lambda: not alive(server) and not alive(node), what='the end of both')
 
