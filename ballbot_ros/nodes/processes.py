@@ -30,9 +30,9 @@ _STATE, _THREADS, _EXIT_CODE = 0, 17, 49
 
 
 def end_with_parent(number: signal.Signals = signal.SIGTERM) -> bool:
-    """Make the system end this process together with the one in :data:`END_WITH_PARENT`, if any.
+    """Let the system send a signal here when the process in :data:`END_WITH_PARENT`, if any, ends.
 
-    Return False if that process has already ended. SIGKILL ends this process also if it is stopped.
+    Return False if that process has already ended.
     """
     parent = os.environ.get(END_WITH_PARENT)
     if parent is None:
