@@ -1,4 +1,5 @@
 import contextlib
+import math
 import os
 import signal
 import threading
@@ -12,6 +13,7 @@ import pytest
 from graph import Node, Run, call, free_domain
 
 from ballbot_ros.cli import progress
+from ballbot_ros.controllers import controller_program
 from ballbot_ros.nodes.middleware import prepare_middleware
 from ballbot_ros.nodes.shared_memory import SETTLED_S, find_leftovers, sweep
 from ballbot_ros.own_command import COMMAND_ENV
@@ -29,6 +31,7 @@ os.environ[COMMAND_ENV] = 'ballbot'
 
 # What a command prints must not depend on the speed of the machine.
 progress.LINE_PERIOD_S = threading.TIMEOUT_MAX
+controller_program.NOTABLE_SHARE, controller_program.NOTABLE_MS = 1.0, math.inf
 
 # Restore both signals: a suite in a shell's background job ignores SIGINT, one under nohup ignores
 # SIGHUP, and all processes that it starts would inherit this.

@@ -145,7 +145,8 @@ def test_no_node_outlives_the_fork_server(tmp_path, domain):
         (server,) = [each for each in children(os.getpid()) if process in children(each)]
         os.kill(server, signal.SIGKILL)
         client.await_end(process, LAST_RESORT_S)
-        assert client.status_of(process) == -signal.SIGTERM
+        # Its own status, if the client has looked before the system removed the process.
+        assert client.status_of(process) in (0, -signal.SIGTERM)
         assert not alive(process)
         killed = rf'encoder_driver cannot .* fork_server \(process {server}\) was killed by SIGKILL'
         with pytest.raises(BallbotError, match=killed):
