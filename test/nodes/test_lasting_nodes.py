@@ -187,7 +187,9 @@ def test_a_recorder_that_joins_in_mid_run_has_everything_from_then_on(start, wat
     with RecordingReader(path) as recording:
         assert 's on: recorded from mid-run' in recording.damage
         for topic in periodic:
-            stamps = [stamp_ns(m) for _, _, m in recording.messages([topic.resolved()])]
+            # The stop of the motors comes after the last tick, which may lack its duty.
+            messages = (m for _, _, m in recording.messages([topic.resolved()]))
+            stamps = [stamp_ns(m) for m in messages if m.header.frame_id != 'stop']
             assert set(np.diff(stamps)) == {topic.period_ns}, topic.name
 
 
