@@ -57,7 +57,8 @@ def test_a_node_announces_itself_four_times_a_second(domain, run_node, monkeypat
             while True:
                 heard[peer.recv(65536)[PARTICIPANT]] += 1
     assert len(heard) == 2  # the node and the client
-    assert min(heard.values()) > 2 * SECONDS
+    # By default a participant announces itself every 3 s: once or twice in this time.
+    assert min(heard.values()) > SECONDS
 
 
 def test_profiles_of_the_user_stay(monkeypatch):
