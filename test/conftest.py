@@ -31,6 +31,7 @@ os.environ[COMMAND_ENV] = 'ballbot'
 
 # What a command prints must not depend on the speed of the machine.
 progress.LINE_PERIOD_S = threading.TIMEOUT_MAX
+_NOTABLE = controller_program.NOTABLE_SHARE, controller_program.NOTABLE_MS
 controller_program.NOTABLE_SHARE, controller_program.NOTABLE_MS = 1.0, math.inf
 
 # Restore both signals: a suite in a shell's background job ignores SIGINT, one under nohup ignores
@@ -45,6 +46,13 @@ def pytest_sessionfinish(session):
     if is_last and find_leftovers(older_than_s=0):
         time.sleep(SETTLED_S)  # young files may belong to another graph that is just starting
         sweep()
+
+
+@pytest.fixture
+def slow_ticks_are_told(monkeypatch):
+    """Let this process tell of slow ticks, as outside the tests."""
+    for name, value in zip(('NOTABLE_SHARE', 'NOTABLE_MS'), _NOTABLE, strict=True):
+        monkeypatch.setattr(controller_program, name, value)
 
 
 @pytest.fixture(scope='session')

@@ -9,7 +9,7 @@ from robot import AT_REST, values_of
 
 from ballbot_ros.brick.brick import Tone
 from ballbot_ros.codegen.implementation import compose_controller, implementation_for
-from ballbot_ros.controllers import Controller, controller_program
+from ballbot_ros.controllers import Controller
 from ballbot_ros.controllers.controller_program import TickTimes
 from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.parameters import CONTROLLER, ControllerParameters, ParameterSet
@@ -206,9 +206,8 @@ def test_the_controller_on_the_page_is_symmetric_and_still_at_rest(make):
     assert one[0] > 0
 
 
-def test_slow_ticks_are_measured_and_told(make, monkeypatch):
-    monkeypatch.setattr(controller_program, 'NOTABLE_SHARE', 0.01)
-    monkeypatch.setattr(controller_program, 'NOTABLE_MS', 100.0)
+@pytest.mark.usefixtures('slow_ticks_are_told')
+def test_slow_ticks_are_measured_and_told():
     times = TickTimes()
     assert times.problem == ''
     for tick in range(100):

@@ -10,7 +10,6 @@ import pytest
 from graph import BALLBOT, record
 from own_controllers import BALANCE, FAULTY, line_in_faulty
 
-from ballbot_ros.controllers import controller_program
 from ballbot_ros.messages.conversions import stamp_ns
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.run.execution import execute
@@ -105,8 +104,8 @@ def test_the_timer_of_a_run_leaves_another_one_as_it_was(folder):
     assert interval_s == 7.0
 
 
-def test_a_run_that_may_wait_waits_for_a_slow_controller(folder, monkeypatch):
-    monkeypatch.setattr(controller_program, 'NOTABLE_SHARE', 0.01)
+@pytest.mark.usefixtures('slow_ticks_are_told')
+def test_a_run_that_may_wait_waits_for_a_slow_controller(folder):
     Path('faulty.py').write_text(FAULTY.replace('time.sleep(1000.0)', 'time.sleep(1.5)\n') +
         '\n\nclass Late(Faulty):\n    def fail(self, readings):\n        time.sleep(0.02)\n'
         '        return 0, 0\n')  # fmt: skip
