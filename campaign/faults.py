@@ -11,7 +11,7 @@ from campaign.fault import Fault
 from campaign.restarts import Restarts
 from campaign.signals import CommandSignal, HelperSignal, Moment, NodeSignal
 from campaign.strangers import Stranger
-from campaign.surroundings import BusyMachine, FailingDisk, FullDisk, Leftovers
+from campaign.surroundings import BusyMachine, FailingDisk, FullDisk
 
 KILL = (Signals.SIGKILL,)
 HANG = (Signals.SIGSTOP,)
@@ -32,7 +32,6 @@ FAULTS = (
     Fault('nonsense on open topics', partial(Stranger.draw, in_the_loop=False), 12.0),
     Fault('a stranger in the loop', partial(Stranger.draw, in_the_loop=True), 12.0),
     Fault('full disk', FullDisk.draw, 10.0, needs_mounts=True),
-    Fault('leftovers in /dev/shm', Leftovers.draw, 15.0, needs_mounts=True),
     Fault('failing disk', FailingDisk.draw, 10.0, needs_mounts=True),
     Fault('unusual environment', UnusualEnvironment.draw, 8.0, needs_mounts=True),
     Fault('signal to a helper process', HelperSignal.draw, 12.0),

@@ -16,8 +16,7 @@ import rclpy
 from rclpy.serialization import serialize_message
 
 from ballbot_ros.messages.topics import message_class
-from ballbot_ros.nodes.middleware import prepare_middleware, ros_domain
-from ballbot_ros.nodes.participant_ports import avoid_stale_ports
+from ballbot_ros.nodes.middleware import prepare_middleware
 from ballbot_ros.nodes.topic_publisher import reliable_qos
 from campaign.strangers import LOOP_TOPICS, OPEN_TOPICS, STRANGER, Content
 
@@ -32,8 +31,7 @@ def main(words: Sequence[str]) -> None:
     """Send the messages in the arguments: a topic, a content and a period [s] for each."""
     prepare_middleware()
     rclpy.init()
-    with avoid_stale_ports(ros_domain()):
-        node = rclpy.create_node(STRANGER)
+    node = rclpy.create_node(STRANGER)
     for name, content, period_s in zip(*[iter(words)] * 3, strict=True):
         topic = next(topic for topic in (*OPEN_TOPICS, *LOOP_TOPICS) if topic.name == name)
         kind = topic.message_class

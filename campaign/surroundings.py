@@ -1,4 +1,4 @@
-"""Faults around a run: a full disk, a busy machine, leftovers of killed processes."""
+"""Faults around a run: a full disk, a busy machine."""
 
 from __future__ import annotations
 
@@ -12,10 +12,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
-from signal import Signals
 
-from ballbot_ros.nodes.participant_ports import DISCOVERY_PORT, PORT_BASE, PORTS_PER_DOMAIN
-from ballbot_ros.nodes.shared_memory import MIN_PORT_BYTES, SHARED_MEMORY
 from campaign.fault import Verdict
 from campaign.run import (
     Run,
@@ -33,16 +30,12 @@ from campaign.site import Site
 
 DISK_BOUND_S = 45.0
 BUSY_BOUND_S = 120.0
-LEFT_BOUND_S = 60.0
 NO_SPACE = 'No space left on device'
 DISK_MB = 32
 
 BUSY_LOOPS = 4
 LOOP = 'while True: pass'
 RUNS_AT_ONCE = 3
-PORTS = 20
-"""Number of successive ports, of which some are broken."""
-OLD_S = 3600.0
 
 
 @contextmanager
@@ -198,55 +191,3 @@ class BusyMachine:
             failures += judge_printed(end.text) + judge_completed(end, sha256)
         took_s = max(end.end.took_s for end in ends)
         return Verdict(tuple(failures), took_s, BUSY_BOUND_S)
-
-
-@dataclass(frozen=True)
-class Leftovers:
-    """Leftovers of a killed graph in shared memory, with broken ports.
-
-    Attributes
-    ----------
-    broken : tuple of int
-        Unfinished ports, relative to a domain's first port for participants.
-    sizes : tuple of int
-        Their lengths [byte].
-    """
-
-    broken: tuple[int, ...]
-    sizes: tuple[int, ...]
-
-    def __str__(self) -> str:
-        ports = ', '.join(f'{p} ({s} bytes)' for p, s in zip(self.broken, self.sizes, strict=True))
-        return f'broken ports {ports}, and leftovers of a killed graph'
-
-    @classmethod
-    def draw(cls, generator: random.Random, index: int) -> Leftovers:
-        """Draw up to six broken ports and their lengths."""
-        ports = tuple(sorted(generator.sample(range(PORTS), k=generator.randint(1, 6))))
-        sizes = (0, 1, MIN_PORT_BYTES - 1, MIN_PORT_BYTES, 4 * MIN_PORT_BYTES)
-        return cls(ports, tuple(generator.choice(sizes) for _ in ports))
-
-    def carry_out(self, site: Site) -> Verdict:
-        """Kill a running graph, break ports, and run another one in the same place."""
-        first = Run(site, LONG_S, name='first')
-        first.await_ticks()
-        for process in (first.program.pid, *site.alive()):
-            os.kill(process, Signals.SIGKILL)
-        site.await_end(first.program, LEFT_BOUND_S)
-        port = PORT_BASE + PORTS_PER_DOMAIN * site.domains[0] + DISCOVERY_PORT
-        for number, size in zip(self.broken, self.sizes, strict=True):
-            SHARED_MEMORY.joinpath(f'fastrtps_port{port + number}').write_bytes(bytes(size))
-        for path in SHARED_MEMORY.iterdir():
-            status = path.stat()
-            os.utime(path, (status.st_atime - OLD_S, status.st_mtime - OLD_S))
-        left = {(path.name, path.stat().st_ino) for path in SHARED_MEMORY.glob('*fastrtps*')}
-
-        run = Run(site, SHORT_S, name='second')
-        end = run.await_end(LEFT_BOUND_S)
-        duties = undisturbed_duties(site, ticks_of(SHORT_S))
-        failures = judge_printed(end.text) + judge_end(end.end, LEFT_BOUND_S)
-        failures += judge_completed(end, undisturbed(site, len(duties)).duty_sha256)
-        failures += judge_recording(end, duties)
-        still = {(path.name, path.stat().st_ino) for path in SHARED_MEMORY.glob('*fastrtps*')}
-        failures += [f'{name} was not removed' for name, _ in sorted(left & still)]
-        return Verdict(tuple(failures), end.end.took_s, LEFT_BOUND_S)

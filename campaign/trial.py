@@ -6,34 +6,23 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
 import sys
-import time
 from pathlib import Path
 
-from ballbot_ros.nodes.shared_memory import SHARED_MEMORY, sweep
 from campaign.fault import Verdict
 from campaign.faults import BY_NAME
-from campaign.site import START_S, CampaignError, Site, Stopwatch
+from campaign.site import START_S, CampaignError, Site
 
 OWN_MEMORY = '--own-memory'
 """Option for a private ``/dev/shm``."""
 
-
-SWEPT_S = 5.0
-"""Time after which a killed process has released its locks [s]."""
+SHARED_MEMORY = Path('/dev/shm')
 
 
 def judge_shared_memory() -> tuple[str, ...]:
-    """Judge whether the next run can remove all leftovers in shared memory."""
-    watch = Stopwatch()
-    while True:
-        sweep(older_than_s=0.0)
-        left = sorted(SHARED_MEMORY.glob('*fastrtps*'))
-        if not left or watch.update([os.getpid()]) > SWEPT_S:
-            return tuple(f'{path} was not removed by the sweep' for path in left)
-        time.sleep(0.05)
+    """Judge whether no process has left anything in shared memory, which no graph may use."""
+    return tuple(f'{path} is left' for path in sorted(SHARED_MEMORY.glob('*fastrtps*')))
 
 
 def main(words: list[str]) -> int:

@@ -3,7 +3,6 @@ import math
 import os
 import signal
 import threading
-import time
 
 # As in the command, and before numpy is imported: on matrices as small as these, more threads only
 # cost processor time, which the other tests need.
@@ -15,7 +14,6 @@ from graph import Node, Run, call, free_domain
 from ballbot_ros.cli import progress
 from ballbot_ros.controllers import controller_program
 from ballbot_ros.nodes.middleware import prepare_middleware
-from ballbot_ros.nodes.shared_memory import SETTLED_S, find_leftovers, sweep
 from ballbot_ros.own_command import COMMAND_ENV
 from ballbot_ros.run.fork_client import ForkClient
 from ballbot_ros.viewer.browser import browser_program
@@ -38,14 +36,6 @@ controller_program.NOTABLE_SHARE, controller_program.NOTABLE_MS = 1.0, math.inf
 # SIGHUP, and all processes that it starts would inherit this.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
-
-
-def pytest_sessionfinish(session):
-    """Remove the leftovers of killed processes from shared memory."""
-    is_last = not hasattr(session.config, 'workerinput')  # pytest-xdist's workers have ended
-    if is_last and find_leftovers(older_than_s=0):
-        time.sleep(SETTLED_S)  # young files may belong to another graph that is just starting
-        sweep()
 
 
 @pytest.fixture

@@ -5,7 +5,6 @@ import fcntl
 import io
 import json
 import os
-import re
 import signal
 import socket
 import subprocess
@@ -24,7 +23,6 @@ from ballbot_ros.nodes.participant_ports import (
     PORTS_PER_DOMAIN,
     bound_udp_ports,
 )
-from ballbot_ros.nodes.shared_memory import clear_shared_memory
 from ballbot_ros.parameters import NODES
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
@@ -36,19 +34,6 @@ BALLBOT = [sys.executable, '-m', 'ballbot_ros.cli.main']
 DOMAINS = (*range(215, 232), *range(50, 101))
 LAST_RESORT_S = 240.0
 """Time after which a wait counts as hung, even on a busy machine; no test measures with it."""
-
-_PORT_IS_TAKEN = re.compile(
-    r'^.*Failed init_port fastrtps_port\d+: open_and_lock_file failed.*\n', re.MULTILINE
-)
-
-
-def without_taken_ports(output):
-    """Return an output without the lines in which Fast DDS reports that a port is taken.
-
-    It then takes the next port. The first ones are shared by all domains, so this happens if graphs
-    of other tests start or are swept up at the same moment.
-    """
-    return _PORT_IS_TAKEN.sub('', output)
 
 
 @contextlib.contextmanager
@@ -137,20 +122,14 @@ def environment(domain):
     return {
         **{name: value for name, value in os.environ.items() if name not in desktop},
         'ROS_DOMAIN_ID': str(domain),
-        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
         'PYTHONUNBUFFERED': '1',
     }
 
 
-def private_shared_memory(*broken_ports):
-    """Return the start of a command that gets private shared memory, with broken ports.
-
-    The broken ports do not affect other graphs on this machine. If private shared memory is not
-    possible, the test is skipped.
-    """
+def private_shared_memory():
+    """Return the start of a command that gets private shared memory; skip if it can't have any."""
     as_root = [] if os.geteuid() == 0 else ['--map-root-user']
-    breaking = [f'touch -d @0 /dev/shm/fastrtps_port{port}' for port in broken_ports]
-    script = ' && '.join(['mount -t tmpfs tmpfs /dev/shm', *breaking, 'exec "$@"'])
+    script = 'mount -t tmpfs tmpfs /dev/shm && exec "$@"'
     command = ['unshare', *as_root, '--mount', 'sh', '-c', script, 'sh']
     if subprocess.run([*command, 'true'], capture_output=True, check=False).returncode:
         pytest.skip('no mount namespace can be made here')
@@ -243,7 +222,7 @@ class Run:
     def finish(self):
         """Wait for the end; return the exit status."""
         self.stdout, stderr = self.process.communicate(timeout=LAST_RESORT_S)
-        self.stderr = without_taken_ports(stderr or '')
+        self.stderr = stderr or ''
         return self.process.returncode
 
     @property
@@ -313,8 +292,6 @@ class Node:
     @classmethod
     def fork(cls, client, domain, name, **values):
         """Fork a node of a process that has imported it, which saves half a second."""
-        # A forked node leaves this to the command that forks it.
-        clear_shared_memory()
         arguments = ros_arguments(**values)
         return cls(name, ForkedProcess(client, name, arguments, environment(domain)))
 
@@ -332,10 +309,7 @@ class Node:
         return cls(name, process)
 
     def lines_until(self, text):
-        """Wait for a line with this text; return the lines up to it.
-
-        Other lines may come first, such as that of :func:`without_taken_ports`.
-        """
+        """Wait for a line with this text; return the lines up to it."""
         lines = []
         for line in self.process.stdout:
             lines.append(line)
@@ -344,8 +318,7 @@ class Node:
         raise AssertionError(f'{self.name} has ended: {"".join(lines)}')
 
     def finish(self):
-        output, _ = self.process.communicate(timeout=LAST_RESORT_S)
-        self.output = without_taken_ports(output)
+        self.output, _ = self.process.communicate(timeout=LAST_RESORT_S)
         return self.process.returncode
 
     def interrupt(self):

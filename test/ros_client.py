@@ -11,7 +11,6 @@ from std_msgs.msg import Header
 
 from ballbot_ros.messages.conversions import fill_header, stamp_ns
 from ballbot_ros.messages.topics import DIAGNOSTICS, PLANT_IMU
-from ballbot_ros.nodes.participant_ports import avoid_stale_ports
 from ballbot_ros.nodes.topic_publisher import reliable_qos, requested_qos
 
 
@@ -27,8 +26,7 @@ class Client:
     def __init__(self, domain):
         self.context = rclpy.Context()
         rclpy.init(context=self.context, domain_id=domain)
-        with avoid_stale_ports(domain):
-            self.node = rclpy.create_node('test_client', context=self.context)
+        self.node = rclpy.create_node('test_client', context=self.context)
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
         self.newest = {}

@@ -9,18 +9,14 @@ from rich.console import Console
 from rich.text import Text
 
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.run.machine_checks import CHECKS, remove_leftovers
+from ballbot_ros.run.machine_checks import CHECKS
 from ballbot_ros.run.optional_checks import NEEDED_FOR, OPTIONAL_CHECKS
 
 
-def run_checks(*, fix: bool = False) -> int:
-    """Run every check; return 0 if all are OK except for optional ones, else 1.
-
-    With `fix`, remove what killed processes left in shared memory.
-    """
+def run_checks() -> int:
+    """Run every check; return 0 if all are OK except for optional ones, else 1."""
     console = Console(highlight=False, markup=False)
-    checks = {**CHECKS, 'leftovers': remove_leftovers} if fix else CHECKS
-    results = [_run(console, name, check) for name, check in checks.items()]
+    results = [_run(console, name, check) for name, check in CHECKS.items()]
     for name, check in OPTIONAL_CHECKS.items():
         _run(console, name, check, needed_for=NEEDED_FOR[name])
     return int(not all(results))
@@ -40,10 +36,9 @@ def _run(console: Console, name: str, check: Callable[[], str], needed_for: str 
 
 
 @click.command('doctor')
-@click.option('--fix', is_flag=True, help='Remove what killed processes left in shared memory.')
-def command(fix: bool) -> int:
+def command() -> int:
     """Check this machine, and say what to do if a check fails.
 
     Lines with NOTE are about what only some commands need. Exit status: 1 if a line has FAIL.
     """
-    return run_checks(fix=fix)
+    return run_checks()

@@ -22,20 +22,14 @@ from ballbot_ros.messages.conversions import fill_time
 from ballbot_ros.messages.raw import decoder
 from ballbot_ros.messages.topics import DIAGNOSTICS, Topic
 from ballbot_ros.nodes.end_guard import guarded_end
-from ballbot_ros.nodes.middleware import prepare_middleware, ros_domain
+from ballbot_ros.nodes.middleware import prepare_middleware
 from ballbot_ros.nodes.node_parameters import P, ParameterNode
-from ballbot_ros.nodes.own_ports import OwnPorts
-from ballbot_ros.nodes.participant_ports import avoid_stale_ports
 from ballbot_ros.nodes.processes import END_WITH_PARENT, end_with_parent
-from ballbot_ros.nodes.shared_memory import mark_dead_readers
 from ballbot_ros.nodes.topic_publisher import TopicPublisher, flush, requested_qos
 from ballbot_ros.stop_request import StopRequest
 
 DIAGNOSTICS_PERIOD_S = 1.0
 SIGNAL_PERIOD_S = 0.05
-PORTS_PERIOD_S = 0.5
-"""Period of the port checks [s]: shorter than the 1 s or more that Fast DDS needs to detect a dead
-reader, because its recovery from one may deadlock."""
 
 NO_SAMPLE = (ValueError, IndexError, OverflowError)
 """Errors raised while reading a message that no node of this package can have sent."""
@@ -262,8 +256,7 @@ def run_node(make: Callable[[], AnyNode]) -> int:
         try:
             prepare_middleware()
             rclpy.init(signal_handler_options=rclpy.SignalHandlerOptions.NO)
-            with avoid_stale_ports(ros_domain()):
-                node = make()
+            node = make()
             node.get_logger().info(
                 f'started, waits for {node.awaits}' if node.awaits else 'started'
             )
@@ -292,8 +285,6 @@ def spin(nodes: Sequence[AnyNode], done: rclpy.Future, stop: StopRequest | None 
     them: it does not return while there is always another one.
     """
     steady = Clock(clock_type=ClockType.STEADY_TIME)
-    for check in (mark_dead_readers, OwnPorts().repair):
-        nodes[0].create_timer(PORTS_PERIOD_S, check, clock=steady)
     executor = EventsExecutor()
     for node in nodes:
         executor.add_node(node)

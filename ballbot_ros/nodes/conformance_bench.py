@@ -17,11 +17,8 @@ from ballbot_ros.conformance.bench import Offer
 from ballbot_ros.conformance.contract import CONTRACTS
 from ballbot_ros.errors import BallbotError, one_line
 from ballbot_ros.messages.topics import HISTORY, PARTICIPANTS, TOPICS, Topic
-from ballbot_ros.nodes.base import PORTS_PERIOD_S
 from ballbot_ros.nodes.inbox import drain, hidden_node, raw_subscription
-from ballbot_ros.nodes.own_ports import OwnPorts
 from ballbot_ros.nodes.processes import exit_description
-from ballbot_ros.nodes.shared_memory import mark_dead_readers
 from ballbot_ros.nodes.topic_publisher import TopicPublisher, reliable_qos
 from ballbot_ros.stop_request import StopRequest
 
@@ -62,8 +59,6 @@ class ConformanceBench:
             for is_latched in ((True, False) if topic is PARTICIPANTS else (False,))
         ]
         self._announced: set[tuple[int, bytes]] = set()
-        self._own_ports = OwnPorts()
-        self._checked_s = 0.0
 
     def _subscribe(self, topic: Topic, *, is_latched: bool) -> Subscription:
         return raw_subscription(self._inbox, topic, reliable_qos(HISTORY, latched=is_latched))
@@ -140,12 +135,10 @@ class ConformanceBench:
             self._receive()
             if is_done():
                 return True
-            now_s = time.monotonic()
-            if now_s > deadline_s or (self._process and self.end):
+            if time.monotonic() > deadline_s or (self._process and self.end):
                 return False
             if self._stop.signal:
                 raise KeyboardInterrupt
-            self._check_ports(now_s)
             time.sleep(POLL_S)
 
     def _receive(self) -> None:
@@ -157,9 +150,3 @@ class ConformanceBench:
                         continue
                     self._announced.add(key)
                 self._received[topic].append(data)
-
-    def _check_ports(self, now_s: float) -> None:
-        if now_s - self._checked_s > PORTS_PERIOD_S:
-            self._checked_s = now_s
-            mark_dead_readers()
-            self._own_ports.repair()

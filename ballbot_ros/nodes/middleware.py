@@ -12,20 +12,26 @@ from pathlib import Path
 from ballbot_ros.errors import BallbotError, one_line
 from ballbot_ros.files import make_folder
 from ballbot_ros.nodes.processes import END_WITH_PARENT
-from ballbot_ros.nodes.shared_memory import clear_shared_memory
 from ballbot_ros.share import share_directory
 
 PROFILES = 'FASTRTPS_DEFAULT_PROFILES_FILE'
 """Environment variable: Fast DDS's profiles. Other middleware ignores it."""
 
-DISCOVERY_RANGE, LOCAL = 'ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST'
+DISCOVERY_RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
+LOCAL, NETWORK, AS_IN_PROFILES = 'LOCALHOST', 'SUBNET', 'SYSTEM_DEFAULT'
+LOCALHOST_ONLY = 'ROS_LOCALHOST_ONLY'
+"""Environment variable: the older way to set the range LOCALHOST, which rcl still prefers."""
+
+LOOPBACK = '127.0.0.1'
 STATIC_PEERS = 'ROS_STATIC_PEERS'
 """Environment variable: hosts whose nodes are discovered in any range."""
 
+RMW = 'RMW_IMPLEMENTATION'
 LOG_FOLDER = 'ROS_LOG_DIR'
 """Environment variable: folder of the nodes' logs."""
 
 DEFAULT_RMW = 'rmw_fastrtps_cpp'
+FAST_DDS = ('', DEFAULT_RMW, 'rmw_fastrtps_dynamic_cpp')
 DOMAIN = 'ROS_DOMAIN_ID'
 """Environment variable: number of the domain."""
 
@@ -43,14 +49,12 @@ def ros_domain() -> int:
 
 def require_middleware() -> None:
     """Raise BallbotError if the chosen middleware does not load, with which rcl would exit."""
-    name = os.environ.get('RMW_IMPLEMENTATION', DEFAULT_RMW)
+    name = os.environ.get(RMW, DEFAULT_RMW)
     if name in ('', DEFAULT_RMW):
         return
     script = 'import importlib.util as u; u.find_spec("rclpy") and __import__("rclpy")'
     if subprocess.run([sys.executable, '-c', script], capture_output=True, check=False).returncode:
-        raise BallbotError(
-            f'RMW_IMPLEMENTATION={name} does not load: install it, or unset the variable'
-        )
+        raise BallbotError(f'{RMW}={name} does not load: install it, or unset the variable')
 
 
 def stay_local() -> None:
@@ -60,7 +64,12 @@ def stay_local() -> None:
 
 def is_local() -> bool:
     """Return whether discovery is limited to this machine."""
-    return os.environ.get(DISCOVERY_RANGE) == LOCAL and not os.environ.get(STATIC_PEERS)
+    reach = os.environ.get(DISCOVERY_RANGE)
+    if os.environ.get(LOCALHOST_ONLY) == '1':
+        return True
+    if reach == AS_IN_PROFILES:
+        return os.environ.get(PROFILES) == _profiles(LOCAL)
+    return reach == LOCAL and not os.environ.get(STATIC_PEERS)
 
 
 def require_discovery() -> None:
@@ -70,23 +79,49 @@ def require_discovery() -> None:
 
 
 def prepare_middleware() -> None:
-    """Check the surroundings, remove what killed processes left, and speed up discovery.
+    """Check the surroundings and choose the middleware's profiles.
 
-    A node started by a command leaves that to the command. It raises BallbotError for an invalid
-    ROS domain, an unknown peer, a log folder that is not writable, or a leftover that can't be
-    removed and would hold up the node.
+    A node started by a command leaves the checks to the command. It raises BallbotError for an
+    invalid ROS domain, an unknown peer, a log folder that is not writable, or a loopback interface
+    that is needed and down.
     """
     ros_domain()
     if END_WITH_PARENT not in os.environ:
         prepare_log_folder()
         require_peers()
-        clear_shared_memory()
+        if is_local():
+            require_loopback()
     use_profiles()
 
 
 def use_profiles() -> None:
-    """Speed up discovery, unless the user has profiles of their own."""
-    os.environ.setdefault(PROFILES, str(share_directory() / 'config' / 'fastdds.xml'))
+    """Choose the profiles of Fast DDS, unless the user has profiles or a middleware of their own.
+
+    In the range LOCALHOST, rmw adds shared memory to every profile. So the profile for one machine
+    limits discovery itself, and the range becomes SYSTEM_DEFAULT. With static peers in that range,
+    which a profile can't take from the environment, everything is left to rmw.
+    """
+    if own_profiles() or os.environ.get(RMW, '') not in FAST_DDS:
+        return
+    if is_local():
+        os.environ.pop(LOCALHOST_ONLY, None)
+        os.environ[DISCOVERY_RANGE] = AS_IN_PROFILES
+        os.environ[PROFILES] = _profiles(LOCAL)
+    elif os.environ.get(DISCOVERY_RANGE) == LOCAL:
+        os.environ.pop(PROFILES, None)
+    else:
+        os.environ[PROFILES] = _profiles(NETWORK)
+
+
+def own_profiles() -> str:
+    """Return the file of profiles that the user has chosen; '' if there is none."""
+    chosen = os.environ.get(PROFILES, '')
+    return '' if chosen in (_profiles(LOCAL), _profiles(NETWORK)) else chosen
+
+
+def _profiles(reach: str) -> str:
+    name = 'fastdds_local.xml' if reach == LOCAL else 'fastdds.xml'
+    return str(share_directory() / 'config' / name)
 
 
 def require_peers() -> None:
@@ -96,6 +131,18 @@ def require_peers() -> None:
             socket.getaddrinfo(peer, None)
         except OSError as error:
             raise BallbotError(f'{STATIC_PEERS}: {peer}: {error.strerror}') from None
+
+
+def require_loopback() -> None:
+    """Raise BallbotError if the loopback interface is down: the nodes would wait in vain."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect((LOOPBACK, 9))  # needs a route; UDP sends nothing
+        except OSError as error:
+            raise BallbotError(
+                f'{LOOPBACK}: {error.strerror}: bring the loopback interface up, '
+                f'for example with `ip link set lo up`'
+            ) from None
 
 
 def prepare_log_folder() -> None:

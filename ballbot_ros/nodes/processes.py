@@ -24,7 +24,7 @@ _STARTED_NODES = 'BALLBOT_STARTED_NODES'
 _JOIN_POLL_S = 0.05
 _PR_SET_PDEATHSIG = 1
 _PROC = Path('/proc')
-_RUNNABLE, _WAITING, _ZOMBIE, _STOPPED = 'R', ('S', 'D'), 'Z', 'T'
+_RUNNABLE, _ZOMBIE, _STOPPED = 'R', 'Z', 'T'
 _STATE, _THREADS, _EXIT_CODE = 0, 17, 49
 """Fields of ``/proc/PID/stat`` after the name of the program."""
 
@@ -65,14 +65,10 @@ def is_alive(process: int) -> bool:
     return bool(stat) and not _has_ended(stat)
 
 
-def is_waiting(process: int) -> bool:
-    """Return whether the main thread of a process waits; that of a stopped process does not."""
-    return _state(process) in _WAITING
-
-
 def is_stopped(process: int) -> bool:
     """Return whether a process is stopped, for example by SIGSTOP."""
-    return _state(process) == _STOPPED
+    stat = _stat(process)
+    return bool(stat) and stat[_STATE] == _STOPPED
 
 
 def exit_status_of(process: int) -> int | None:
@@ -89,12 +85,6 @@ def exit_status_of(process: int) -> int | None:
 def _has_ended(stat: Sequence[str]) -> bool:
     """Return whether a process has ended: its main thread, and all others, which have its files."""
     return stat[_STATE] == _ZOMBIE and int(stat[_THREADS]) <= 1
-
-
-def _state(process: int) -> str:
-    """Return the letter of a process's state; '' if it is gone."""
-    stat = _stat(process)
-    return stat[_STATE] if stat else ''
 
 
 def _stat(process: int) -> list[str]:

@@ -1,4 +1,4 @@
-"""Checks of this machine: Python, files, arithmetic, ROS, ports, shared memory, disk."""
+"""Checks of this machine: Python, files, arithmetic, ROS, ports, disk."""
 
 from __future__ import annotations
 
@@ -18,27 +18,20 @@ from ballbot_ros.nodes.discovery_probe import LIMIT_S
 from ballbot_ros.nodes.middleware import (
     DISCOVERY_RANGE,
     DOMAIN,
+    RMW,
+    own_profiles,
     require_discovery,
     require_middleware,
     ros_domain,
 )
 from ballbot_ros.nodes.participant_ports import PORT_BASE, PORTS_PER_DOMAIN
 from ballbot_ros.nodes.processes import END_WITH_PARENT
-from ballbot_ros.nodes.shared_memory import (
-    SHARED_MEMORY,
-    Leftover,
-    clear_shared_memory,
-    find_broken_ports,
-    find_leftovers,
-)
-from ballbot_ros.own_command import own_command
 from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.share import share_directory
 from ballbot_ros.simulation.golden import arithmetic_sha256, duty_sha256, load_golden
 
 MIN_PYTHON = (3, 10)
 MIN_FREE_BYTES = 200e6
-FIX = f'run `{own_command("doctor", "--fix")}`'
 GOLDEN_SCENARIOS = ('stationary', 'hardware_autonomous')
 
 
@@ -75,10 +68,12 @@ def _rmw() -> str:
     try:
         from rclpy.utilities import get_rmw_implementation_identifier
 
-        return str(get_rmw_implementation_identifier())
+        profiles = own_profiles()
+        suffix = f', with your profiles in {profiles}' if profiles else ''
+        return f'{get_rmw_implementation_identifier()}{suffix}'
     except Exception as error:
-        wanted = os.environ.get('RMW_IMPLEMENTATION', '')
-        hint = f'unset RMW_IMPLEMENTATION ({wanted})' if wanted else 'install rmw_fastrtps_cpp'
+        wanted = os.environ.get(RMW, '')
+        hint = f'unset {RMW} ({wanted})' if wanted else 'install rmw_fastrtps_cpp'
         raise FailedCheckError(
             f'no middleware loads: {hint} ({" ".join(str(error).split())})'
         ) from None
@@ -104,24 +99,6 @@ def _ports() -> str:
     return f'UDP {port} and above are free for discovery'
 
 
-def _leftovers() -> str:
-    if broken := find_broken_ports():
-        raise FailedCheckError(f'{broken[0]} blocks every node: {FIX}')
-    if left := find_leftovers():
-        return f'{_amount(left)} left by killed processes, which the next run or --fix removes'
-    return f'killed processes left nothing in {SHARED_MEMORY}'
-
-
-def remove_leftovers() -> str:
-    """Remove what killed processes left in shared memory; return a description of it."""
-    return f'removed {_amount(clear_shared_memory())} from {SHARED_MEMORY}'
-
-
-def _amount(files: list[Leftover]) -> str:
-    plural = '' if len(files) == 1 else 's'
-    return f'{len(files)} file{plural} ({sum(file.size for file in files) / 1e6:.1f} MB)'
-
-
 def _discovery() -> str:
     """Test discovery in a separate process, since the middleware can hang and ignore signals."""
     process = subprocess.Popen(
@@ -139,7 +116,7 @@ def _discovery() -> str:
         process.wait()
     if process.returncode == -signal.SIGALRM:
         raise FailedCheckError(
-            f'the middleware did not respond within {LIMIT_S} s: {FIX}, or inspect {SHARED_MEMORY}'
+            f'the middleware did not respond within {LIMIT_S} s: inspect /dev/shm'
         )
     if process.returncode:
         raise FailedCheckError(' '.join(output.split()) or f'ended with {process.returncode}')
@@ -182,7 +159,6 @@ CHECKS: Mapping[str, Callable[[], str]] = {
     'RMW': _rmw,
     'domain': _domain,
     'ports': _ports,
-    'leftovers': _leftovers,
     'discovery': _discovery,
     'disk': _disk,
 }

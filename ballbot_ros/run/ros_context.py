@@ -10,8 +10,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 
 from ballbot_ros.errors import BallbotError, one_line
 from ballbot_ros.nodes.end_guard import guarded_end
-from ballbot_ros.nodes.middleware import prepare_middleware, ros_domain, stay_local
-from ballbot_ros.nodes.participant_ports import avoid_stale_ports
+from ballbot_ros.nodes.middleware import prepare_middleware, stay_local
 
 RCLError = rclpy_implementation.RCLError
 
@@ -36,8 +35,7 @@ def ros(log_level: str = 'WARN') -> Iterator[None]:
         except RuntimeError as error:
             raise BallbotError(one_line(error)) from None
         try:
-            with avoid_stale_ports(ros_domain()):
-                yield
+            yield
         except RCLError as error:  # for example, a profile that Fast DDS refuses
             raise BallbotError(one_line(error)) from None
         finally:

@@ -17,7 +17,6 @@ from ballbot_ros.nodes.middleware import (
     stay_local,
 )
 from ballbot_ros.nodes.processes import started_nodes_variable
-from ballbot_ros.nodes.shared_memory import SETTLED_S, sweep
 from ballbot_ros.parameters import ALL_NODES, NODES, PLANT, RECORDER, ParameterSet
 from ballbot_ros.parameters.files import write_parameter_file
 from ballbot_ros.run.fork_client import ForkClient
@@ -138,14 +137,8 @@ def watch(
     """
     reported: set[str] = set()
     plant = processes[PLANT]
-    swept_at = time.monotonic()
     while not should_stop():
         monitor.poll()
-        if monitor.now_ns <= FIRST_TICK_NS and time.monotonic() - swept_at > SETTLED_S:
-            # Sweep again: a process killed since the start may have left an incomplete port, for
-            # which a node would wait.
-            sweep()
-            swept_at = time.monotonic()
         if monitor.now_ns:
             observer.update((monitor.now_ns - FIRST_TICK_NS) / SECOND_NS)
         if failure := client.failure():
@@ -164,10 +157,8 @@ def watch(
             if name == PLANT or process.exit_status == 2 or is_too_early:
                 process.forward_remaining_output()
                 return process.failure
-        if monitor.plant_hangs(plant.pid, [each.pid for each in processes.values()]):
-            # Report killed nodes, too: one may have blocked the middleware of the plant for good.
-            killed = [p.failure for p in processes.values() if p.was_killed]
-            end = ', '.join([f'{PLANT} does not answer', *killed])
+        if monitor.plant_hangs(plant.pid):
+            end = f'{PLANT} does not answer'
             observer.notice(end)
             plant.kill()
             return end

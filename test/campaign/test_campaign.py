@@ -8,7 +8,7 @@ from campaign import campaign as module
 from campaign import simulated
 from campaign.fault import Verdict
 
-FAULT = 'leftovers in /dev/shm'
+FAULT = 'full disk'
 
 
 class EndedTrial:

@@ -16,7 +16,7 @@ from ballbot_ros.messages.topics import GYRO_IMU, JOINT_STATES, MOTOR_DUTY
 from ballbot_ros.nodes import graph_observer
 from ballbot_ros.nodes.graph_observer import GraphObserver
 from ballbot_ros.nodes.inbox import hidden_node
-from ballbot_ros.nodes.middleware import DISCOVERY_RANGE, STATIC_PEERS
+from ballbot_ros.nodes.middleware import DISCOVERY_RANGE
 from ballbot_ros.parameters import GYRO
 from ballbot_ros.simulation.strangers import Publisher
 
@@ -143,12 +143,6 @@ def observer_names(client):
 
 def test_it_cannot_be_known_to_be_complete_beyond_this_machine(client, monkeypatch):
     observer = GraphObserver(client.node, ())
-    monkeypatch.setenv(STATIC_PEERS, '192.0.2.1')
-    assert not observer.is_complete()
-    monkeypatch.delenv(STATIC_PEERS)
     assert observer.is_complete()
-    for value in ('SUBNET', 'SYSTEM_DEFAULT'):
-        monkeypatch.setenv(DISCOVERY_RANGE, value)
-        assert not observer.is_complete()
-    monkeypatch.delenv(DISCOVERY_RANGE)
+    monkeypatch.setenv(DISCOVERY_RANGE, 'SUBNET')
     assert not observer.is_complete()

@@ -27,13 +27,12 @@ import time
 import rclpy
 from rosgraph_msgs.msg import Clock
 
-from ballbot_ros.nodes.middleware import ros_domain
-from ballbot_ros.nodes.participant_ports import avoid_stale_ports
+from ballbot_ros.nodes.middleware import prepare_middleware
 from ballbot_ros.nodes.topic_publisher import reliable_qos
 
+prepare_middleware()
 rclpy.init()
-with avoid_stale_ports(ros_domain()):
-    node = rclpy.create_node('ticking')
+node = rclpy.create_node('ticking')
 publisher = node.create_publisher(Clock, '/clock', reliable_qos(128, latched=True))
 begun, message = time.monotonic(), Clock()
 while True:
@@ -46,8 +45,6 @@ while True:
 
 @pytest.fixture
 def ticking(domain):
-    # A separate process, since publishing to a reader that was killed while holding a lock in
-    # shared memory may never return.
     with subprocess.Popen([sys.executable, '-c', TICKING], env=environment(domain)) as process:
         yield
         process.kill()
@@ -63,8 +60,7 @@ def test_a_recorder_killed_at_any_moment_leaves_its_written_messages(start_node,
     had = [newest_s(path, tmp_path) for path in paths]
     for path in paths:
         await_growth(path)
-    # Kill the recorders within one flush interval: from the first kill on, /clock may no longer
-    # reach the remaining ones.
+    # Within one flush interval.
     for recorder in recorders:
         time.sleep(chance.uniform(0.0, FLUSH_PERIOD_S / RECORDERS))
         recorder.kill()
@@ -81,7 +77,6 @@ def await_growth(path):
 def test_a_recorder_writes_twice_a_second(domain, monkeypatch, tmp_path):
     """This is why a killed recorder loses no more than the last second."""
     monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
-    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     rclpy.init()
     try:
         recorder = Recorder(RecorderParameters(output=str(tmp_path / 'run.mcap')))

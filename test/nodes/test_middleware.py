@@ -13,14 +13,18 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from graph import environment
+from graph import BALLBOT, environment
 
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.messages.topics import DIAGNOSTICS, MOTOR_DUTY
 from ballbot_ros.nodes.middleware import (
     DISCOVERY_RANGE,
     DOMAIN,
+    LOCALHOST_ONLY,
     PROFILES,
+    RMW,
+    STATIC_PEERS,
+    is_local,
     prepare_log_folder,
     prepare_middleware,
     require_discovery,
@@ -28,7 +32,9 @@ from ballbot_ros.nodes.middleware import (
     ros_domain,
 )
 from ballbot_ros.parameters import GYRO
+from ballbot_ros.share import share_directory
 
+CONFIG = share_directory() / 'config'
 LAST_PEER = 31
 SECONDS = 4
 PARTICIPANT = slice(8, 20)  # of an RTPS message
@@ -68,10 +74,47 @@ def test_a_node_announces_itself_four_times_a_second(domain, run_node, monkeypat
         assert min(spans_s, default=SECONDS) < 0.5
 
 
-def test_profiles_of_the_user_stay(monkeypatch):
-    monkeypatch.setenv(PROFILES, 'mine.xml')
-    prepare_middleware()
-    assert os.environ[PROFILES] == 'mine.xml'
+def test_profiles_follow_the_range_and_the_user(monkeypatch):
+    """Each row is the environment, and then the range, the profiles and the reach."""
+    local, network = (str(CONFIG / name) for name in ('fastdds_local.xml', 'fastdds.xml'))
+    here, peers = {DISCOVERY_RANGE: 'LOCALHOST'}, {STATIC_PEERS: '192.0.2.1'}
+    set_before = {DISCOVERY_RANGE: 'SYSTEM_DEFAULT', PROFILES: local}
+    for variables, expected in (
+        (here, ('SYSTEM_DEFAULT', local, True)),
+        (set_before, ('SYSTEM_DEFAULT', local, True)),
+        (set_before | here, ('SYSTEM_DEFAULT', local, True)),
+        ({LOCALHOST_ONLY: '1'} | peers, ('SYSTEM_DEFAULT', local, True)),
+        (here | {RMW: 'rmw_fastrtps_cpp'}, ('SYSTEM_DEFAULT', local, True)),
+        (here | {RMW: 'rmw_cyclonedds_cpp'}, ('LOCALHOST', None, True)),
+        (here | {PROFILES: 'mine.xml'}, ('LOCALHOST', 'mine.xml', True)),
+        (here | peers, ('LOCALHOST', None, False)),
+        (set_before | here | peers, ('LOCALHOST', None, False)),
+        ({}, (None, network, False)),
+        ({DISCOVERY_RANGE: 'SUBNET'} | peers, ('SUBNET', network, False)),
+        (set_before | {DISCOVERY_RANGE: 'SUBNET'}, ('SUBNET', network, False)),
+        ({DISCOVERY_RANGE: 'SYSTEM_DEFAULT'}, ('SYSTEM_DEFAULT', network, False)),
+    ):
+        for name in (DISCOVERY_RANGE, LOCALHOST_ONLY, STATIC_PEERS, PROFILES, RMW):
+            monkeypatch.delenv(name, raising=False)
+        for name, value in variables.items():
+            monkeypatch.setenv(name, value)
+        before = is_local()
+        prepare_middleware()
+        found = os.environ.get(DISCOVERY_RANGE), os.environ.get(PROFILES), is_local()
+        assert (found, before) == (expected, expected[-1]), variables
+        assert LOCALHOST_ONLY not in os.environ
+
+
+@pytest.mark.graph
+def test_a_missing_loopback_interface_is_reported(domain):
+    command = ['unshare', '--net', *BALLBOT, 'run', 'stationary', '--no-record']
+    done = subprocess.run(
+        command, capture_output=True, text=True, env=environment(domain), check=False
+    )
+    if done.stderr.startswith('unshare: '):
+        pytest.skip('no network namespace can be made here')
+    assert done.stderr.startswith('error: 127.0.0.1: Network is unreachable: bring the loopback ')
+    assert done.returncode == 2
 
 
 @pytest.mark.parametrize('text', ['abc', '-1', '1e2', '233', '٣', '010', '1' * 5000])

@@ -25,7 +25,6 @@ from ballbot_ros.errors import BallbotError  # noqa: E402
 from ballbot_ros.messages.topics import CLOCK, HISTORY, LCD, message_class  # noqa: E402
 from ballbot_ros.nodes import player  # noqa: E402
 from ballbot_ros.nodes.domain_lock import DomainLock  # noqa: E402
-from ballbot_ros.nodes.participant_ports import avoid_stale_ports  # noqa: E402
 from ballbot_ros.nodes.player import Player, _is_truth, _qos  # noqa: E402
 from ballbot_ros.nodes.topic_publisher import reliable_qos  # noqa: E402
 from ballbot_ros.parameters import PlayerParameters  # noqa: E402
@@ -49,8 +48,7 @@ class Listener:
     def __init__(self, domain, topics):
         self.context = Context()
         rclpy.init(context=self.context, domain_id=domain)
-        with avoid_stale_ports(domain):
-            self.node = rclpy.create_node('listener', context=self.context)
+        self.node = rclpy.create_node('listener', context=self.context)
         self._executor = EventsExecutor(context=self.context)
         self._executor.add_node(self.node)
         self.found = {name: [] for name in topics}
@@ -80,8 +78,7 @@ class Listener:
 
 
 @pytest.fixture
-def listen(domain, monkeypatch):
-    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+def listen(domain):
     listeners = []
 
     def start(topics):
@@ -201,7 +198,6 @@ def test_a_foreign_clock_ends_it(recording, domain, start_node, listen):
 def make_player(domain, monkeypatch, tmp_path):
     """Create a player in this process, of a recording that has nothing of a plant."""
     monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
-    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     path = tmp_path / 'display.mcap'
     with RecordingWriter(path) as writer:
         topic = writer.add_topic(f'/{LCD.name}', LCD.type_name)

@@ -15,7 +15,6 @@ from ballbot_ros.nodes.processes import (
     LocalProcessObserver,
     ProcessSilence,
     children,
-    is_waiting,
     started_nodes_variable,
     threads_by_process,
     threads_of,
@@ -54,8 +53,6 @@ def test_a_process_that_computes_gets_time_and_one_that_waits_gets_none(start):
     before, used_s = threads_of(waiting.pid), cpu_s(spinning)
     wait_for(lambda: cpu_s(spinning) > used_s + 0.05, what='some work')
     assert is_runnable(spinning)
-    assert is_waiting(waiting.pid)
-    assert not is_waiting(spinning.pid)
     assert threads_of(waiting.pid) == before
 
 
@@ -129,7 +126,6 @@ def test_a_process_that_is_stopped_neither_runs_nor_queues(start):
     before, used_s = threads_of(stopped.pid), cpu_s(spinning)
     wait_for(lambda: cpu_s(spinning) > used_s + 0.05, what='some work')
     assert threads_of(stopped.pid) == before
-    assert not is_waiting(stopped.pid)
 
 
 def test_a_process_that_has_ended_has_no_threads(start):
@@ -141,7 +137,6 @@ def test_a_process_that_has_ended_has_no_threads(start):
     assert threads_of(process.pid) == {}
     process.wait()
     assert threads_of(process.pid) == {}
-    assert not is_waiting(process.pid)
     assert threads_by_process([process.pid]) == {}
     assert process.pid not in children(os.getpid())
 

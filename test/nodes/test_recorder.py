@@ -44,7 +44,6 @@ MALFORMED = (ANNOUNCED[:7], ANNOUNCED.replace(b'abc', b'\xff\xff\xff'))
 @pytest.mark.graph
 def test_a_malformed_announcement_of_a_run_is_ignored(domain, monkeypatch, tmp_path):
     monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
-    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     rclpy.init()
     try:
         recorder = Recorder(RecorderParameters(output=str(tmp_path / 'run.mcap')))

@@ -126,7 +126,6 @@ def test_a_specification_is_not_used_up(tmp_path, monkeypatch):
 def test_a_graph_is_run_without_the_command(processes, domain, monkeypatch, tmp_path):
     pytest.importorskip('rclpy')
     monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
-    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     words = ('plant_sim.duration=1',)
     notes = Notes()
     result = execute(spec_of('square', *words, processes=processes, output=tmp_path), notes)
@@ -151,7 +150,6 @@ def test_a_plant_that_refuses_the_domain_is_a_mistake_of_the_user(domain, monkey
 
     monkeypatch.setattr(one_process, 'PlantSim', Refusing)
     monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
-    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     spec = spec_of('square', 'plant_sim.duration=0.1', processes=Processes.ONE, record=False)
     assert execute(spec).failure_status == 2
 

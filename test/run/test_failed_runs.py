@@ -121,7 +121,6 @@ def test_a_disk_that_is_full_when_the_file_is_closed_fails_the_run(
 
     monkeypatch.setattr(RecordingWriter, 'close', fail)
     monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
-    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     nodes = ('plant_sim', 'controller', 'gamepad_teleop')
     modes = [f'{node}.lockstep={lockstep}' for node in nodes]
     result = stationary(tmp_path, 'one', 'plant_sim.duration=0.2', *modes)

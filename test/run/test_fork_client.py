@@ -30,11 +30,7 @@ class Nodes:
 
     def __init__(self, client, folder, domain):
         self.client, self._folder = client, folder
-        self._environment = {
-            **os.environ,
-            'ROS_DOMAIN_ID': str(domain),
-            'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-        }
+        self._environment = {**os.environ, 'ROS_DOMAIN_ID': str(domain)}
         self._started = []
 
     def start(self, name, *arguments, inherited=None, **environment):

@@ -95,9 +95,7 @@ def watched(victim, now_ns, *, plant_hangs=False, exit_status=-9):
         failure=f'{victim} {end}', forward_remaining_output=lambda: None,
     )  # fmt: skip
     processes = dict.fromkeys((*NODES, VIEWER), running) | {victim: dead}
-    monitor = SimpleNamespace(
-        now_ns=now_ns, poll=lambda: None, plant_hangs=lambda pid, others: plant_hangs
-    )
+    monitor = SimpleNamespace(now_ns=now_ns, poll=lambda: None, plant_hangs=lambda pid: plant_hangs)
     notices, times_s = [], []
     progress = SimpleNamespace(notice=notices.append, update=times_s.append)
     looks = iter([False, False, True])
@@ -123,20 +121,9 @@ def test_a_node_that_dies_in_mid_run_may_be_restarted():
         assert watched(victim, FIRST_TICK_NS + TICK_NS) == ''
 
 
-def test_with_a_hanging_plant_the_node_that_died_before_is_named():
-    expected = 'plant_sim does not answer, gyro_driver was killed by SIGKILL'
+def test_a_hanging_plant_is_named():
+    expected = 'plant_sim does not answer'
     assert watched('gyro_driver', FIRST_TICK_NS + TICK_NS, plant_hangs=True) == expected
-
-
-@pytest.mark.parametrize(('now_ns', 'sweeps'), [(0, True), (FIRST_TICK_NS + TICK_NS, False)])
-def test_ports_that_nodes_may_wait_for_are_removed_until_the_first_tick(
-    monkeypatch, now_ns, sweeps
-):
-    swept = []
-    monkeypatch.setattr(separate_processes, 'SETTLED_S', -1.0)
-    monkeypatch.setattr(separate_processes, 'sweep', lambda: swept.append(now_ns))
-    watched(VIEWER, now_ns)
-    assert bool(swept) == sweeps
 
 
 def test_a_viewer_is_no_part_of_the_run():
@@ -151,7 +138,6 @@ def test_without_the_plant_there_is_no_run(now_ns):
 @pytest.mark.graph
 def test_a_node_that_refuses_to_start_gives_the_reason(domain, monkeypatch, tmp_path):
     monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
-    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     file = tmp_path / 'parameters.yaml'
     file.write_text(f'recorder: {{ros__parameters: {{output: {tmp_path}/parameters.yaml/x.mcap}}}}')
     lines = []
@@ -322,7 +308,6 @@ def test_ros_ends_with_its_block(monkeypatch, raised):
     monkeypatch.setattr('rclpy.init', lambda **options: events.append('init'))
     monkeypatch.setattr('rclpy.try_shutdown', lambda: events.append('shutdown'))
     monkeypatch.setattr(ros_context, 'prepare_middleware', lambda: events.append('prepare'))
-    monkeypatch.setattr(ros_context, 'avoid_stale_ports', lambda domain: nullcontext())
     with pytest.raises(BallbotError, match='peer') if raised else nullcontext(), ros():
         events.append('block')
         if raised:
