@@ -18,18 +18,30 @@ from rich.console import Console
 
 from ballbot_ros.cli.invoke import invoke
 from ballbot_ros.parameters import CONTROLLER, NODES
-from benchmark.figures import MILLISECONDS, RATIO, REAL_TIME, Figure, as_json, table_of
+from benchmark.figures import MILLISECONDS, RATIO, REAL_TIME, SECONDS, Figure, as_json, table_of
 from benchmark.film import measure_films
 from benchmark.long_page import measure_long_pages
-from benchmark.runs import SCENARIO, Run, RunError, run_ballbot, run_nodes, run_relay
+from benchmark.runs import (
+    SCENARIO,
+    SHORT_S,
+    Run,
+    RunError,
+    measured,
+    run_ballbot,
+    run_encoded_loop,
+    run_nodes,
+    run_relay,
+)
 
 Measurements = dict[str, list[Run]]
 
 SEPARATE = 'separate'
+UNRECORDED = 'separate_unrecorded'
 RELAY = 'relay'
 ONE = 'one'
 NONE = 'none'
 NONE_RECORDED = 'none_recorded'
+LOOP = 'encoded_loop'
 EVENTS = 'events_executor'
 STUDY = 'study'
 FILM = 'film'
@@ -42,13 +54,18 @@ ARRANGEMENTS: dict[str, tuple[str, Callable[[float], Run]]] = {
         'separate processes, recording',
         partial(run_ballbot, processes='separate', record=True),
     ),
-    RELAY: ('bare relay graph', run_relay),
+    UNRECORDED: (
+        'separate processes',
+        partial(run_ballbot, processes='separate', record=False),
+    ),
+    RELAY: ('relay over Unix sockets', run_relay),
     ONE: ('one process, recording', partial(run_ballbot, processes='one', record=True)),
     NONE: ('without ROS', partial(run_ballbot, processes='none', record=False)),
     NONE_RECORDED: (
         'without ROS, recording',
         partial(run_ballbot, processes='none', record=True),
     ),
+    LOOP: ('closed loop with encoding', run_encoded_loop),
     EVENTS: ('EventsExecutor everywhere', partial(run_nodes, single_threaded=())),
     CONTROLLER_SINGLE: (
         'SingleThreadedExecutor in the controller',
@@ -68,7 +85,13 @@ BARS = {
     NONE_RECORDED: (30.0, None),
 }
 """Bar and aim of the real-time factors."""
-RELAY_BAR = 0.9
+
+COSTS = (
+    (SEPARATE, NONE_RECORDED, 14.0, 8.0),
+    (ONE, LOOP, 3.0, 2.0),
+    (UNRECORDED, RELAY, 7.0, 4.0),
+)
+"""Arrangements whose processor times are compared; bar and aim of their ratio."""
 
 WIDTH = 100
 """Width of the table without a terminal."""
@@ -77,9 +100,9 @@ BUSY = 0.5
 """Load average at the start above which the figures are doubtful."""
 
 PARTS = {
-    'separate': (SEPARATE,),
-    'relay': (SEPARATE, RELAY),
-    'one': (ONE,),
+    'separate': (SEPARATE, NONE_RECORDED),
+    'relay': (UNRECORDED, RELAY),
+    'one': (ONE, LOOP),
     'none': (NONE, NONE_RECORDED),
     'executors': (EVENTS, CONTROLLER_SINGLE, ALL_SINGLE),
     STUDY: (),
@@ -162,16 +185,20 @@ def measure(
 ) -> Measurements:
     """Run the arrangements alternately, `repeat` times each."""
     measurements: Measurements = {name: [] for name in arrangements}
+    for name in arrangements:
+        ARRANGEMENTS[name][1](SHORT_S)  # compiles the modules that are not compiled yet
     for number in range(1, repeat + 1):
         for name in arrangements:
             label, run = ARRANGEMENTS[name]
             progress.print(f'{number}/{repeat} {label}: ', end='')
             try:
-                result = run(duration)
+                result = measured(run, duration)
             except RunError:
                 progress.print()
                 raise
-            progress.print(f'{result.real_time_factor:.1f} × real time')
+            progress.print(
+                f'{result.real_time_factor:.1f} × real time, {result.cpu_ms:.2f} ms per tick'
+            )
             measurements[name].append(result)
     return measurements
 
@@ -202,9 +229,15 @@ def figures_of(measurements: Measurements) -> list[Figure]:
         bar, aim = BARS.get(name, (None, None))
         speeds = [run.real_time_factor for run in runs]
         figures.append(Figure(name, ARRANGEMENTS[name][0], REAL_TIME, speeds, bar, aim))
-    if RELAY in measurements:
-        ratios = _ratios(measurements, SEPARATE, RELAY)
-        figures.append(Figure('separate_to_relay', 'separate / relay', RATIO, ratios, RELAY_BAR))
+        figures += _costs(name, runs)
+    for name, other, bar, aim in COSTS:
+        if {name, other} <= measurements.keys():
+            pairs = zip(measurements[name], measurements[other], strict=True)
+            ratios = [one.cpu_ms / two.cpu_ms for one, two in pairs]
+            label = f'processor time, {name} / {other}'
+            figures.append(
+                Figure(f'{name}_to_{other}', label, RATIO, ratios, bar, aim, at_most=True)
+            )
     if EVENTS in measurements:
         for name, where in ((CONTROLLER_SINGLE, 'in the controller'), (ALL_SINGLE, 'everywhere')):
             label = f'gain of EventsExecutor {where}'
@@ -217,6 +250,19 @@ def figures_of(measurements: Measurements) -> list[Figure]:
             values = [trip[key] for trip in trips]
             figures.append(Figure(f'round_trip_{name}_{key}', label, MILLISECONDS, values))
     return figures
+
+
+def _costs(name: str, runs: Sequence[Run]) -> list[Figure]:
+    """Return what a tick costs in an arrangement, and the start."""
+    costs = [run.cpu_ms for run in runs]
+    found = [Figure(f'{name}_cpu_ms', f'processor time of a tick, {name}', MILLISECONDS, costs)]
+    if name == SEPARATE:
+        switches = [run.switches for run in runs]
+        label = f'context switches of a tick, {name}'
+        found.append(Figure(f'{name}_switches', label, '', switches, 25.0, 15.0, at_most=True))
+        times = [run.start_s for run in runs]
+        found.append(Figure(f'{name}_start_s', f'start and end, {name}', SECONDS, times))
+    return found
 
 
 def _ratios(measurements: Measurements, name: str, other: str) -> list[float]:

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import atexit
 import itertools
 import json
 import os
+import resource
 import signal
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,8 +24,12 @@ from ballbot_ros.run.graph import graph_parameters
 from ballbot_ros.run.spec import RunOptions, RunSpec
 from ballbot_ros.simulation.trajectory import load_trajectory
 from ballbot_ros.timing import SECOND_NS, TICK_NS
+from benchmark.relay import ROLES as RELAY_ROLES
 
 SCENARIO = 'stationary'
+SHORT_S = 0.1
+_NEVER_STORED = 'PYTHONDONTWRITEBYTECODE'
+_USED = ('ru_utime', 'ru_stime', 'ru_nvcsw', 'ru_nivcsw')
 
 # Not the default domain; the process id makes those of simultaneous benchmarks differ.
 _DOMAINS = itertools.cycle([1 + (os.getpid() + number) % 100 for number in range(100)])
@@ -48,11 +55,18 @@ class Run(NamedTuple):
         without messages.
     duty_sha256 : str or None
         None for a relay, which has no duties.
+    cpu_ms, switches : float
+        Processor time [ms] and context switches of a tick, of all threads of all processes.
+    start_s : float
+        Wall time of the start and the end of all processes [s].
     """
 
     real_time_factor: float
     round_trip_ms: Mapping[str, float] | None
     duty_sha256: str | None
+    cpu_ms: float = 0.0
+    switches: float = 0.0
+    start_s: float = 0.0
 
     @classmethod
     def of(cls, result: Mapping[str, Any]) -> Run:
@@ -62,6 +76,24 @@ class Run(NamedTuple):
             result.get('round_trip_ms'),
             result.get('duty_sha256'),
         )
+
+
+def measured(run: Callable[[float], Run], duration: float) -> Run:
+    """Carry out a run, and one of a few ticks, whose costs are those of the start and the end."""
+    costs = []
+    for length in (SHORT_S, duration + SHORT_S):
+        before, begun_s = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic()
+        result = run(length)
+        after, wall_s = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic() - begun_s
+        used = [getattr(after, name) - getattr(before, name) for name in _USED]
+        costs.append((sum(used[:2]), sum(used[2:]), wall_s))
+    (short_cpu_s, short_switches, start_s), (cpu_s, switches, _) = costs
+    ticks = round(duration * SECOND_NS) // TICK_NS
+    return result._replace(
+        cpu_ms=1e3 * (cpu_s - short_cpu_s) / ticks,
+        switches=(switches - short_switches) / ticks,
+        start_s=start_s,
+    )
 
 
 def run_ballbot(duration: float, *, processes: str, record: bool) -> Run:
@@ -94,9 +126,18 @@ def run_ballbot(duration: float, *, processes: str, record: bool) -> Run:
 
 
 def run_relay(duration: float) -> Run:
-    """Run the bare relay graph."""
-    ticks = round(duration * SECOND_NS) // TICK_NS
-    commands = {name: ['benchmark.relay', name, '--ticks', str(ticks)] for name in NODES}
+    """Run the roles as processes with Unix sockets."""
+    ticks = str(round(duration * SECOND_NS) // TICK_NS)
+    with _scratch_folder() as folder:
+        commands = {
+            role: ['benchmark.relay', role, folder, '--ticks', ticks] for role in RELAY_ROLES
+        }
+        return Run.of(json.loads(_run_graph(commands, duration)))
+
+
+def run_encoded_loop(duration: float) -> Run:
+    """Run the closed loop with all messages encoded."""
+    commands = {PLANT: ['benchmark.encoded_loop', SCENARIO, str(duration)]}
     return Run.of(json.loads(_run_graph(commands, duration)))
 
 
@@ -161,12 +202,22 @@ def _stop(processes: Sequence[subprocess.Popen[str]]) -> None:
 
 
 def _environment() -> dict[str, str]:
+    # Where Python may not store compiled modules, every start would compile all of them.
+    stored = {name: value for name, value in os.environ.items() if name != _NEVER_STORED}
     return {
-        **os.environ,
+        **stored,
+        'PYTHONPYCACHEPREFIX': _compiled_modules(),
         'ROS_DOMAIN_ID': str(next(_DOMAINS)),
         'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
         'OPENBLAS_NUM_THREADS': '1',
     }
+
+
+@cache
+def _compiled_modules() -> str:
+    folder = tempfile.TemporaryDirectory(prefix='ballbot_bench_')
+    atexit.register(folder.cleanup)
+    return folder.name
 
 
 def _last_line(text: str) -> str:

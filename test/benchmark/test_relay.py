@@ -1,14 +1,11 @@
-"""The bare relay graph, the reference for the robot's graph."""
+"""The arrangements that the benchmark compares with the graph."""
 
-import pytest
-
-pytest.importorskip('rclpy')
-
-from benchmark.runs import run_relay
+from benchmark.runs import measured, run_encoded_loop, run_relay
 
 
-@pytest.mark.graph
-def test_the_relay_runs_to_its_end():
-    run = run_relay(0.1)
-    assert run.real_time_factor > 0.0
-    assert run.duty_sha256 is None
+def test_the_relay_and_the_loop_run_to_their_ends_and_cost_something():
+    for run in (run_relay, run_encoded_loop):
+        result = measured(run, 2.0)
+        assert result.real_time_factor > 0.0
+        assert result.cpu_ms > 0.0
+        assert result.duty_sha256 is None
