@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from ballbot_ros.messages.topics import MOTOR_DUTY, PLANT_STEPS, TOPICS, Topic
+from ballbot_ros.messages.topics import MOTOR_DUTY, TOPICS, UNRECORDED, Topic
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.schemas import typestore
@@ -15,7 +15,7 @@ IDENTIFYING_TOPICS = (
     *(
         topic
         for topic in TOPICS
-        if topic.name.startswith(('plant/', 'controller/')) and topic is not PLANT_STEPS
+        if topic.name.startswith(('plant/', 'controller/')) and topic not in UNRECORDED
     ),
 )
 """Topics that identify the robot's namespace, since no other robot has them."""

@@ -59,7 +59,7 @@ def nominal_run(role: str, start_ns: int) -> Iterator[TickMessages]:
     while True:
         tick = loop.tick()
         messages.tick(tick, loop.program)
-        messages.plant.steps(tick.truth)
+        messages.plant.send_unrecorded(tick.truth)
         battery = next((each for each in sent if each[0] is BATTERY_STATE), battery)
         yield TickMessages(tick.truth.stamp_ns, tuple(sent), battery)
         sent.clear()

@@ -34,7 +34,7 @@ from ballbot_ros.messages.topics import (
     JOINT_STATES,
     PLANT_IMU,
     PLANT_JOINT_STATES,
-    PLANT_ODOM,
+    PLANT_SLOW_ODOM,
     PLANT_STEPS,
     SONAR_RANGE,
     Topic,
@@ -194,7 +194,7 @@ DEVICE_MESSAGES: tuple[AnyDeviceMessages, ...] = (
     ),
     DeviceMessages(
         SONAR_DEVICE,
-        PLANT_ODOM,
+        PLANT_SLOW_ODOM,
         decode_ball_position,
         SONAR_RANGE,
         lambda parameters: partial(encode_sonar, cone_angle=parameters.cone_angle),

@@ -25,12 +25,13 @@ from ballbot_ros.messages.topics import (
     PLANT_IMU,
     PLANT_JOINT_STATES,
     PLANT_ODOM,
+    PLANT_SLOW_ODOM,
     PLANT_STEPS,
     RUN,
     WALL_HIT,
 )
 from ballbot_ros.plant.ground_truth import GroundTruth, Push
-from ballbot_ros.timing import BATTERY_PERIOD_NS, TICK_NS
+from ballbot_ros.timing import BATTERY_PERIOD_NS, SLOW_PERIOD_NS, TICK_NS
 from ballbot_ros.world.exports import occupancy_grid
 from ballbot_ros.world.world import World
 
@@ -47,6 +48,7 @@ class PlantMessages:
         self._send_motors = make(PLANT_JOINT_STATES)
         self._send_body = make(PLANT_IMU)
         self._send_odometry = make(PLANT_ODOM)
+        self._send_slow_odometry = make(PLANT_SLOW_ODOM)
         self._send_steps = make(PLANT_STEPS)
         self._send_battery = make(BATTERY_STATE)
         self._send_wall_hit = make(WALL_HIT)
@@ -98,13 +100,17 @@ class PlantMessages:
         self._send_motors(stamp_ns, encode_motors(truth))
         self._send_odometry(stamp_ns, encode_odometry(truth, self.ball_radius))
 
-    def steps(self, truth: GroundTruth) -> None:
-        """Send the latest physics steps to the drivers whose samples have a dead time, if any.
+    def send_unrecorded(self, truth: GroundTruth) -> None:
+        """Send the topics that only drivers read.
 
-        They are not recorded: a replay moves the plant through the same steps.
+        They are the odometry at the sampling times of the slow ones, and the latest physics steps,
+        if samples have a dead time.
         """
+        stamp_ns = truth.stamp_ns
+        if stamp_ns % SLOW_PERIOD_NS == 0:
+            self._send_slow_odometry(stamp_ns, encode_odometry(truth, self.ball_radius))
         if truth.steps:
-            self._send_steps(truth.stamp_ns, encode_steps(truth))
+            self._send_steps(stamp_ns, encode_steps(truth))
 
     def stop_motors(self, last_ns: int) -> None:
         """Publish that the motors are off from the tick after the last one."""

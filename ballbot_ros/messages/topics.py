@@ -92,6 +92,11 @@ PLANT_JOINT_STATES = Topic('plant/joint_states', 'sensor_msgs/msg/JointState', P
 PLANT_IMU = Topic('plant/imu', 'sensor_msgs/msg/Imu', PLANT, TICK_NS)
 PLANT_ODOM = Topic('plant/odom', 'nav_msgs/msg/Odometry', PLANT, TICK_NS)
 PLANT_STEPS = Topic('plant/steps', 'sensor_msgs/msg/PointCloud2', PLANT)
+PLANT_SLOW_ODOM = PLANT_ODOM._replace(name='plant/odom/_slow', period_ns=0)
+UNRECORDED = (PLANT_STEPS, PLANT_SLOW_ODOM)
+"""What only the drivers read: the physics steps, through which a replay moves the plant again, and
+every fifth odometry, for those that have a sample only every 20 ms."""
+
 BATTERY_STATE = Topic(
     'battery_state',
     'sensor_msgs/msg/BatteryState',
@@ -140,7 +145,7 @@ TF_STATIC = Topic('/tf_static', 'tf2_msgs/msg/TFMessage', None, latched_depth=1)
 
 TOPICS = (
     CLOCK, RUN, ROLL_CALL, RUN_STATUS,
-    PLANT_JOINT_STATES, PLANT_IMU, PLANT_ODOM, PLANT_STEPS, BATTERY_STATE, WALL_HIT, MAP,
+    PLANT_JOINT_STATES, PLANT_IMU, PLANT_ODOM, *UNRECORDED, BATTERY_STATE, WALL_HIT, MAP,
     PUSH, ACCEPTED_PUSH,
     GYRO_IMU, JOINT_STATES, SONAR_RANGE, GAMEPAD_JOY,
     MOTOR_DUTY, CONTROLLER_STATE, OPERATING_STATE, BLUETOOTH_TX, SOUND, LCD, PARAMETER_EVENTS,
@@ -149,7 +154,7 @@ TOPICS = (
 """The topics that the graph itself publishes. The recorder discovers the inputs for driving, since
 their publishers choose the quality of service, and for ``cmd_vel`` even the type."""
 
-_OF_THE_LOOP = (RUN, ROLL_CALL, RUN_STATUS, PLANT_STEPS, RECORDER_ACK)
+_OF_THE_LOOP = (RUN, ROLL_CALL, RUN_STATUS, *UNRECORDED, RECORDER_ACK)
 _PUBLISHERS = {
     topic: (topic.publisher,)
     for topic in TOPICS

@@ -13,14 +13,14 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 from rclpy.experimental import EventsExecutor
-from rclpy.qos import DurabilityPolicy
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
 from ballbot_ros.errors import BallbotError, one_line
 from ballbot_ros.messages.conversions import fill_time
 from ballbot_ros.messages.raw import decoder
-from ballbot_ros.messages.topics import DIAGNOSTICS, Topic
+from ballbot_ros.messages.topics import DIAGNOSTICS, UNRECORDED, Topic
 from ballbot_ros.nodes.end_guard import guarded_end
 from ballbot_ros.nodes.middleware import prepare_middleware
 from ballbot_ros.nodes.node_parameters import P, ParameterNode
@@ -116,8 +116,9 @@ class BallbotNode(ParameterNode[P]):
     ) -> Subscription:
         """Subscribe to `topic`; with `raw` the callback receives the serialised message.
 
-        The subscription to a periodic topic gets no earlier messages, even if the topic is latched:
-        the plant sends again what the node has missed, and the node must not answer older ticks.
+        The subscription to a topic of the loop acknowledges nothing and gets no earlier messages,
+        even if the topic is latched: the plant sends again what the node has missed, and the node
+        must not answer older ticks.
         """
         if raw:
             receive = callback
@@ -133,8 +134,9 @@ class BallbotNode(ParameterNode[P]):
                 callback(message)
 
         qos = requested_qos(topic, depth)
-        if topic.period_ns:
+        if topic.period_ns or topic in UNRECORDED:
             qos.durability = DurabilityPolicy.VOLATILE
+            qos.reliability = ReliabilityPolicy.BEST_EFFORT
         return self.create_subscription(topic.message_class, topic.name, receive, qos, raw=True)
 
     def warn_malformed(self, topic: Topic, error: Exception) -> None:

@@ -14,7 +14,7 @@ from ballbot_ros.errors import BallbotError
 from ballbot_ros.messages.conversions import encode_sticks, log_packet
 from ballbot_ros.messages.message_types import Bytes
 from ballbot_ros.messages.raw import stamp_of
-from ballbot_ros.messages.topics import BLUETOOTH_TX, GAMEPAD_JOY, HISTORY, PLANT_JOINT_STATES
+from ballbot_ros.messages.topics import BLUETOOTH_TX, GAMEPAD_JOY, HISTORY, PLANT_SLOW_ODOM
 from ballbot_ros.nodes.base import BallbotNode, run_node
 from ballbot_ros.nodes.participation import Participation
 from ballbot_ros.nodes.teleop_inputs import TeleopInputs
@@ -38,7 +38,7 @@ FLUSH_PERIOD_S = 0.5
 
 
 class GamepadTeleop(BallbotNode[GamepadParameters]):
-    """Answers ``plant/joint_states`` at multiples of 20 ms with a ``gamepad`` of that stamp."""
+    """Answers each ``plant/odom/_slow``, every 20 ms, with a ``gamepad`` of that stamp."""
 
     def __init__(self, parameters: GamepadParameters | None = None) -> None:
         super().__init__(GamepadParameters, parameters)
@@ -58,7 +58,7 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
         self.create_wall_timer(FLUSH_PERIOD_S, self._flush_log)
         self._participation = Participation(self, self._on_run)
         # A controller that does not wait for the sticks lets the plant run ahead.
-        self.subscribe(PLANT_JOINT_STATES, self._on_truth, depth=HISTORY, raw=True)
+        self.subscribe(PLANT_SLOW_ODOM, self._on_truth, depth=HISTORY, raw=True)
 
     def check(self, parameters: GamepadParameters) -> None:
         """Check that scenario, terminal and gamepad are available, and that the log file is new."""
@@ -119,7 +119,7 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
         try:
             now_ns = stamp_of(truth)
         except ValueError as error:
-            self.warn_malformed(PLANT_JOINT_STATES, error)
+            self.warn_malformed(PLANT_SLOW_ODOM, error)
             return
         if now_ns % SLOW_PERIOD_NS == 0 and self._participation.includes(now_ns):
             self._answer(now_ns)

@@ -37,7 +37,7 @@ class PlantActions:
         match action:
             case do.PublishTruth(truth, wall_hit, is_resend):
                 messages.truth(truth, wall_hit=wall_hit, is_resend=is_resend)
-                messages.steps(truth)
+                messages.send_unrecorded(truth)
                 node.count_sample(truth.stamp_ns)
             case do.WakeIn(delay_s):
                 self._wake.start(delay_s)
@@ -45,7 +45,7 @@ class PlantActions:
                 self._wake.cancel()
             case do.ResendToDrivers(truth):
                 messages.send_to_drivers(truth)
-                messages.steps(truth)
+                messages.send_unrecorded(truth)
             case do.CallRoll(run, plant):
                 self._roll_call.publish(encode_header(run.start_ns, run.name))
                 self._participants.publish(encode_announcement(Announcement(plant, run.name)))

@@ -20,8 +20,8 @@ from ballbot_ros.messages.topics import (
     PLANT_IMU,
     PLANT_JOINT_STATES,
     PLANT_ODOM,
-    PLANT_STEPS,
     RUN_STATUS,
+    UNRECORDED,
     WALL_HIT,
 )
 from ballbot_ros.nodes.base import BallbotNode, run_node
@@ -165,7 +165,7 @@ class PlantSim(BallbotNode[PlantParameters]):
                 raise BallbotError(f'{path}: {error.strerror}') from None
         # Flush the status of the run, too: it holds the outcome, which the recorder notes.
         self.flush(
-            CLOCK, PLANT_IMU, PLANT_JOINT_STATES, PLANT_ODOM, PLANT_STEPS, WALL_HIT, MOTOR_DUTY,
+            CLOCK, PLANT_IMU, PLANT_JOINT_STATES, PLANT_ODOM, *UNRECORDED, WALL_HIT, MOTOR_DUTY,
             RUN_STATUS, DIAGNOSTICS,
         )  # fmt: skip
         self._lock.release()

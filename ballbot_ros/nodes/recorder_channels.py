@@ -13,9 +13,9 @@ from ballbot_ros.messages.raw import has_stamp, same_content
 from ballbot_ros.messages.topics import (
     CLOCK,
     HISTORY,
-    PLANT_STEPS,
     SESSION,
     TOPICS,
+    UNRECORDED,
     Topic,
     find_message_class,
 )
@@ -97,10 +97,11 @@ class Channels:
         self._inbox = hidden_node('inbox', node)
         self._channels: dict[str, Channel] = {}
         self._sighted: set[str] = set()
-        # A replay moves the plant through the same steps; the session only concerns its page.
-        self._ignored = {node.resolve_topic_name(topic.name) for topic in (PLANT_STEPS, SESSION)}
+        # The session only concerns its page.
+        ignored = (*UNRECORDED, SESSION)
+        self._ignored = {node.resolve_topic_name(topic.name) for topic in ignored}
         for topic in TOPICS:
-            if topic is PLANT_STEPS:
+            if topic in UNRECORDED:
                 continue
             # Earlier messages come from the topic's history, if it has one. Subscribe to the topic
             # itself, too: publishers of other packages need not have a history.

@@ -1,5 +1,7 @@
 """Each device has one entry in each table, and the tables agree."""
 
+from collections import defaultdict
+
 import pytest
 from robot import make_plant, run_plant
 
@@ -8,11 +10,12 @@ from ballbot_ros.analysis.replay import ALL_TOPICS
 from ballbot_ros.brick.brick import DeviceInputs
 from ballbot_ros.messages.devices import DEVICE_MESSAGES
 from ballbot_ros.messages.inputs import INPUT_READERS
+from ballbot_ros.messages.plant_messages import PlantMessages
 from ballbot_ros.messages.steps import encode_steps
-from ballbot_ros.messages.topics import PLANT_STEPS, TOPICS, periodic_topics
-from ballbot_ros.parameters import DRIVERS, GAMEPAD
+from ballbot_ros.messages.topics import CLOCK, PLANT_STEPS, TOPICS, periodic_topics
+from ballbot_ros.parameters import DRIVERS, GAMEPAD, ParameterSet
+from ballbot_ros.simulation.closed_loop import ClosedLoop
 from ballbot_ros.simulation.devices import DEVICES
-from ballbot_ros.timing import TICK_NS
 
 each_device = pytest.mark.parametrize(
     'messages', DEVICE_MESSAGES, ids=lambda each: each.device.parameters.node
@@ -58,7 +61,20 @@ def test_a_driver_answers_the_steps_if_its_samples_have_a_dead_time(messages):
         assert found == messages.device.sampled(parameters)(truth)
 
 
+@pytest.fixture(scope='module')
+def sent():
+    """The stamps of the plant's messages of 0.2 s, by their topics."""
+    stamps = defaultdict(list)
+    loop = ClosedLoop(ParameterSet())
+    messages = PlantMessages(lambda topic: lambda stamp_ns, data: stamps[topic].append(stamp_ns))
+    for tick in loop.ticks(0.2):
+        messages.truth(tick.truth, wall_hit=tick.wall_hit)
+        messages.send_unrecorded(tick.truth)
+    return stamps
+
+
 @each_device
-def test_a_driver_gets_a_truth_at_each_of_its_sampling_times(messages):
-    assert messages.truth.period_ns == TICK_NS
-    assert messages.sample.period_ns % TICK_NS == 0
+def test_a_driver_gets_a_truth_at_each_of_its_sampling_times_and_at_no_other(messages, sent):
+    period_ns = messages.sample.period_ns
+    assert sent[messages.truth] == [n for n in sent[CLOCK] if n % period_ns == 0]
+    assert len(sent[CLOCK]) == 50

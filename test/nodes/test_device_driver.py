@@ -10,7 +10,7 @@ from rclpy.serialization import serialize_message
 from stubs import bare
 
 from ballbot_ros.messages.conversions import fill_time
-from ballbot_ros.messages.topics import PLANT_ODOM, PLANT_STEPS
+from ballbot_ros.messages.topics import PLANT_SLOW_ODOM, PLANT_STEPS
 from ballbot_ros.nodes.device_driver import DeviceDriver, messages_of
 from ballbot_ros.parameters import SONAR, SonarParameters
 from ballbot_ros.timing import FIRST_TICK_NS, TICK_NS
@@ -30,16 +30,16 @@ def test_only_the_sampling_times_of_its_run_are_answered():
         count_sample=lambda now_ns: counted.append(now_ns) or vars(driver).update(now_ns=now_ns),
         warn_malformed=lambda topic, error: ignored.append(topic),
     )
-    truth = PLANT_ODOM.message_class()
+    truth = PLANT_SLOW_ODOM.message_class()
     first, second = FIRST_TICK_NS, FIRST_TICK_NS + 5 * TICK_NS
     for stamp_ns in (first - 5 * TICK_NS, first, first + TICK_NS, second, first):
         fill_time(truth.header.stamp, stamp_ns)
-        DeviceDriver._on_truth(driver, PLANT_ODOM, serialize_message(truth))
-    DeviceDriver._on_truth(driver, PLANT_ODOM, b'')
+        DeviceDriver._on_truth(driver, PLANT_SLOW_ODOM, serialize_message(truth))
+    DeviceDriver._on_truth(driver, PLANT_SLOW_ODOM, b'')
     DeviceDriver._on_truth(driver, PLANT_STEPS, serialize_message(truth))
     assert published == [(first, 7), (second, 7), (first, 7)]
     assert counted == [first, second, second], 'it announces the newest as answered'
-    assert ignored == [PLANT_ODOM]
+    assert ignored == [PLANT_SLOW_ODOM]
 
 
 def test_a_driver_is_a_program_of_its_own_name():
