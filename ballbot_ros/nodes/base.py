@@ -22,6 +22,7 @@ from ballbot_ros.messages.conversions import fill_time
 from ballbot_ros.messages.raw import decoder
 from ballbot_ros.messages.topics import DIAGNOSTICS, UNRECORDED, Topic
 from ballbot_ros.nodes.end_guard import guarded_end
+from ballbot_ros.nodes.intra_process import IntraProcess, intra_process
 from ballbot_ros.nodes.middleware import prepare_middleware
 from ballbot_ros.nodes.node_parameters import P, ParameterNode
 from ballbot_ros.nodes.processes import END_WITH_PARENT, end_with_parent
@@ -113,12 +114,12 @@ class BallbotNode(ParameterNode[P]):
 
     def subscribe(
         self, topic: Topic, callback: Callable[..., None], *, depth: int = 1, raw: bool = False
-    ) -> Subscription:
+    ) -> Subscription | None:
         """Subscribe to `topic`; with `raw` the callback receives the serialised message.
 
         The subscription to a topic of the loop acknowledges nothing and gets no earlier messages,
         even if the topic is latched: the plant sends again what the node has missed, and the node
-        must not answer older ticks.
+        must not answer older ticks. It is None if the publisher is a node of this process.
         """
         if raw:
             receive = callback
@@ -133,6 +134,9 @@ class BallbotNode(ParameterNode[P]):
                     return
                 callback(message)
 
+        if within := intra_process(topic):
+            within.subscribe(self.resolve_topic_name(topic.name), receive)
+            return None
         qos = requested_qos(topic, depth)
         if topic.period_ns or topic in UNRECORDED:
             qos.durability = DurabilityPolicy.VOLATILE
@@ -280,11 +284,17 @@ def run_node(make: Callable[[], AnyNode]) -> int:
             rclpy.try_shutdown()
 
 
-def spin(nodes: Sequence[AnyNode], done: rclpy.Future, stop: StopRequest | None = None) -> None:
+def spin(
+    nodes: Sequence[AnyNode],
+    done: rclpy.Future,
+    stop: StopRequest | None = None,
+    within: IntraProcess | None = None,
+) -> None:
     """Run the callbacks of the nodes until `done`, or until a stop is requested.
 
     Unlike ``spin_once``, the executor stays in C++ between callbacks. Signals are noticed in one of
-    them: it does not return while there is always another one.
+    them: it does not return while there is always another one. With messages `within` this process
+    it alternates with their delivery.
     """
     steady = Clock(clock_type=ClockType.STEADY_TIME)
     executor = EventsExecutor()
@@ -299,4 +309,7 @@ def spin(nodes: Sequence[AnyNode], done: rclpy.Future, stop: StopRequest | None 
 
     nodes[0].create_timer(SIGNAL_PERIOD_S, check_signal, clock=steady)
     while not end.done():
-        executor.spin_until_future_complete(end, SIGNAL_PERIOD_S)
+        if within:
+            executor.spin_once(0.0 if within.deliver() else SIGNAL_PERIOD_S)
+        else:
+            executor.spin_until_future_complete(end, SIGNAL_PERIOD_S)

@@ -7,6 +7,9 @@ import time
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
+from rclpy.clock import ClockType
+from rclpy.time import Time
+
 from ballbot_ros.codegen.implementation import (
     Implementation,
     implementation_for,
@@ -20,6 +23,7 @@ from ballbot_ros.messages.inputs import INPUT_READERS, device_inputs
 from ballbot_ros.messages.raw import same_content, stamp_of
 from ballbot_ros.messages.topics import (
     BATTERY_STATE,
+    CLOCK,
     GAMEPAD_JOY,
     GYRO_IMU,
     JOINT_STATES,
@@ -28,6 +32,7 @@ from ballbot_ros.messages.topics import (
     Topic,
 )
 from ballbot_ros.nodes.base import NO_SAMPLE, BallbotNode, run_node
+from ballbot_ros.nodes.intra_process import intra_process
 from ballbot_ros.nodes.participation import Participation
 from ballbot_ros.nodes.task_timers import TaskTimers
 from ballbot_ros.parameters import (
@@ -67,6 +72,11 @@ class Controller(BallbotNode[ControllerParameters]):
         self._lockstep = self.parameters.lockstep
         if self._lockstep:
             self.require_sim_time('in lockstep its timers run on /clock')
+        within = intra_process(CLOCK) if self._lockstep else None
+        if within:
+            for each in list(self.subscriptions):  # that of the clock is the only one so far
+                self.destroy_subscription(each)
+            within.subscribe(CLOCK.name, self._set_clock)
         self._lockstep_ticks = LockstepTicks(
             {topic.name: topic.period_ns for topic in INPUT_READERS},
             first=BATTERY_STATE.name,
@@ -90,6 +100,7 @@ class Controller(BallbotNode[ControllerParameters]):
             self.get_clock() if self._lockstep else self._steady,
             self._on_timer,
             ticking='' if self._lockstep else every_tick(self._implementation.tasks),
+            is_polled=within is not None,
         )
         self._task_timers.set(self._implementation.tasks)
         self._participation = Participation(self, self._on_run)
@@ -97,6 +108,11 @@ class Controller(BallbotNode[ControllerParameters]):
         depth = DEPTH if self._lockstep else 1
         for topic, reader in INPUT_READERS.items():
             self.subscribe(topic, self._input_callback(topic, reader), depth=depth, raw=True)
+
+    def _set_clock(self, data: bytes) -> None:
+        time = Time(nanoseconds=stamp_of(data), clock_type=ClockType.ROS_TIME)
+        self.get_clock().set_ros_time_override(time)
+        self._task_timers.poll()
 
     def further_parameters(self, parameters: ControllerParameters) -> Iterable[Parameter]:
         """Return the parameters that only this controller has."""

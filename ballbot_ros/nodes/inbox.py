@@ -10,6 +10,7 @@ from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
 from ballbot_ros.messages.topics import Topic
+from ballbot_ros.nodes.intra_process import Inbox
 
 
 def hidden_node(name: str, owner: Node | None = None) -> Node:
@@ -37,8 +38,11 @@ def raw_subscription(node: Node, topic: Topic, qos: QoSProfile) -> Subscription:
     )
 
 
-def drain(subscription: Subscription) -> Iterator[tuple[Any, Mapping[str, Any]]]:
+def drain(subscription: Subscription | Inbox) -> Iterator[tuple[Any, Mapping[str, Any]]]:
     """Read the waiting messages, oldest first, each with its metadata from the middleware."""
+    if isinstance(subscription, Inbox):
+        yield from subscription.take()
+        return
     handle, kind, raw = subscription.handle, subscription.msg_type, subscription.raw
     with handle:
         while (message := handle.take_message(kind, raw)) is not None:

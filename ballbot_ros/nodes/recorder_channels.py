@@ -21,6 +21,7 @@ from ballbot_ros.messages.topics import (
 )
 from ballbot_ros.nodes.graph_observer import full_name
 from ballbot_ros.nodes.inbox import drain, hidden_node, raw_subscription
+from ballbot_ros.nodes.intra_process import Inbox, intra_process
 from ballbot_ros.nodes.topic_publisher import reliable_qos
 from ballbot_ros.parameters import PLANT
 from ballbot_ros.recording.qos import RELIABLE_LATCHED, QosProfile
@@ -45,7 +46,7 @@ class Channel:
     """
 
     def __init__(
-        self, topic: Topic, subscription: Subscription, history: Subscription | None
+        self, topic: Topic, subscription: Subscription | Inbox, history: Subscription | None
     ) -> None:
         self.topic = topic
         self._subscription, self._history = subscription, history
@@ -109,6 +110,11 @@ class Channels:
             self._subscribe(topic, reliable_qos(HISTORY, latched=latched))
 
     def _subscribe(self, topic: Topic, qos: QoSProfile) -> None:
+        if within := intra_process(topic):
+            inbox = within.inbox(self._node.resolve_topic_name(topic.name))
+            self._channels[inbox.topic_name] = Channel(topic, inbox, None)
+            self._ignored.add(self._node.resolve_topic_name(topic.history.name))
+            return
         subscription = raw_subscription(self._inbox, topic, qos)
         history = None
         if topic.has_history:

@@ -9,6 +9,7 @@ from rclpy.node import Node
 from rclpy.timer import Timer
 
 from ballbot_ros.brick.schedule import TaskTiming
+from ballbot_ros.timing import MILLISECOND_NS
 
 
 class TaskTimers:
@@ -21,31 +22,52 @@ class TaskTimers:
     ticking : str
         The task whose timer makes the ticks, and so runs before the first one; '' in lockstep,
         where all timers start with the first tick.
+    is_polled : bool
+        Whether :meth:`poll` calls the callbacks, instead of the node's executor.
     """
 
     def __init__(
-        self, node: Node, clock: Clock, on_timer: Callable[[str], None], ticking: str
+        self,
+        node: Node,
+        clock: Clock,
+        on_timer: Callable[[str], None],
+        ticking: str,
+        *,
+        is_polled: bool,
     ) -> None:
         self._node, self._clock, self._on_timer, self._ticking = node, clock, on_timer, ticking
+        self._is_polled = is_polled
         self._timers: dict[str, Timer] = {}
 
     def set(self, tasks: Iterable[TaskTiming]) -> None:
         """Replace the timers by those of other tasks."""
         for timer in self._timers.values():
-            self._node.destroy_timer(timer)
+            timer.destroy() if self._is_polled else self._node.destroy_timer(timer)
         self._timers = {
-            name: self._node.create_timer(
-                period_ms * 1e-3,
-                self._callback(name),
-                clock=self._clock,
-                autostart=name == self._ticking,
-            )
-            for name, _, period_ms in tasks
-            if period_ms
+            name: self._create(name, period_ms) for name, _, period_ms in tasks if period_ms
         }
+
+    def _create(self, task: str, period_ms: int) -> Timer:
+        starts = task == self._ticking
+        if self._is_polled:
+            group = self._node.default_callback_group
+            return Timer(
+                self._callback(task), group, period_ms * MILLISECOND_NS, self._clock,
+                context=self._node.context, autostart=starts,
+            )  # fmt: skip
+        return self._node.create_timer(
+            period_ms * 1e-3, self._callback(task), clock=self._clock, autostart=starts
+        )
 
     def _callback(self, task: str) -> Callable[[], None]:
         return lambda: self._on_timer(task)
+
+    def poll(self) -> None:
+        """Call the callbacks of the timers that are due."""
+        for timer in list(self._timers.values()):
+            if timer.is_ready():
+                timer.handle.call_timer()
+                timer.callback()
 
     def stop(self) -> None:
         """Stop the timers, which are not in phase with a new run; its ticks restart them."""
@@ -64,4 +86,4 @@ class TaskTimers:
 
         Resetting a timer in this state makes rclpy's EventsExecutor call it twice.
         """
-        return any(timer.is_ready() for timer in self._timers.values())
+        return not self._is_polled and any(timer.is_ready() for timer in self._timers.values())

@@ -11,6 +11,7 @@ from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from ballbot_ros.messages.topics import HISTORY, Topic
+from ballbot_ros.nodes.intra_process import intra_process
 
 FLUSH_S = 1.0
 """Time limit for the last messages to reach their readers."""
@@ -60,10 +61,13 @@ class TopicPublisher:
 
     def __init__(self, node: Node, topic: Topic) -> None:
         self._node, self._topic = node, topic
+        self._within = intra_process(topic)
+        self._name = node.resolve_topic_name(topic.name)
         self._make()
 
     def _make(self) -> None:
         kind, topic = self._topic.message_class, self._topic
+        self._sequence = 0
         # Create the history first, so that a subscriber discovers it before the topic itself.
         self.publishers = []
         if topic.has_history:
@@ -84,10 +88,15 @@ class TopicPublisher:
 
     def publish(self, message: object) -> None:
         """Publish a message, serialised or not."""
+        if self._within and isinstance(message, bytes):
+            self._sequence += 1
+            self._within.publish(self._name, message, self._sequence)
+            if not self._topic.latched_depth and not self.has_subscribers:
+                return
         for publisher in self.publishers:
             publisher.publish(message)
 
     @property
     def has_subscribers(self) -> bool:
-        """Whether the topic has a subscriber."""
+        """Whether the topic has a subscriber in the middleware."""
         return bool(self.publishers[-1].get_subscription_count())

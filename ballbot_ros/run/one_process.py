@@ -10,6 +10,7 @@ from ballbot_ros.codegen.implementation import implementation_for
 from ballbot_ros.controllers.loading import LoadedController
 from ballbot_ros.nodes.base import AnyNode, spin
 from ballbot_ros.nodes.controller import Controller
+from ballbot_ros.nodes.intra_process import IntraProcess
 from ballbot_ros.nodes.plant_sim import PlantSim
 from ballbot_ros.nodes.recorder import Recorder
 from ballbot_ros.nodes.registry import make_node
@@ -40,7 +41,7 @@ def run_in_one_process(
     parameters = graph_parameters(spec, recording, scratch)
     nodes: list[AnyNode] = []
     recorder: Recorder | None = None
-    with ros():
+    with ros(), IntraProcess([*spec.nodes, PLANT]) as within:
         try:
             call_for_external(spec, observer)
             plant = PlantSim(parameters.of(PlantParameters))
@@ -57,7 +58,7 @@ def run_in_one_process(
                 PROGRESS_PERIOD_S, lambda: observer.update(plant.log.ticks * TICK_NS / SECOND_NS)
             )
             with StopRequest() as stop, TickTimer(spec.controller, spec.plant, stop):
-                spin(nodes, plant.done, stop)
+                spin(nodes, plant.done, stop, within)
             plant.stop()
             for node in nodes:
                 if node.failure and not node.logs_failure:
