@@ -13,12 +13,16 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 
 from ballbot_ros.nodes import base
+from ballbot_ros.nodes.intra_process import IntraProcess
 from ballbot_ros.nodes.registry import REGISTRY
 from ballbot_ros.stop_request import StopRequest
 
 
 def spin(
-    nodes: Sequence[base.AnyNode], done: rclpy.Future, stop: StopRequest | None = None
+    nodes: Sequence[base.AnyNode],
+    done: rclpy.Future,
+    stop: StopRequest | None = None,
+    within: IntraProcess | None = None,
 ) -> None:
     """Run the callbacks of the nodes until `done`, or until a stop is requested."""
     executor = SingleThreadedExecutor()

@@ -37,7 +37,7 @@ from ballbot_ros.messages.topics import (
     LOCKSTEP_PUBLISHERS,
     MOTOR_DUTY,
     PARTICIPANTS,
-    PLANT_JOINT_STATES,
+    PLANT_SLOW_ODOM,
     RECORDER_ACK,
     ROLL_CALL,
     RUN,
@@ -243,7 +243,7 @@ class GamepadNode(Node):
         super().__init__(world, role, name)
         self.sources, self._answers = Arbiter(), GivenAnswers()
         self.is_mute = False
-        self.readers[PLANT_JOINT_STATES.name] = (self._on_truth, HISTORY, False)
+        self.readers[PLANT_SLOW_ODOM.name] = (self._on_truth, HISTORY, False)
 
     def on_run(self, run):
         self._answers = GivenAnswers()
@@ -532,8 +532,10 @@ class PlantNode(Process):
         match action:
             case do.PublishTruth(truth, wall_hit, is_resend):
                 messages.truth(truth, wall_hit=wall_hit, is_resend=is_resend)
+                messages.send_unrecorded(truth)
             case do.ResendToDrivers(truth):
                 messages.send_to_drivers(truth)
+                messages.send_unrecorded(truth)
             case do.CallRoll(run, plant):
                 self.publish(ROLL_CALL.name, run)
                 self.publish(PARTICIPANTS.name, Announcement(plant, run.name))

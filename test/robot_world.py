@@ -114,6 +114,7 @@ class Brick:
             timer.next_ns = None
 
     def on_clock(self, now_ns):
+        # The node polls its timers; that their callbacks wait, and may come too late, is harder.
         self._now_ns = now_ns
         for task, timer in self._timers.items():
             if timer.is_ready(now_ns):
@@ -141,8 +142,7 @@ class Brick:
     def on_sample(self, name, stamp_ns, data, reading):
         reaction = self._ticks.take(name, stamp_ns, data, reading)
         if reaction is SampleReaction.FORCE_RELEASES:
-            waits = any(timer.is_ready(self._now_ns) for timer in self._timers.values())
-            reaction = self._ticks.force(callback_waits=waits)
+            reaction = self._ticks.force()
         if isinstance(reaction, DueTick):
             self._run(reaction)
         elif reaction is SampleReaction.RESEND:

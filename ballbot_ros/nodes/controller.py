@@ -32,7 +32,6 @@ from ballbot_ros.messages.topics import (
     Topic,
 )
 from ballbot_ros.nodes.base import NO_SAMPLE, BallbotNode, run_node
-from ballbot_ros.nodes.intra_process import intra_process
 from ballbot_ros.nodes.participation import Participation
 from ballbot_ros.nodes.task_timers import TaskTimers
 from ballbot_ros.parameters import (
@@ -72,11 +71,6 @@ class Controller(BallbotNode[ControllerParameters]):
         self._lockstep = self.parameters.lockstep
         if self._lockstep:
             self.require_sim_time('in lockstep its timers run on /clock')
-        within = intra_process(CLOCK) if self._lockstep else None
-        if within:
-            for each in list(self.subscriptions):  # that of the clock is the only one so far
-                self.destroy_subscription(each)
-            within.subscribe(CLOCK.name, self._set_clock)
         self._lockstep_ticks = LockstepTicks(
             {topic.name: topic.period_ns for topic in INPUT_READERS},
             first=BATTERY_STATE.name,
@@ -100,18 +94,28 @@ class Controller(BallbotNode[ControllerParameters]):
             self.get_clock() if self._lockstep else self._steady,
             self._on_timer,
             ticking='' if self._lockstep else every_tick(self._implementation.tasks),
-            is_polled=within is not None,
+            is_polled=self._lockstep,
         )
         self._task_timers.set(self._implementation.tasks)
+        if self._lockstep:
+            # In the place of rclpy's subscription, the only one so far: the executor would pass the
+            # time to another thread, and be woken by it for each timer.
+            for each in list(self.subscriptions):
+                self.destroy_subscription(each)
+            self.subscribe(CLOCK, self._on_clock, raw=True)
         self._participation = Participation(self, self._on_run)
         # In lockstep receive all messages about one tick, also a second sample of an input.
         depth = DEPTH if self._lockstep else 1
         for topic, reader in INPUT_READERS.items():
             self.subscribe(topic, self._input_callback(topic, reader), depth=depth, raw=True)
 
-    def _set_clock(self, data: bytes) -> None:
-        time = Time(nanoseconds=stamp_of(data), clock_type=ClockType.ROS_TIME)
-        self.get_clock().set_ros_time_override(time)
+    def _on_clock(self, data: bytes) -> None:
+        try:
+            now = Time(nanoseconds=stamp_of(data), clock_type=ClockType.ROS_TIME)
+        except NO_SAMPLE as error:
+            self.warn_malformed(CLOCK, error)
+            return
+        self.get_clock().set_ros_time_override(now)
         self._task_timers.poll()
 
     def further_parameters(self, parameters: ControllerParameters) -> Iterable[Parameter]:
@@ -195,7 +199,7 @@ class Controller(BallbotNode[ControllerParameters]):
             self._resends += 1
             self._messages.resend(stamp)
         elif reaction is SampleReaction.FORCE_RELEASES:
-            tick = self._lockstep_ticks.force(callback_waits=self._task_timers.callback_waits)
+            tick = self._lockstep_ticks.force()
             if tick:
                 self._run(tick)
         elif reaction is SampleReaction.OBJECT:

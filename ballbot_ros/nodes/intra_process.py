@@ -8,7 +8,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 
 from ballbot_ros.messages.topics import RECORDER_ACK, UNRECORDED, Topic
 
-TURN_S = 1e-3
+TURN_S = 5e-3
 """Time after which the executor gets its turn, even if there are messages [s]."""
 
 Receive = Callable[[bytes], None]
@@ -51,10 +51,16 @@ class IntraProcess:
     ----------
     roles : collection of str
         The roles of the nodes in this process.
+
+    Attributes
+    ----------
+    turns : int
+        Counts the turns of the executor, in which the middleware may have found new subscribers.
     """
 
     def __init__(self, roles: Collection[str]) -> None:
         self._roles = frozenset(roles)
+        self.turns = 0
         self._callbacks: dict[str, list[Receive]] = defaultdict(list)
         self._inboxes: dict[str, list[Inbox]] = defaultdict(list)
         self._waiting: deque[tuple[Receive, bytes]] = deque()
@@ -89,6 +95,7 @@ class IntraProcess:
 
     def deliver(self) -> bool:
         """Deliver messages, for a while; return whether there are more."""
+        self.turns += 1
         ends_s = time.monotonic() + TURN_S
         while self._waiting:
             receive, data = self._waiting.popleft()

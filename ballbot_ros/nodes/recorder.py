@@ -30,7 +30,7 @@ from ballbot_ros.simulation.run_recording import RunRecording
 from ballbot_ros.timing import SECOND_NS
 from ballbot_ros.viewer.derived_channels import DerivedChannels
 
-POLL_S = 5e-3
+POLL_S = 10e-3
 FLUSH_PERIOD_S = 0.5
 DISCOVERY_S = 1.0
 END_S = 1.0

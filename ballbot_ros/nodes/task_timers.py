@@ -79,11 +79,3 @@ class TaskTimers:
         """Restart the timers of some tasks, which then fire one period from now."""
         for task in tasks:
             self._timers[task].reset()
-
-    @property
-    def callback_waits(self) -> bool:
-        """Whether a timer has fired whose callback is still queued in the executor.
-
-        Resetting a timer in this state makes rclpy's EventsExecutor call it twice.
-        """
-        return not self._is_polled and any(timer.is_ready() for timer in self._timers.values())

@@ -68,6 +68,7 @@ class TopicPublisher:
     def _make(self) -> None:
         kind, topic = self._topic.message_class, self._topic
         self._sequence = 0
+        self._turn, self._is_read_outside = -1, True
         # Create the history first, so that a subscriber discovers it before the topic itself.
         self.publishers = []
         if topic.has_history:
@@ -88,10 +89,14 @@ class TopicPublisher:
 
     def publish(self, message: object) -> None:
         """Publish a message, serialised or not."""
-        if self._within and isinstance(message, bytes):
+        within = self._within
+        if within and isinstance(message, bytes):
             self._sequence += 1
-            self._within.publish(self._name, message, self._sequence)
-            if not self._topic.latched_depth and not self.has_subscribers:
+            within.publish(self._name, message, self._sequence)
+            if self._turn != within.turns:
+                self._turn = within.turns
+                self._is_read_outside = self._topic.latched_depth > 0 or self.has_subscribers
+            if not self._is_read_outside:
                 return
         for publisher in self.publishers:
             publisher.publish(message)

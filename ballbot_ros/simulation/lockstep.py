@@ -187,12 +187,9 @@ class LockstepTicks:
             return SampleReaction.FORCE_RELEASES
         return SampleReaction.IGNORE
 
-    def force(self, *, callback_waits: bool) -> DueTick | None:
-        """Force the releases that a tick is still missing after all its inputs have arrived.
-
-        While a timer callback is pending, nothing is forced yet.
-        """
-        if self._next_ns is None or callback_waits:
+    def force(self) -> DueTick | None:
+        """Force the releases that a tick is still missing after all its inputs have arrived."""
+        if self._next_ns is None:
             return None
         self.releases.force(self._next_ns)
         return self._due_tick()

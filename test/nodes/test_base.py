@@ -1,7 +1,6 @@
 """What every node has in common, without the graph: diagnostics, topics, start and end."""
 
 import signal
-from contextlib import nullcontext
 from types import SimpleNamespace
 
 import pytest
@@ -137,7 +136,6 @@ def without_ros(monkeypatch):
     calls = []
     for name, stub in (
         ('prepare_middleware', lambda: calls.append('prepare')),
-        ('avoid_stale_ports', lambda domain: nullcontext()),
         ('spin', lambda nodes, done, stop: calls.append('spin')),
         ('end_with_parent', lambda: True),
     ):

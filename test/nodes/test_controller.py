@@ -49,9 +49,8 @@ def test_each_reaction_to_a_sample_is_carried_out(reaction, expected):
     controller = SimpleNamespace(
         _lockstep_ticks=SimpleNamespace(
             take=lambda *sample: reaction,
-            force=lambda callback_waits: done.append('force') or TICK,
+            force=lambda: done.append('force') or TICK,
         ),
-        _task_timers=SimpleNamespace(callback_waits=False),
         _messages=SimpleNamespace(resend=lambda stamp: done.append('resend')),
         _participation=SimpleNamespace(raise_objection=done.append),
         _on_missed_start=lambda stamp: done.append('missed'),

@@ -13,7 +13,7 @@ from rclpy.serialization import serialize_message
 from stubs import bare
 
 from ballbot_ros.messages.conversions import encode_sticks, fill_time
-from ballbot_ros.messages.topics import PLANT_JOINT_STATES
+from ballbot_ros.messages.topics import PLANT_SLOW_ODOM
 from ballbot_ros.nodes import gamepad_teleop, teleop_terminal
 from ballbot_ros.nodes.base import BallbotNode
 from ballbot_ros.nodes.gamepad_teleop import GamepadTeleop
@@ -94,7 +94,7 @@ def test_only_the_slow_ticks_of_its_run_are_answered():
         _participation=SimpleNamespace(includes=lambda now_ns: now_ns >= FIRST_TICK_NS),
         warn_malformed=lambda topic, error: ignored.append(topic),
     )
-    truth = PLANT_JOINT_STATES.message_class()
+    truth = PLANT_SLOW_ODOM.message_class()
     for stamp_ns in (
         FIRST_TICK_NS - SLOW_PERIOD_NS, FIRST_TICK_NS, FIRST_TICK_NS + SLOW_PERIOD_NS // 2
     ):  # fmt: skip
@@ -102,7 +102,7 @@ def test_only_the_slow_ticks_of_its_run_are_answered():
         node._on_truth(serialize_message(truth))
     node._on_truth(b'')
     assert answered == [FIRST_TICK_NS]
-    assert ignored == [PLANT_JOINT_STATES]
+    assert ignored == [PLANT_SLOW_ODOM]
 
 
 def test_a_new_source_of_the_sticks_is_logged():

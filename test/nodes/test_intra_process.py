@@ -54,8 +54,8 @@ def test_messages_arrive_in_the_order_of_publication_also_those_of_callbacks():
 
 
 def test_the_executor_gets_its_turn(monkeypatch):
-    times = iter(range(1000))
-    monkeypatch.setattr(module, 'time', SimpleNamespace(monotonic=lambda: 0.4e-3 * next(times)))
+    times = (0.4 * module.TURN_S * number for number in range(1000))
+    monkeypatch.setattr(module, 'time', SimpleNamespace(monotonic=times.__next__))
     within, heard = IntraProcess([]), []
     within.subscribe('/a', heard.append)
     for number in range(5):
@@ -105,14 +105,17 @@ def test_the_middleware_gets_what_somebody_outside_reads_and_what_late_subscribe
         inbox = within.inbox('/motor_duty')
         duty.publish(b'1')
         node.readers = 1
+        duty.publish(b'1b')  # the executor has not had its turn
+        within.deliver()
         duty.publish(b'2')
         node.readers = 0
+        within.deliver()
         duty.publish(b'3')
         duty.recreate_publishers()
         duty.publish(b'4')
         battery.publish(b'5')
     numbers = [(data, each['publication_sequence_number']) for data, each in drain(inbox)]
-    assert numbers == [(b'1', 1), (b'2', 2), (b'3', 3), (b'4', 1)]
+    assert numbers == [(b'1', 1), (b'1b', 2), (b'2', 3), (b'3', 4), (b'4', 1)]
     assert node.sent == [
         ('motor_duty', b'2'), ('battery_state/_history', b'5'), ('battery_state', b'5'),
     ]  # fmt: skip

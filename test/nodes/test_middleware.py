@@ -3,20 +3,29 @@
 import contextlib
 import os
 import pwd
+import signal
 import socket
 import struct
 import subprocess
 import sys
 from collections import defaultdict
+from hashlib import sha256
 from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from graph import BALLBOT, environment
+from graph import (
+    BALLBOT,
+    LAST_RESORT_S,
+    children,
+    environment,
+    private_shared_memory,
+    wait_for,
+)
 
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.messages.topics import DIAGNOSTICS, MOTOR_DUTY
+from ballbot_ros.messages.topics import DIAGNOSTICS, JOINT_STATES, LCD, MOTOR_DUTY
 from ballbot_ros.nodes.middleware import (
     DISCOVERY_RANGE,
     DOMAIN,
@@ -31,12 +40,14 @@ from ballbot_ros.nodes.middleware import (
     require_middleware,
     ros_domain,
 )
-from ballbot_ros.parameters import GYRO
+from ballbot_ros.nodes.topic_publisher import reliable_qos
+from ballbot_ros.parameters import GYRO, NODES, RECORDER
 from ballbot_ros.share import share_directory
 
 CONFIG = share_directory() / 'config'
 LAST_PEER = 31
 SECONDS = 4
+MESSAGES = 500
 PARTICIPANT = slice(8, 20)  # of an RTPS message
 SO_TIMESTAMPNS = 35  # the system notes when each message arrives
 
@@ -55,6 +66,7 @@ def test_a_node_announces_itself_four_times_a_second(domain, run_node, monkeypat
     ):
         client.watch(DIAGNOSTICS, depth=100)
         monkeypatch.delenv(PROFILES)
+        monkeypatch.setenv(DISCOVERY_RANGE, 'LOCALHOST')
         run_node(GYRO)
         client.spin_until(lambda: DIAGNOSTICS.name in client.seen)
         peer.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
@@ -72,6 +84,100 @@ def test_a_node_announces_itself_four_times_a_second(domain, run_node, monkeypat
     for times_s in heard.values():
         spans_s = (after - before for before, after in pairwise(times_s))
         assert min(spans_s, default=SECONDS) < 0.5
+
+
+@pytest.mark.graph
+def test_a_message_wakes_no_thread_of_its_writer(domain, run_node):
+    """The timers of the writer go on; each message would restart one that has run out."""
+    pytest.importorskip('rclpy')
+    from ros_client import Client
+
+    with contextlib.closing(Client(domain)) as client:
+        run_node(RECORDER)
+        publisher = client.node.create_publisher(
+            JOINT_STATES.message_class, JOINT_STATES.name, reliable_qos(MESSAGES, latched=False)
+        )
+        client.spin_until(lambda: publisher.get_subscription_count() > 0)
+        publisher.publish(JOINT_STATES.message_class())
+        before = switches_of('dds.ev')
+        for _ in range(MESSAGES):
+            publisher.publish(JOINT_STATES.message_class())
+        assert switches_of('dds.ev') - before < MESSAGES / 10
+
+
+@pytest.mark.graph
+def test_killed_nodes_leave_nothing_in_shared_memory(domain):
+    script = '"$@"; for each in /dev/shm/fast*; do echo "left: $each"; done'
+    command = [*private_shared_memory(), 'sh', '-c', script, 'sh', *BALLBOT, 'run', 'stationary']
+    with subprocess.Popen(
+        [*command, '--no-record', '--set', 'plant_sim.duration=300'],
+        stdout=subprocess.PIPE,
+        text=True,
+        env=environment(domain),
+    ) as run:
+        nodes = wait_for(lambda: len(found := children(run.pid)) == len(NODES) - 1 and found)
+        for pid in nodes.values():
+            os.kill(pid, signal.SIGKILL)
+        output, _ = run.communicate(timeout=LAST_RESORT_S)
+    assert 'failed: ' in output
+    assert 'left: /dev/shm/fast*' in output.splitlines()  # an unmatched pattern stays
+
+
+READER = """
+import hashlib
+
+import rclpy
+from std_msgs.msg import String
+
+from ballbot_ros.nodes.middleware import prepare_middleware
+from ballbot_ros.nodes.topic_publisher import reliable_qos
+
+
+def take(message):
+    print(hashlib.sha256(message.data.encode()).hexdigest(), flush=True)
+
+
+prepare_middleware()
+rclpy.init()
+node = rclpy.create_node('reader')
+node.create_subscription(String, 'long', take, reliable_qos(1, latched=True))
+rclpy.spin(node)
+"""
+
+
+@pytest.mark.graph
+def test_messages_of_a_megabyte_arrive(domain):
+    pytest.importorskip('rclpy')
+    from ros_client import Client
+
+    with (
+        contextlib.closing(Client(domain)) as client,
+        subprocess.Popen(
+            [sys.executable, '-c', READER],
+            env=environment(domain),
+            stdout=subprocess.PIPE,
+            text=True,
+        ) as reader,
+    ):
+        kind = LCD.message_class
+        publisher = client.node.create_publisher(kind, 'long', reliable_qos(1, latched=True))
+        for letter in 'abc':
+            text = letter * (1 << 20)
+            publisher.publish(kind(data=text))
+            assert reader.stdout.readline().strip() == sha256(text.encode()).hexdigest()
+        reader.kill()
+
+
+def switches_of(name):
+    """Return the context switches of the threads of this process whose names begin so."""
+    threads = list(Path('/proc/self/task').iterdir())
+    return sum(
+        int(line.split()[1])
+        for thread in threads
+        if (thread / 'comm').read_text().startswith(name)
+        for line in (thread / 'status').read_text().splitlines()
+        if 'ctxt_switches' in line
+    )
 
 
 def test_profiles_follow_the_range_and_the_user(monkeypatch):

@@ -18,7 +18,7 @@ from std_msgs.msg import Header
 
 from ballbot_ros.controllers.document.tasks import task_timings
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.messages.topics import PLANT_ODOM, SONAR_RANGE
+from ballbot_ros.messages.topics import PLANT_SLOW_ODOM, SONAR_RANGE
 from ballbot_ros.nodes import gamepad_teleop
 from ballbot_ros.nodes.node_parameters import NEXT_RUN
 from ballbot_ros.nodes.registry import REGISTRY
@@ -284,11 +284,11 @@ def test_a_sample_has_the_parameters_of_its_run(make):
     node = make(SONAR)
     samples = []
     node._output = SimpleNamespace(publish=samples.append)
-    truth = PLANT_ODOM.message_class()
+    truth = PLANT_SLOW_ODOM.message_class()
     truth.header.stamp.sec = 1
     for run in ('1 abc', '2 abc'):
         node._participation._on_roll_call(Header(frame_id=run, stamp=truth.header.stamp))
-        node._on_truth(PLANT_ODOM, serialize_message(truth))
+        node._on_truth(PLANT_SLOW_ODOM, serialize_message(truth))
         assert set_one(node, 'cone_angle', 0.5).successful
     ranges = [deserialize_message(each, SONAR_RANGE.message_class) for each in samples]
     assert [each.field_of_view for each in ranges] == [0.0, 0.5]

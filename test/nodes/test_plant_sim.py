@@ -57,9 +57,18 @@ def carried_out(action):
 
 def test_each_action_of_the_master_is_carried_out():
     for action, calls in (
-        (do.PublishTruth(TRUTH, True, True), [('publish truth', TRUTH, True, True),
-                                              ('publish steps', TRUTH), ('count_sample', 8)]),
-        (do.ResendToDrivers(TRUTH), [('publish send_to_drivers', TRUTH), ('publish steps', TRUTH)]),
+        (
+            do.PublishTruth(TRUTH, True, True),
+            [
+                ('publish truth', TRUTH, True, True),
+                ('publish send_unrecorded', TRUTH),
+                ('count_sample', 8),
+            ],
+        ),
+        (
+            do.ResendToDrivers(TRUTH),
+            [('publish send_to_drivers', TRUTH), ('publish send_unrecorded', TRUTH)],
+        ),
         (do.WakeIn(0.5), [('wake.start', 0.5)]),
         (do.CancelWake(), [('wake.cancel',)]),
         (do.AnnounceRun(Run('1 a', 4)), [('publish announce', 4, '1 a')]),

@@ -6,7 +6,9 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from rclpy.clock import ClockType
+import rclpy
+from rclpy.clock import ClockType, ROSClock
+from rclpy.time import Time
 from std_srvs.srv import Trigger
 
 from ballbot_ros.controllers.document.tasks import TASK_TS1
@@ -23,7 +25,7 @@ from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.simulation import lockstep_master
 from ballbot_ros.simulation.golden import duty_sha256
 from ballbot_ros.simulation.trajectory import load_trajectory
-from ballbot_ros.timing import FIRST_TICK_NS, MILLISECOND_NS
+from ballbot_ros.timing import FIRST_TICK_NS, MILLISECOND_NS, TICK_NS
 
 pytestmark = pytest.mark.graph
 
@@ -67,8 +69,8 @@ def test_the_timers_of_other_tasks_replace_those_before():
     def create_timer(period_s, callback, *, clock, autostart):
         calls = []
         timer = SimpleNamespace(
-            calls=calls, fire=callback, is_ready=lambda: 'ready' in calls,
-            reset=lambda: calls.append('reset'), cancel=lambda: calls.append('cancelled'),
+            calls=calls, fire=callback, reset=lambda: calls.append('reset'),
+            cancel=lambda: calls.append('cancelled'),
         )  # fmt: skip
         made[round(period_s * 1e3), clock, autostart] = timer
         return timer
@@ -76,7 +78,7 @@ def test_the_timers_of_other_tasks_replace_those_before():
     node = SimpleNamespace(
         create_timer=create_timer, destroy_timer=lambda timer: timer.calls.append('destroyed')
     )
-    timers = TaskTimers(node, 'clock', fired.append, ticking=TASK_TS1)
+    timers = TaskTimers(node, 'clock', fired.append, ticking=TASK_TS1, is_polled=False)
     timers.set([(TASK_TS1, 1, 4), (TS2, 2, 20), ('background', 3, 0)])
     first, second = made[4, 'clock', True], made[20, 'clock', False]
     assert len(made) == 2
@@ -86,12 +88,37 @@ def test_the_timers_of_other_tasks_replace_those_before():
     timers.stop()
     timers.restart([TASK_TS1])
     assert (first.calls, second.calls) == (['reset'], ['cancelled'])
-    assert timers.callback_waits is False
-    second.calls.append('ready')
-    assert timers.callback_waits is True
     timers.set([(TASK_TS1, 1, 4)])
     assert first.calls[-1] == second.calls[-1] == 'destroyed'
-    assert timers.callback_waits is False
+
+
+@pytest.fixture
+def context():
+    context = rclpy.Context()
+    rclpy.init(context=context)
+    yield context
+    context.try_shutdown()
+
+
+def test_timers_without_an_executor_are_polled(context):
+    clock = ROSClock()
+    node = SimpleNamespace(default_callback_group=None, context=context)
+    fired = []
+    timers = TaskTimers(node, clock, fired.append, ticking='', is_polled=True)
+    timers.set([(TASK_TS1, 1, 4), (TS2, 2, 20)])
+    clock._set_ros_time_is_active(True)
+    for tick in range(1, 12):
+        clock.set_ros_time_override(Time(nanoseconds=tick * TICK_NS, clock_type=ClockType.ROS_TIME))
+        if tick == 1:
+            timers.restart([TASK_TS1, TS2])
+        timers.poll()
+        timers.poll()  # a second look finds nothing
+    assert fired == [*[TASK_TS1] * 5, TS2, *[TASK_TS1] * 5, TS2]
+    timers.stop()
+    clock.set_ros_time_override(Time(nanoseconds=20 * TICK_NS, clock_type=ClockType.ROS_TIME))
+    timers.poll()
+    assert len(fired) == 12
+    timers.set([])
 
 
 class Tampered(Controller):

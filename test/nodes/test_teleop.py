@@ -14,9 +14,10 @@ rclpy = pytest.importorskip('rclpy')
 
 from diagnostic_msgs.msg import DiagnosticStatus  # noqa: E402
 from geometry_msgs.msg import Twist, TwistStamped  # noqa: E402
+from nav_msgs.msg import Odometry  # noqa: E402
 from rclpy.qos import qos_profile_sensor_data  # noqa: E402
 from ros_client import Client, header  # noqa: E402
-from sensor_msgs.msg import JointState, Joy  # noqa: E402
+from sensor_msgs.msg import Joy  # noqa: E402
 
 from ballbot_ros.messages.conversions import (  # noqa: E402
     ball_position,
@@ -28,8 +29,8 @@ from ballbot_ros.messages.topics import (  # noqa: E402
     JOY,
     OPERATING_STATE,
     PLANT_IMU,
-    PLANT_JOINT_STATES,
     PLANT_ODOM,
+    PLANT_SLOW_ODOM,
     ROLL_CALL,
 )
 from ballbot_ros.parameters import GAMEPAD, NODES, PLANT, RECORDER, ParameterSet  # noqa: E402
@@ -58,6 +59,7 @@ def sticks_of(message):
 
 JOYSTICK = f"""
 import rclpy
+from nav_msgs.msg import Odometry  # noqa: E402
 from sensor_msgs.msg import Joy
 rclpy.init()
 node = rclpy.create_node('joystick')
@@ -232,13 +234,13 @@ def test_a_repeated_request_for_a_tick_gets_the_same_sticks(domain, start_node):
         client.publish(ROLL_CALL, lambda: header(FIRST_TICK_NS, '1 a'))
         stick = itertools.count(1)
         client.publish(JOY, lambda: joy(forward=next(stick) % 100 / 100.0), period_s=0.01)
-        plant = client.node.create_publisher(JointState, PLANT_JOINT_STATES.name, 10)
+        plant = client.node.create_publisher(Odometry, PLANT_SLOW_ODOM.name, 10)
         answers = client.seen[GAMEPAD_JOY.name] = []
 
         def ask(stamp):
             answers.clear()
             while stamp not in map(stamp_ns, answers):
-                plant.publish(JointState(header=header(stamp)))
+                plant.publish(Odometry(header=header(stamp)))
                 client.executor.spin_once(timeout_sec=0.1)
             return sticks_of(answers[-1])
 

@@ -19,6 +19,8 @@ from ballbot_ros.analysis.recorded_pushes import RecordedPush
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.analysis.verdict import Verdict
 from ballbot_ros.errors import BallbotError
+from ballbot_ros.messages.topics import CLOCK
+from ballbot_ros.nodes.intra_process import intra_process
 from ballbot_ros.parameters import NODES, PLANT, RECORDER
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.writer import RecordingWriter
@@ -351,8 +353,9 @@ class OneProcess:
             **{'failure': '', 'logs_failure': True} | attributes,
         )
 
-    def spin(self, nodes, done, stop):
+    def spin(self, nodes, done, stop, within):
         assert done == 'done'
+        assert intra_process(CLOCK) is within
         self.events.append([node.name for node in nodes])
         self.report()
         self._stop()

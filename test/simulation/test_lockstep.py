@@ -113,8 +113,7 @@ class Ticks:
         if name in PERIODS:
             result = self.ticks.take(name, time_ms * MS, data, data)
             if result is SampleReaction.FORCE_RELEASES:
-                assert self.ticks.force(callback_waits=True) is None
-                result = self.ticks.force(callback_waits=False)
+                result = self.ticks.force()
         else:
             result = self.ticks.on_timer(name, time_ms * MS)
         if isinstance(result, DueTick):
