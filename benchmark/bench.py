@@ -39,6 +39,7 @@ SEPARATE = 'separate'
 UNRECORDED = 'separate_unrecorded'
 RELAY = 'relay'
 ONE = 'one'
+ONE_UNRECORDED = 'one_unrecorded'
 NONE = 'none'
 NONE_RECORDED = 'none_recorded'
 LOOP = 'encoded_loop'
@@ -60,6 +61,7 @@ ARRANGEMENTS: dict[str, tuple[str, Callable[[float], Run]]] = {
     ),
     RELAY: ('relay over Unix sockets', run_relay),
     ONE: ('one process, recording', partial(run_ballbot, processes='one', record=True)),
+    ONE_UNRECORDED: ('one process', partial(run_ballbot, processes='one', record=False)),
     NONE: ('without ROS', partial(run_ballbot, processes='none', record=False)),
     NONE_RECORDED: (
         'without ROS, recording',
@@ -88,7 +90,7 @@ BARS = {
 
 COSTS = (
     (SEPARATE, NONE_RECORDED, 14.0, 8.0),
-    (ONE, LOOP, 3.0, 2.0),
+    (ONE_UNRECORDED, LOOP, 3.0, 2.0),
     (UNRECORDED, RELAY, 7.0, 4.0),
 )
 """Arrangements whose processor times are compared; bar and aim of their ratio."""
@@ -102,7 +104,7 @@ BUSY = 0.5
 PARTS = {
     'separate': (SEPARATE, NONE_RECORDED),
     'relay': (UNRECORDED, RELAY),
-    'one': (ONE, LOOP),
+    'one': (ONE, ONE_UNRECORDED, LOOP),
     'none': (NONE, NONE_RECORDED),
     'executors': (EVENTS, CONTROLLER_SINGLE, ALL_SINGLE),
     STUDY: (),
