@@ -94,7 +94,6 @@ class Controller(BallbotNode[ControllerParameters]):
             self.get_clock() if self._lockstep else self._steady,
             self._on_timer,
             ticking='' if self._lockstep else every_tick(self._implementation.tasks),
-            is_polled=self._lockstep,
         )
         self._task_timers.set(self._implementation.tasks)
         if self._lockstep:

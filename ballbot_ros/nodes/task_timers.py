@@ -21,22 +21,15 @@ class TaskTimers:
         Called with the name of a task when its timer fires.
     ticking : str
         The task whose timer makes the ticks, and so runs before the first one; '' in lockstep,
-        where all timers start with the first tick.
-    is_polled : bool
-        Whether :meth:`poll` calls the callbacks, instead of the node's executor.
+        where all timers start with the first tick, and :meth:`poll` calls the callbacks instead of
+        the node's executor.
     """
 
     def __init__(
-        self,
-        node: Node,
-        clock: Clock,
-        on_timer: Callable[[str], None],
-        ticking: str,
-        *,
-        is_polled: bool,
+        self, node: Node, clock: Clock, on_timer: Callable[[str], None], ticking: str
     ) -> None:
         self._node, self._clock, self._on_timer, self._ticking = node, clock, on_timer, ticking
-        self._is_polled = is_polled
+        self._is_polled = not ticking
         self._timers: dict[str, Timer] = {}
 
     def set(self, tasks: Iterable[TaskTiming]) -> None:
@@ -48,15 +41,17 @@ class TaskTimers:
         }
 
     def _create(self, task: str, period_ms: int) -> Timer:
-        starts = task == self._ticking
         if self._is_polled:
             group = self._node.default_callback_group
             return Timer(
                 self._callback(task), group, period_ms * MILLISECOND_NS, self._clock,
-                context=self._node.context, autostart=starts,
+                context=self._node.context, autostart=False,
             )  # fmt: skip
         return self._node.create_timer(
-            period_ms * 1e-3, self._callback(task), clock=self._clock, autostart=starts
+            period_ms * 1e-3,
+            self._callback(task),
+            clock=self._clock,
+            autostart=task == self._ticking,
         )
 
     def _callback(self, task: str) -> Callable[[], None]:

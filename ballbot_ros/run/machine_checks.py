@@ -116,7 +116,7 @@ def _discovery() -> str:
         process.wait()
     if process.returncode == -signal.SIGALRM:
         raise FailedCheckError(
-            f'the middleware did not respond within {LIMIT_S} s: inspect /dev/shm'
+            f'the middleware did not respond within {LIMIT_S} s: try another {DOMAIN}'
         )
     if process.returncode:
         raise FailedCheckError(' '.join(output.split()) or f'ended with {process.returncode}')

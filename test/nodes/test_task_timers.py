@@ -78,7 +78,7 @@ def test_the_timers_of_other_tasks_replace_those_before():
     node = SimpleNamespace(
         create_timer=create_timer, destroy_timer=lambda timer: timer.calls.append('destroyed')
     )
-    timers = TaskTimers(node, 'clock', fired.append, ticking=TASK_TS1, is_polled=False)
+    timers = TaskTimers(node, 'clock', fired.append, ticking=TASK_TS1)
     timers.set([(TASK_TS1, 1, 4), (TS2, 2, 20), ('background', 3, 0)])
     first, second = made[4, 'clock', True], made[20, 'clock', False]
     assert len(made) == 2
@@ -104,7 +104,7 @@ def test_timers_without_an_executor_are_polled(context):
     clock = ROSClock()
     node = SimpleNamespace(default_callback_group=None, context=context)
     fired = []
-    timers = TaskTimers(node, clock, fired.append, ticking='', is_polled=True)
+    timers = TaskTimers(node, clock, fired.append, ticking='')
     timers.set([(TASK_TS1, 1, 4), (TS2, 2, 20)])
     clock._set_ros_time_is_active(True)
     for tick in range(1, 12):
