@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import os
 import signal
+import sys
 import threading
 from types import FrameType
 from typing import Any
 
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+_AGAIN_S = 0.01
 
 
 class StopRequest:
@@ -64,14 +68,41 @@ class ProgramEnd(StopRequest):
     """Context of a whole program, which the first signal leaves with an exception.
 
     It is KeyboardInterrupt for SIGINT, otherwise SystemExit with 128 plus the number. Afterwards,
-    and while the interpreter ends, signals have no effect: the program is already ending.
+    and while the interpreter ends, signals have no effect: the program is already ending. Python
+    ignores the exception in a finalizer or the callback of a weak reference: the signal is then
+    sent once more.
     """
+
+    def __enter__(self) -> ProgramEnd:
+        self._unraisable = sys.unraisablehook
+        sys.unraisablehook = self._on_unraisable
+        super().__enter__()
+        return self
 
     def __exit__(self, *error: object) -> None:
         for number in self._before:
             signal.signal(number, signal.SIG_IGN)
+        sys.unraisablehook = self._unraisable
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
         if not self.signal:
             self.signal = number
-            raise KeyboardInterrupt if number == signal.SIGINT else SystemExit(128 + number)
+            raise _Interrupt if number == signal.SIGINT else _End(128 + number)
+
+    def _on_unraisable(self, unraisable: sys.UnraisableHookArgs) -> None:
+        if not isinstance(unraisable.exc_value, _Interrupt | _End):
+            self._unraisable(unraisable)
+            return
+        number, self.signal = self.signal, 0
+        # A thread, since here the exception would be ignored again.
+        again = threading.Timer(_AGAIN_S, os.kill, (os.getpid(), number))
+        again.daemon = True
+        again.start()
+
+
+class _Interrupt(KeyboardInterrupt):
+    """The end of a program by SIGINT."""
+
+
+class _End(SystemExit):
+    """The end of a program by another signal."""

@@ -1,9 +1,11 @@
 """Signals that are noted instead of interrupting."""
 
 import signal
+import subprocess
+import sys
 
 import pytest
-from graph import kept_handlers
+from graph import LAST_RESORT_S, kept_handlers
 
 from ballbot_ros.stop_request import STOP_SIGNALS, DeferredSignals, ProgramEnd, StopRequest
 
@@ -74,6 +76,32 @@ def test_the_first_signal_ends_a_program_and_later_ones_do_not_disturb_its_end(n
         assert events == ['imported', 'cleaned up']
         for each in STOP_SIGNALS:
             signal.raise_signal(each)  # while the interpreter ends
+
+
+@pytest.mark.parametrize(('number', 'status'), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_in_the_callback_of_a_weak_reference_ends_a_program(number, status):
+    script = f"""
+import signal, sys, time, weakref
+from ballbot_ros.stop_request import ProgramEnd
+
+class Item:
+    pass
+
+with ProgramEnd():
+    try:
+        item = Item()
+        callback = weakref.ref(item, lambda _: signal.raise_signal({int(number)}))
+        del item
+        while True:
+            time.sleep(0.01)
+    except KeyboardInterrupt:
+        sys.exit(130)
+"""
+    done = subprocess.run(
+        [sys.executable, '-c', script], capture_output=True, text=True, timeout=LAST_RESORT_S,
+        check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stderr) == (status, '')
 
 
 def test_a_deferred_signal_has_its_usual_effect_afterwards():

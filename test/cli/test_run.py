@@ -303,7 +303,9 @@ def test_a_run_ends_in_spite_of_a_stopped_fork_server(start_run, tmp_path, momen
     else:
         assert status in (1, 2)
         assert f'fork_server (process {server}) is stopped' in run.stdout + run.stderr
-    assert not any(map(alive, [server, *nodes.values()]))
+    # They have been killed, but a process needs the processor to end.
+    left = [server, *nodes.values()]
+    wait_for(lambda: not any(map(alive, left)), what='the end of all processes')
 
 
 @pytest.mark.graph
