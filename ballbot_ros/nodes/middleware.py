@@ -11,6 +11,7 @@ from pathlib import Path
 
 from ballbot_ros.errors import BallbotError, one_line
 from ballbot_ros.files import make_folder
+from ballbot_ros.nodes.participant_ports import living_participants
 from ballbot_ros.nodes.processes import END_WITH_PARENT
 from ballbot_ros.share import share_directory
 
@@ -23,6 +24,9 @@ LOCALHOST_ONLY = 'ROS_LOCALHOST_ONLY'
 """Environment variable: the older way to set the range LOCALHOST, which rcl still prefers."""
 
 LOOPBACK = '127.0.0.1'
+MAX_PARTICIPANTS = 32
+"""Participants of a domain that find each other on one machine, see ``fastdds_local.xml``."""
+
 STATIC_PEERS = 'ROS_STATIC_PEERS'
 """Environment variable: hosts whose nodes are discovered in any range."""
 
@@ -82,8 +86,8 @@ def prepare_middleware() -> None:
     """Check the surroundings and choose the middleware's profiles.
 
     A node started by a command leaves the checks to the command. It raises BallbotError for an
-    invalid ROS domain, an unknown peer, a log folder that is not writable, or a loopback interface
-    that is needed and down.
+    invalid ROS domain, an unknown peer, a log folder that is not writable, a loopback interface
+    that is needed and down, or a domain that is full.
     """
     ros_domain()
     if END_WITH_PARENT not in os.environ:
@@ -92,6 +96,21 @@ def prepare_middleware() -> None:
         if is_local():
             require_loopback()
     use_profiles()
+    if END_WITH_PARENT not in os.environ:
+        require_places(1)
+
+
+def require_places(count: int) -> None:
+    """Raise BallbotError if `count` more participants would not all find each other."""
+    if os.environ.get(PROFILES) != _profiles(LOCAL):
+        return
+    domain = ros_domain()
+    present = sum(number < MAX_PARTICIPANTS for number in living_participants(domain))
+    if present + count > MAX_PARTICIPANTS:
+        raise BallbotError(
+            f'ROS domain {domain} has {present} participants on this machine, and only '
+            f'{MAX_PARTICIPANTS} find each other: end some of them, or set another {DOMAIN}'
+        )
 
 
 def use_profiles() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -13,6 +13,7 @@ from ballbot_ros.nodes.heartbeat import HEARTBEAT_FD_ENV
 from ballbot_ros.nodes.middleware import (
     prepare_middleware,
     require_discovery,
+    require_places,
     ros_domain,
     stay_local,
 )
@@ -87,7 +88,7 @@ def run_in_separate_processes(
 
 def run_nodes(
     client: ForkClient,
-    names: Iterable[str],
+    names: Collection[str],
     parameters: ParameterSet,
     scratch: Path,
     observer: RunObserver,
@@ -96,11 +97,12 @@ def run_nodes(
     """Run nodes as processes; return them after their end, and the failure that was watched.
 
     It raises BallbotError if another plant, whose samples the nodes would answer, owns the ROS
-    domain, or if nodes can't discover each other.
+    domain, or if not all nodes can discover each other.
     """
     parameter_file = scratch / 'parameters.yaml'
     write_parameter_file(parameter_file, parameters, ALL_NODES)
     require_discovery()
+    require_places(len({PLANT, *names}))
     processes: dict[str, NodeProcess] = {}
     client.await_ready(should_stop)
     if client.ros_error:

@@ -20,6 +20,7 @@ from graph import (
     LAST_RESORT_S,
     children,
     environment,
+    occupied,
     private_shared_memory,
     wait_for,
 )
@@ -220,6 +221,24 @@ def test_a_missing_loopback_interface_is_reported(domain):
     if done.stderr.startswith('unshare: '):
         pytest.skip('no network namespace can be made here')
     assert done.stderr.startswith('error: 127.0.0.1: Network is unreachable: bring the loopback ')
+    assert done.returncode == 2
+
+
+@pytest.mark.graph
+@pytest.mark.parametrize(('processes', 'present'), [('separate', 27), ('one', 32)])
+def test_a_domain_without_room_for_all_nodes_is_reported(domain, processes, present):
+    first = 7400 + 250 * domain + 10
+    command = [*BALLBOT, 'run', 'stationary', '--no-record', '--processes', processes]
+    with contextlib.ExitStack() as ports:
+        for port in range(first, first + 2 * present):
+            ports.enter_context(occupied(port))
+        done = subprocess.run(
+            command, capture_output=True, text=True, env=environment(domain), check=False
+        )
+    assert done.stderr.splitlines()[-1] == (
+        f'error: ROS domain {domain} has {present} participants on this machine, and only 32 find '
+        'each other: end some of them, or set another ROS_DOMAIN_ID'
+    )
     assert done.returncode == 2
 
 
