@@ -27,8 +27,12 @@ from ballbot_ros.nodes.processes import (
 IMPORT_S = 30.0
 """Time that the fork server has to import the nodes [s]; waits for a processor do not count."""
 
-ANSWER_S = 1.5
-"""The same for the answer to a request, and the time for which it may be stopped."""
+ANSWER_S = 10.0
+"""The same for the answer to a request: the system holds up a fork while other processes move
+between control groups, and these may wait for a processor."""
+
+STOPPED_S = 1.5
+"""Time for which it may be stopped, and which it has to end [s]."""
 
 _POLL_S = 0.05
 
@@ -83,7 +87,7 @@ class ForkClient:
 
     def _await_server(self) -> None:
         with suppress(subprocess.TimeoutExpired):
-            self._server.wait(ANSWER_S)
+            self._server.wait(STOPPED_S)
 
     def failure(self) -> str:
         """Return why the fork server can't serve any more; '' while it can."""
@@ -95,7 +99,7 @@ class ForkClient:
             self._stopped_at_s = None
         elif self._stopped_at_s is None:
             self._stopped_at_s = now_s
-        elif now_s - self._stopped_at_s > ANSWER_S:
+        elif now_s - self._stopped_at_s > STOPPED_S:
             return f'{self._name} is stopped'
         return ''
 
@@ -109,7 +113,13 @@ class ForkClient:
         """
         self._await(lambda: self._is_ready or should_stop(), IMPORT_S)
 
-    def start(self, request: NodeRequest, output: int, inherited: Sequence[int] = ()) -> int:
+    def start(
+        self,
+        request: NodeRequest,
+        output: int,
+        inherited: Sequence[int] = (),
+        should_stop: Callable[[], bool] = lambda: False,
+    ) -> int:
         """Start a node, and return its process.
 
         Parameters
@@ -119,14 +129,16 @@ class ForkClient:
             Descriptor of its standard output and standard error.
         inherited : sequence of int
             Descriptors for the variables that ``request.inherited`` names.
+        should_stop : callable
+            Returns whether nobody waits for the node any more.
 
         Raises
         ------
         BallbotError
-            If the fork server has ended, is stopped, or does not answer.
+            If the fork server has ended, is stopped, or does not answer, or the run should stop.
         """
         try:
-            self.await_ready()
+            self.await_ready(should_stop)
             self._started = 0
             with os.fdopen(os.memfd_create(request.name), 'w+', encoding='utf-8') as text:
                 json.dump(request, text)
@@ -134,7 +146,9 @@ class ForkClient:
                 files = [text.fileno(), output, *inherited]
                 with suppress(OSError):  # it has ended, which the wait for its answer finds out
                     socket.send_fds(self._control, [b' '], files)
-            self._await(lambda: self._started > 0, ANSWER_S)
+            self._await(lambda: self._started > 0 or should_stop(), ANSWER_S)
+            if not self._started:
+                raise BallbotError('the run is stopped')
         except BallbotError as error:
             raise BallbotError(f'{request.name} cannot be started: {error}') from None
         return self._started

@@ -50,6 +50,8 @@ class NodeProcess:
         Descriptors that it inherits, by the environment variables that tell them.
     variables : mapping of str to str
         Further environment variables.
+    should_stop : callable
+        Returns whether nobody waits for the node any more.
     """
 
     def __init__(
@@ -60,6 +62,7 @@ class NodeProcess:
         notice: Callable[[str], None],
         inherited: Mapping[str, int] = MappingProxyType({}),
         variables: Mapping[str, str] = MappingProxyType({}),
+        should_stop: Callable[[], bool] = lambda: False,
     ) -> None:
         self.name = name
         self._client = client
@@ -79,6 +82,7 @@ class NodeProcess:
                 NodeRequest(name, arguments, environment, tuple(inherited)),
                 theirs,
                 tuple(inherited.values()),
+                should_stop,
             )
         except BallbotError:
             os.close(output)

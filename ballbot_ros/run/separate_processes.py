@@ -6,8 +6,10 @@ import time
 from collections.abc import Callable, Collection, Mapping
 from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
+from ballbot_ros.errors import BallbotError
 from ballbot_ros.nodes.domain_lock import LOCK_FD_ENV, DomainLock
 from ballbot_ros.nodes.heartbeat import HEARTBEAT_FD_ENV
 from ballbot_ros.nodes.middleware import (
@@ -111,18 +113,30 @@ def run_nodes(
         return {}, ''
     with PlantMonitor() as monitor, ExitStack() as stack:
         stack.callback(lambda: stop_all(processes.values(), last=RECORDER))
-        with DomainLock(ros_domain()) as lock:
-            for name in names:
-                if name != PLANT:
-                    processes[name] = NodeProcess(client, name, parameter_file, observer.notice)
-            # Last, because it must know the others: it waits until all of them have joined.
-            participants = {name: each.pid for name, each in processes.items() if name in NODES}
-            plant = NodeProcess(
-                client, PLANT, parameter_file, observer.notice,
-                {LOCK_FD_ENV: lock.file, HEARTBEAT_FD_ENV: monitor.pipe.theirs},
-                started_nodes_variable(participants),
-            )  # fmt: skip
-            processes = {PLANT: plant, **processes}
+        start = partial(
+            NodeProcess,
+            client,
+            parameter_file=parameter_file,
+            notice=observer.notice,
+            should_stop=should_stop,
+        )
+        try:
+            with DomainLock(ros_domain()) as lock:
+                for name in names:
+                    if name != PLANT:
+                        processes[name] = start(name)
+                # Last, because it must know the others: it waits until all of them have joined.
+                participants = {name: each.pid for name, each in processes.items() if name in NODES}
+                plant = start(
+                    PLANT,
+                    inherited={LOCK_FD_ENV: lock.file, HEARTBEAT_FD_ENV: monitor.pipe.theirs},
+                    variables=started_nodes_variable(participants),
+                )
+                processes = {PLANT: plant, **processes}
+        except BallbotError:
+            if should_stop():
+                return processes, ''
+            raise
         return processes, watch(client, processes, monitor, observer, should_stop)
 
 

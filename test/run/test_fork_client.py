@@ -245,7 +245,9 @@ def test_the_fork_server_has_imported_the_nodes_but_not_initialised_ros():
     assert done.stdout == 'False True\n'
 
 
-def test_a_process_number_may_be_used_again(monkeypatch):
+@pytest.fixture
+def served(monkeypatch):
+    """Yield a client, the socket of its fork server, and the events of that process."""
     servers, events = [], []
 
     def start_server(command, *, pass_fds, **options):
@@ -261,13 +263,41 @@ def test_a_process_number_may_be_used_again(monkeypatch):
     with ForkClient() as client, servers[0] as server:
         server.send(b'[""]')
         client.await_ready()
-        for status in (3, 0):
-            server.send(b'[1234]')
-            assert client.start(NodeRequest('gyro_driver', [], {}), 2) == 1234
-            assert client.status_of(1234) is None
-            server.send(f'[1234, {status}]'.encode())
-            assert client.status_of(1234) == status
+        yield client, server
     assert events == ['killed', 'awaited']
+
+
+def test_a_process_number_may_be_used_again(served):
+    client, server = served
+    for status in (3, 0):
+        server.send(b'[1234]')
+        assert client.start(NodeRequest('gyro_driver', [], {}), 2) == 1234
+        assert client.status_of(1234) is None
+        server.send(f'[1234, {status}]'.encode())
+        assert client.status_of(1234) == status
+
+
+@pytest.mark.parametrize('silent_s', [5.0, 11.0])
+def test_a_fork_may_take_some_seconds(served, monkeypatch, silent_s):
+    """The system holds it up while other processes move between control groups."""
+    client, server = served
+
+    def measure_s(silence):
+        server.send(b'[1234]')
+        return silent_s
+
+    monkeypatch.setattr(fork_client.ProcessSilence, 'measure_s', measure_s)
+    if silent_s < 10.0:
+        assert client.start(NodeRequest('gyro_driver', [], {}), 2) == 1234
+    else:
+        with pytest.raises(BallbotError, match=r'fork_server \(process \d+\) does not answer$'):
+            client.start(NodeRequest('gyro_driver', [], {}), 2)
+
+
+def test_nobody_waits_for_a_fork_when_the_run_should_stop(served):
+    client, _ = served
+    with pytest.raises(BallbotError, match=r'^gyro_driver cannot be started: the run is stopped$'):
+        client.start(NodeRequest('gyro_driver', [], {}), 2, should_stop=lambda: True)
 
 
 ORPHAN = """

@@ -165,7 +165,7 @@ def test_only_the_plant_keeps_the_lock_of_the_domain(monkeypatch, tmp_path):
     client = SimpleNamespace(
         ros_error='',
         await_ready=lambda should_stop: None,
-        start=lambda request, output, inherited: (
+        start=lambda request, output, inherited, should_stop: (
             events.append((request.name, inherited)) or len(events)
         ),
         status_of=lambda process: 0,
@@ -173,6 +173,24 @@ def test_only_the_plant_keeps_the_lock_of_the_domain(monkeypatch, tmp_path):
     observer = SimpleNamespace(notice=None)
     run_nodes(client, [GYRO, PLANT, RECORDER], ParameterSet(), tmp_path, observer, lambda: False)
     assert events == [(GYRO, ()), (RECORDER, ()), (PLANT, (7, 8)), 'release', 'watch']
+
+
+def test_a_signal_ends_the_wait_for_a_fork(monkeypatch, tmp_path):
+    def start(request, output, inherited, should_stop):
+        stops.append(True)
+        assert should_stop()
+        raise BallbotError('the run is stopped')
+
+    stops = []
+    monitor = SimpleNamespace(pipe=SimpleNamespace(theirs=8))
+    lock = bare(DomainLock, file=7, release=lambda: None)
+    monkeypatch.setattr(separate_processes, 'DomainLock', lambda domain: lock)
+    monkeypatch.setattr(separate_processes, 'PlantMonitor', lambda: nullcontext(monitor))
+    client = SimpleNamespace(ros_error='', await_ready=lambda should_stop: None, start=start)
+    observer = SimpleNamespace(notice=None)
+    nodes = [GYRO, PLANT, RECORDER]
+    ended = run_nodes(client, nodes, ParameterSet(), tmp_path, observer, lambda: bool(stops))
+    assert ended == ({}, '')
 
 
 def test_a_node_that_dies_gives_no_reason():
@@ -197,7 +215,7 @@ def test_how_a_node_has_ended_is_described():
 
 
 def test_a_node_that_can_not_be_started_leaves_no_pipe(tmp_path):
-    def fail(request, output, inherited):
+    def fail(request, output, inherited, should_stop):
         raise BallbotError('the process that forks it has ended')
 
     before = set(Path('/proc/self/fd').iterdir())
@@ -239,7 +257,7 @@ def test_the_recorder_is_stopped_when_the_others_have_ended():
 class Client:
     """A fork server's client whose only node is a pipe."""
 
-    def start(self, request, output, inherited):
+    def start(self, request, output, inherited, should_stop):
         self.output = os.fdopen(os.dup(output), 'w')
         return 1
 
