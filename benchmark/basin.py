@@ -94,8 +94,8 @@ def recovers(
     assert isinstance(program, ControlProgram)
     for _ in loop.ticks(hold_s):
         pass
-    state = loop.plant.save_state()
-    loop.plant.restore_state(state._replace(planes=((0.0, pitch, 0.0, rate), state.planes[1])))
+    loop.plant.state = loop.plant.state._replace(x=(0.0, pitch, 0.0, rate))
     if estimate is Estimate.TRUE:
-        program.x.sum_psi_dot = Single(pitch_deg / TICK_S)
+        x = program.x._replace(sum_psi_dot=Single(pitch_deg / TICK_S))
+        program.state = program.state._replace(x=x[:6])
     return not any(loop.plant.fallen for _ in loop.ticks(RECOVERY_S))

@@ -17,10 +17,10 @@ from ballbot_ros.brick.battery_monitor import battery_mv
 from ballbot_ros.controllers.document import axis
 from ballbot_ros.controllers.document.constants import ProgramConstants, Single
 from ballbot_ros.controllers.document.program import max_motor_voltage
+from ballbot_ros.engine.devices import ENCODER_DEVICE, GYRO_DEVICE, AnyDevice, longest_delay
+from ballbot_ros.engine.plant import Plant
 from ballbot_ros.parameters import ControllerParameters, ParameterSet, PlantParameters
 from ballbot_ros.plant.ground_truth import Push
-from ballbot_ros.plant.plant import Plant
-from ballbot_ros.simulation.devices import ENCODER_DEVICE, GYRO_DEVICE, AnyDevice
 from ballbot_ros.timing import FIRST_TICK_NS
 
 Floats = NDArray[np.float64]
@@ -76,8 +76,7 @@ def run_unquantised(
     for push in pushes:
         plant.push(push)
     devices: tuple[AnyDevice, ...] = (GYRO_DEVICE, ENCODER_DEVICE)
-    dead_times = [device.dead_time(parameters.of(device.parameters)) for device in devices]
-    plant.keep_steps(max(each.longest for each in dead_times))
+    plant.keep_steps(max(longest_delay(parameters.of(each.parameters)) for each in devices))
     measures = [device.sampled(parameters.of(device.parameters)) for device in devices]
     gains, *others = axis.constants_of(ProgramConstants.of(parameters.of(ControllerParameters)))
     constants = cast(axis.Constants, (tuple(map(number, gains)), *map(number, others)))

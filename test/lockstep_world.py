@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
+from ballbot_ros.engine.plant import Plant
 from ballbot_ros.messages.run_topics import RUN_TOPICS
 from ballbot_ros.parameters import (
     ALL_NODES,
@@ -21,7 +22,6 @@ from ballbot_ros.parameters import (
     RECORDER,
     PlantParameters,
 )
-from ballbot_ros.plant.plant import Plant
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.simulation import run_actions as do
 from ballbot_ros.simulation.lockstep_master import LockstepMaster

@@ -20,6 +20,7 @@ from types import MappingProxyType
 
 from robot_world import Brick
 
+from ballbot_ros.engine.plant import Plant
 from ballbot_ros.messages.controller_messages import ControllerMessages
 from ballbot_ros.messages.conversions import decode_duty, encode_sticks
 from ballbot_ros.messages.devices import DEVICE_MESSAGES
@@ -53,7 +54,6 @@ from ballbot_ros.parameters import (
     ControllerParameters,
     PlantParameters,
 )
-from ballbot_ros.plant.plant import Plant
 from ballbot_ros.simulation import run_actions as do
 from ballbot_ros.simulation.arrival_order import ArrivalOrder
 from ballbot_ros.simulation.lockstep import Run

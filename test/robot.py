@@ -5,9 +5,9 @@ import math
 import numpy as np
 
 from ballbot_ros.brick.brick import DeviceInputs
+from ballbot_ros.engine.plant import Plant
 from ballbot_ros.parameters import PLANT, Dimensions, ParameterSet, ViewerParameters
 from ballbot_ros.plant.model import PhysicalParameters, mass_matrix
-from ballbot_ros.plant.plant import Plant
 from ballbot_ros.scenario.signal import Segment, StickSignal
 from ballbot_ros.simulation.closed_loop import ClosedLoop
 

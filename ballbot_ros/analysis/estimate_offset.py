@@ -24,7 +24,8 @@ from numpy.typing import NDArray
 
 from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.analysis.run_metrics import pitch_error, position_error
-from ballbot_ros.brick.gyro import Gyro
+from ballbot_ros.brick.gyro import gyro_offset
+from ballbot_ros.engine.devices import gyro_constants
 from ballbot_ros.messages.topics import CONTROLLER_STATE, GYRO_IMU, PLANT_IMU, PLANT_ODOM
 from ballbot_ros.parameters import GYRO, ControllerParameters, GyroParameters
 from ballbot_ros.timing import TICK_NS, TICK_S
@@ -239,9 +240,11 @@ def _ticks(run: RunData, rows: slice) -> EstimatedTicks:
     truth = run.series[PLANT_IMU]
     stamps, true = truth.stamps[rows], np.degrees(truth.values[rows])
     estimate = run.series[CONTROLLER_STATE].at(stamps)[:, [1, 3]]
-    gyro = Gyro(run.attached.parameters.of(GyroParameters))
+    gyro = gyro_constants(run.attached.parameters.of(GyroParameters))
     known = np.append(stamps[:-1:_DRIFT_TICKS], stamps[-1])
-    offsets = np.transpose([gyro.offsets(stamp) for stamp in known.tolist()])
+    offsets = [
+        [gyro_offset(plane, stamp) for stamp in known.tolist()] for plane in (gyro.x, gyro.y)
+    ]
     return EstimatedTicks(
         np.degrees(estimate, dtype=np.float64),
         true[:, :2],

@@ -37,6 +37,47 @@ class DeviceInputs(NamedTuple):
     sticks: tuple[int, int] | None = None
 
 
+NO_SAMPLE = -(2**31)
+"""Stands for the sample of a device that has no new one at a tick."""
+
+
+class Inputs(NamedTuple):
+    """The samples of a tick as in :class:`DeviceInputs`, with :data:`NO_SAMPLE` instead of None."""
+
+    gyro_x: int
+    gyro_y: int
+    revolution_x: int
+    revolution_y: int
+    sonar_cm: int
+    battery_mv: int
+    vertical: int
+    horizontal: int
+
+
+def as_numbers(inputs: DeviceInputs) -> Inputs:
+    """Return the samples of a tick as numbers."""
+    (gyro_x, gyro_y), (revolution_x, revolution_y), sonar_cm, battery_mv, sticks = inputs
+    vertical, horizontal = sticks or (NO_SAMPLE, NO_SAMPLE)
+    return Inputs(
+        gyro_x, gyro_y, revolution_x, revolution_y,
+        NO_SAMPLE if sonar_cm is None else sonar_cm,
+        NO_SAMPLE if battery_mv is None else battery_mv,
+        vertical, horizontal,
+    )  # fmt: skip
+
+
+def from_numbers(inputs: Inputs) -> DeviceInputs:
+    """Return the samples of a tick that numbers stand for."""
+    gyro_x, gyro_y, revolution_x, revolution_y, sonar_cm, battery_mv, vertical, horizontal = inputs
+    return DeviceInputs(
+        (gyro_x, gyro_y),
+        (revolution_x, revolution_y),
+        None if sonar_cm == NO_SAMPLE else sonar_cm,
+        None if battery_mv == NO_SAMPLE else battery_mv,
+        None if vertical == NO_SAMPLE else (vertical, horizontal),
+    )
+
+
 class Tone(NamedTuple):
     """A tone: frequency [Hz], duration [ms], volume [%]."""
 
@@ -87,7 +128,6 @@ class Brick:
         self.battery_mv = 0
         self.systick_ms = 0
         self.duty = (0, 0)
-        self._waiting: tuple[int, int] | None = None
         self._connected = False
         self._outputs = DeviceOutputs()
 
@@ -103,17 +143,11 @@ class Brick:
         if inputs.battery_mv is not None:
             self.battery_mv = inputs.battery_mv
         if inputs.sticks is not None:
-            self._waiting = inputs.sticks
             self._connected = True
         outputs = self._outputs = DeviceOutputs()
         run_tasks()
         outputs.duty = self.duty
         return outputs
-
-    def read_sticks(self, latest: tuple[int, int]) -> tuple[int, int]:
-        """Return the waiting Bluetooth packet's sticks, or `latest` if none waits."""
-        waiting, self._waiting = self._waiting, None
-        return latest if waiting is None else waiting
 
     def read_sonar(self) -> int:
         """Return the distance [cm] at the previous request, and request the next one.

@@ -6,14 +6,12 @@ A device that restarts in mid-run, or samples twice at one time, has the same no
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from ballbot_ros.numerics.random_numbers import bits_53, philox4x32
 
-_BLOCK = 256
 _WORD = 0xFFFFFFFF
 _ZERO = np.uint64(0)
 
@@ -45,33 +43,3 @@ def noise_key(seed: int) -> Key:
 def device_number(device: str) -> np.uint64:
     """Return the part of the generator's counter that distinguishes the devices."""
     return np.uint64(zlib.crc32(device.encode()))
-
-
-class DeviceNoise:
-    """Two random numbers for each sample, generated in blocks.
-
-    The key of the generator is the seed, 0 ... 2^64 - 1; its counter is the sample number and the
-    device. `draw` converts 53 random bits to a number: ``uniform`` or ``normal``.
-    """
-
-    def __init__(self, seed: int, device: str, draw: Callable[[int], float]) -> None:
-        self._key = noise_key(seed)
-        self._device = device_number(device)
-        self._draw = draw
-        self._block = -1
-        self._pairs: list[tuple[float, float]] = []
-
-    def pair(self, index: int) -> tuple[float, float]:
-        """Return the numbers of sample `index`, a non-negative integer."""
-        block, offset = divmod(index, _BLOCK)
-        if block != self._block:
-            self._pairs = self._make(block * _BLOCK)
-            self._block = block
-        return self._pairs[offset]
-
-    def _make(self, first: int) -> list[tuple[float, float]]:
-        low = np.arange(first & _WORD, (first & _WORD) + _BLOCK, dtype=np.uint64)
-        high = np.uint64(first >> 32)
-        one, other = noise_bits(low, high, self._device, self._key)
-        draw = self._draw
-        return [(draw(a), draw(b)) for a, b in zip(one.tolist(), other.tolist(), strict=True)]

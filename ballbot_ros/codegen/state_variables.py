@@ -102,9 +102,10 @@ def state_bytes(program: ControlProgram) -> bytes:
 
 
 def _value(program: ControlProgram, name: str) -> object:
+    state = program.state
     if name == 'bluetooth_rx':
-        return GamepadPacket(*program.sticks).encode()
-    return getattr(program, name)
+        return GamepadPacket(state.vertical, state.horizontal).encode()
+    return getattr(state, name)
 
 
 def members(state: bytes) -> bytes:

@@ -6,7 +6,15 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from ballbot_ros.controllers.controller import Readings
-from ballbot_ros.controllers.document.axis import THOUSAND, TS1_PERIOD, Axis
+from ballbot_ros.controllers.document.axis import (
+    AT_REST,
+    THOUSAND,
+    TS1_PERIOD,
+    Axis,
+    Constants,
+    constants_of,
+    control,
+)
 from ballbot_ros.controllers.document.constants import ProgramConstants, Single
 from ballbot_ros.controllers.driving import DrivingController, PlaneController, PlaneInputs
 from ballbot_ros.controllers.interface import Estimates
@@ -51,31 +59,34 @@ class DriftFreeAxis:
     def __init__(
         self, settings: ControllerParameters, drift_time: float, model: PhysicalParameters
     ) -> None:
-        self._axis = Axis(_constants(settings))
+        self._constants, self._state = _constants(settings), AT_REST
         self._observer = LeanObserver(drift_time, model)
         self.estimates = Estimates(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
     def retune(self, _: DriftFilterParameters, settings: ControllerParameters) -> None:
         """Use other gains of the document."""
-        self._axis.retune(_constants(settings))
+        self._constants = _constants(settings)
 
     def duty(self, readings: Readings, inputs: PlaneInputs) -> int:
         """Return the duty [%]."""
-        axis, observer = self._axis, self._observer
-        axis.gyro_offset = Single(inputs.gyro - inputs.rate + observer.offset_error)
-        duty = axis.control(
-            inputs.gyro, inputs.revolution, inputs.stick, Single(readings.max_voltage)
-        )
+        observer = self._observer
+        offset = Single(inputs.gyro - inputs.rate + observer.offset_error)
+        state, estimates, duty = control(
+            self._constants, (offset, *self._state[1:]), Single(inputs.gyro),
+            Single(inputs.revolution), Single(inputs.stick), Single(readings.max_voltage),
+        )  # fmt: skip
+        axis = Axis(*state, *estimates)
         pitch_error = observer.update(float(axis.psi), float(axis.theta_dot), float(axis.psi_dot))
-        axis.sum_psi_dot -= Single(pitch_error) * THOUSAND / TS1_PERIOD
+        sum_psi_dot = axis.sum_psi_dot - Single(pitch_error) * THOUSAND / TS1_PERIOD
+        self._state = (*state[:3], sum_psi_dot, *state[4:])
         for name in vars(self.estimates):
             setattr(self.estimates, name, float(getattr(axis, name)))
-        return duty
+        return int(duty)
 
 
-def _constants(settings: ControllerParameters) -> ProgramConstants:
-    """Return constants with which an Axis keeps the gyro offset that it is given."""
-    return ProgramConstants.of(replace(settings, a_gd=1.0))
+def _constants(settings: ControllerParameters) -> Constants:
+    """Return constants with which the law keeps the gyro offset that it is given."""
+    return constants_of(ProgramConstants.of(replace(settings, a_gd=1.0)))
 
 
 class LeanObserver:

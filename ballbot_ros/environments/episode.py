@@ -88,5 +88,5 @@ class Episode:
     def _sample(self) -> None:
         self.truth = truth = self._plant.truth()
         elapsed_ms = (truth.stamp_ns - self._robot.start_ns) // MILLISECOND_NS
-        inputs = self._robot.sample(truth)
+        inputs = self._robot.sample()
         self.observer.update(next_readings(self.observer.readings, elapsed_ms, inputs))

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from ballbot_ros.controllers.policy import ObserverState
+from ballbot_ros.engine.plant import SavedPlant
 from ballbot_ros.environments.commands import Commands
 from ballbot_ros.plant.ground_truth import Pair
-from ballbot_ros.plant.plant import PlantState
 
 
 class Start(NamedTuple):
@@ -34,7 +34,7 @@ class EpisodeState(NamedTuple):
     """Everything in an episode that changes with time."""
 
     start: Start
-    plant: PlantState
+    plant: SavedPlant
     observer: ObserverState
 
 

@@ -14,7 +14,7 @@ from ballbot_ros.identification.arrays import Floats, for_arrays
 from ballbot_ros.identification.experiment import Channel, Experiment, Quantity
 from ballbot_ros.identification.segments import Segments, segment_length
 from ballbot_ros.parameters import PlantParameters
-from ballbot_ros.plant import actuator, integration, plant
+from ballbot_ros.plant import actuator, integration, laws
 from ballbot_ros.plant.actuator import effective_duty
 from ballbot_ros.plant.integration import discrete_matrices, equations_of
 from ballbot_ros.plant.model import PhysicalParameters
@@ -27,7 +27,7 @@ _advance_linear = for_arrays(integration.advance_linear)
 _advance_nonlinear = for_arrays(integration.advance_nonlinear)
 _max_voltage = for_arrays(actuator.max_voltage)
 _motor_current = for_arrays(actuator.motor_current)
-_shaft_angle = for_arrays(plant.shaft_angle)
+_shaft_angle = for_arrays(laws.shaft_angle)
 
 _STATES = 4
 _SLOPE_S = 0.08

@@ -20,6 +20,16 @@ from ballbot_ros.brick.units import (
     radians_to_degrees,
     sonar_cm_to_metres,
 )
+from ballbot_ros.engine.devices import (
+    ENCODER_DEVICE,
+    GYRO_DEVICE,
+    SONAR_DEVICE,
+    Device,
+    Measured,
+    P,
+    Reading,
+    longest_delay,
+)
 from ballbot_ros.messages.conversions import (
     MOTOR_NAMES,
     NOT_PROVIDED,
@@ -38,15 +48,6 @@ from ballbot_ros.messages.topics import (
     PLANT_STEPS,
     SONAR_RANGE,
     Topic,
-)
-from ballbot_ros.simulation.devices import (
-    ENCODER_DEVICE,
-    GYRO_DEVICE,
-    SONAR_DEVICE,
-    Device,
-    Measured,
-    P,
-    Reading,
 )
 
 ULTRASOUND = 0
@@ -88,13 +89,11 @@ class DeviceMessages(Generic[P, Measured, Reading]):
 
     def source(self, parameters: P) -> Source:
         """Return what a driver with these parameters answers."""
-        dead_time = self.device.dead_time(parameters)
-        if not dead_time.longest:
+        if not longest_delay(parameters):
             return Source(self.truth, lambda data, stamp_ns: self.measured(data))
-        measured = self.device.measured
+        measured, age_of = self.device.measured, self.device.age_of(parameters)
         return Source(
-            PLANT_STEPS,
-            lambda data, stamp_ns: measured(decode_step(data, dead_time.age(stamp_ns))),
+            PLANT_STEPS, lambda data, stamp_ns: measured(decode_step(data, age_of(stamp_ns)))
         )
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import rclpy
 
+from ballbot_ros.engine.plant import Plant
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.messages.run_summary import summary_json, summary_words
 from ballbot_ros.messages.run_topics import RUN_TOPICS
@@ -34,7 +35,6 @@ from ballbot_ros.nodes.plant_actions import PlantActions
 from ballbot_ros.nodes.plant_events import PlantEvents
 from ballbot_ros.nodes.processes import LocalProcessObserver
 from ballbot_ros.parameters import PlantParameters
-from ballbot_ros.plant.plant import Plant
 from ballbot_ros.scenario.library import scenario_of
 from ballbot_ros.simulation.free_running_master import FreeRunningMaster
 from ballbot_ros.simulation.lockstep_master import LockstepMaster

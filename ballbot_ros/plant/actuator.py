@@ -2,36 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from ballbot_ros.parameters import Subset
-
-
-@dataclass(frozen=True)
-class Actuator(Subset):
-    """Dead zone of the driveline friction and the voltage law (6.1).
-
-    `dead_zone` is the duty [%] lost to friction on either side of zero. At full duty the voltage is
-    ``v_max = slope * battery [mV] + offset`` [V].
-    """
-
-    dead_zone: float
-    voltage_slope: float
-    voltage_offset: float
-
-    def voltage(self, duty: int, battery_v: float) -> float:
-        """Return the motor voltage [V] of an integer `duty` within -100 ... 100 %."""
-        return motor_voltage(
-            duty, battery_v, self.dead_zone, self.voltage_slope, self.voltage_offset
-        )
-
 
 def motor_voltage(
     duty: int, battery_v: float, dead_zone: float, slope: float, offset: float
 ) -> float:
     """Return the motor voltage [V] of an integer `duty` within -100 ... 100 %.
 
-    The battery voltage is in V; the others are as in :class:`Actuator`.
+    Parameters
+    ----------
+    battery_v : float
+        Battery voltage [V].
+    dead_zone : float
+        Duty [%] that the friction of the driveline takes on either side of zero.
+    slope, offset : float
+        Voltage law (6.1): the voltage at full duty is ``slope * battery [mV] + offset`` [V].
     """
     return effective_duty(duty, dead_zone) / 100.0 * max_voltage(battery_v, slope, offset)
 

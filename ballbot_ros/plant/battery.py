@@ -1,59 +1,14 @@
-"""The battery pack: constant, or sagging with current and falling with charge."""
+"""The battery pack: constant, or sagging with current and falling with charge.
+
+In the draining model, the open-circuit voltage falls in proportion to the charge drawn (from 9.5 V
+fresh to 7 V low over the capacity), and the internal resistance drops a voltage in proportion to
+the current of the last step.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from ballbot_ros.parameters import Subset
-
 FRESH_V = 9.5
 LOW_V = 7.0
-
-
-@dataclass(frozen=True)
-class BatteryParameters(Subset):
-    """Battery parameters, named as in `parameters.TABLE`."""
-
-    battery_model: str
-    battery_voltage: float
-    battery_resistance: float
-    battery_capacity: float
-    idle_current: float
-
-
-class Battery:
-    """Terminal voltage of the pack.
-
-    In the draining model, the open-circuit voltage falls in proportion to the charge drawn (from
-    9.5 V fresh to 7 V low over the capacity), and the internal resistance drops a voltage in
-    proportion to the current of the last step.
-
-    Attributes
-    ----------
-    charge : float
-        Charge drawn so far [A·s].
-    voltage : float
-        Terminal voltage [V].
-    draining : bool
-        Whether it is the draining model.
-    """
-
-    def __init__(self, parameters: BatteryParameters) -> None:
-        self._parameters = parameters
-        self._slope = capacity_slope(parameters.battery_capacity)
-        self.draining = parameters.battery_model == 'draining'
-        self.charge = 0.0
-        self.voltage = parameters.battery_voltage
-
-    def draw(self, motor_current: float, dt: float) -> None:
-        """Draw the motors' supply current [A] and the brick's own for `dt` seconds."""
-        if not self.draining:
-            return
-        p = self._parameters
-        self.charge, self.voltage = discharge(
-            self.charge, motor_current, dt,
-            p.idle_current, p.battery_voltage, self._slope, p.battery_resistance,
-        )  # fmt: skip
 
 
 def capacity_slope(capacity: float) -> float:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from ballbot_ros.codegen.implementation import compose_controller
 from ballbot_ros.controllers.loading import LoadedController
+from ballbot_ros.engine.devices import DEVICES
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.parameters import (
     CONTROLLER,
@@ -31,7 +32,6 @@ from ballbot_ros.run.processes import Processes
 from ballbot_ros.scenario.library import load_profile, load_scenario
 from ballbot_ros.scenario.reader import IDEAL
 from ballbot_ros.scenario.scenario import Scenario
-from ballbot_ros.simulation.devices import DEVICES
 from ballbot_ros.timing import TICK_S
 from ballbot_ros.world.library import is_file_name
 from ballbot_ros.world.world import World

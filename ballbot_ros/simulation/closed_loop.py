@@ -66,7 +66,7 @@ class ClosedLoop(Robot):
         """Run one tick: sample the devices, run the due tasks, advance the plant by 4 ms."""
         truth, wall_hit = self.plant.truth(), self.plant.wall_hit
         now_ns = truth.stamp_ns
-        inputs = self.sample(truth)
+        inputs = self.sample()
         elapsed_ms = (now_ns - self.start_ns) // MILLISECOND_NS
         outputs = self.program.tick(elapsed_ms, now_ns // MILLISECOND_NS, inputs)
         self.plant.tick(*outputs.duty)

@@ -2,21 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
-from ballbot_ros.brick.battery_monitor import battery_mv
-from ballbot_ros.brick.brick import DeviceInputs
-from ballbot_ros.parameters import GamepadParameters, ParameterSet, PlantParameters
-from ballbot_ros.plant.ground_truth import GroundTruth, Push
-from ballbot_ros.plant.plant import Plant
+from ballbot_ros.brick.brick import DeviceInputs, from_numbers
+from ballbot_ros.engine.devices import encoder_constants, gyro_constants, sonar_constants
+from ballbot_ros.engine.numbers import numbers_of
+from ballbot_ros.engine.plant import Plant
+from ballbot_ros.engine.robot import RobotConstants, longest_age, sample
+from ballbot_ros.parameters import (
+    EncoderParameters,
+    GyroParameters,
+    ParameterSet,
+    PlantParameters,
+    SonarParameters,
+)
+from ballbot_ros.plant.ground_truth import Push
 from ballbot_ros.scenario.scenario import Scenario
-from ballbot_ros.simulation.devices import DEVICES, AnyDevice, Read
-from ballbot_ros.timing import BATTERY_PERIOD_NS, FIRST_TICK_NS
+from ballbot_ros.timing import FIRST_TICK_NS, SLOW_PERIOD_NS
+from ballbot_ros.world.sonar_beam import check_rays
 from ballbot_ros.world.world import World
 
-_BATTERY, _STICKS = (DeviceInputs._fields.index(name) for name in ('battery_mv', 'sticks'))
+_NEUTRAL = (0, 0)
 
 
 class ExternalInputs(Protocol):
@@ -29,31 +37,6 @@ class ExternalInputs(Protocol):
     def pushes_from(self, start_ns: int) -> Sequence[Push]:
         """Return the pushes of a run that begins at sim time `start_ns`."""
         ...
-
-
-class _SampledDevice(NamedTuple):
-    """A device, unpacked for the loop: its period [ns] and its index in the inputs of a tick."""
-
-    period_ns: int
-    input_index: int
-    sampled: Callable[[GroundTruth], Any]
-    read: Read[Any, Any]
-
-    @classmethod
-    def of(
-        cls, device: AnyDevice, parameters: ParameterSet, recorded: Mapping[int, Any]
-    ) -> _SampledDevice:
-        input_index = DeviceInputs._fields.index(device.field)
-        values = parameters.of(device.parameters)
-        read = device.make(values)
-        if recorded:
-            simulate = read
-
-            def read(measured: Any, stamp_ns: int) -> Any:
-                sample = recorded.get(stamp_ns)
-                return simulate(measured, stamp_ns) if sample is None else sample
-
-        return cls(device.period_ns, input_index, device.sampled(values), read)
 
 
 class Robot:
@@ -93,26 +76,34 @@ class Robot:
         self.start_ns = start_ns
         self.world = World.of(parameters.of(PlantParameters))
         self.plant = Plant(parameters.of(PlantParameters), start_ns, self.world)
-        self._devices = [
-            _SampledDevice.of(each, parameters, recorded.get(each.field, {})) for each in DEVICES
-        ]
-        dead_times = [each.dead_time(parameters.of(each.parameters)) for each in DEVICES]
-        self.plant.keep_steps(max(each.longest for each in dead_times))
-        self._no_samples = [None] * len(DeviceInputs._fields)
+        check_rays(parameters.of(SonarParameters))
+        self._constants = RobotConstants(
+            self.plant.constants,
+            gyro_constants(parameters.of(GyroParameters)),
+            encoder_constants(parameters.of(EncoderParameters)),
+            sonar_constants(numbers_of(parameters.of(SonarParameters))),
+        )
+        self.plant.keep_steps(longest_age(self._constants))
+        self._recorded = {name: samples for name, samples in recorded.items() if samples}
         self._scenario = scenario or Scenario()
         self.pushes = self._scenario.pushes_from(start_ns)
         for push in self.pushes:
             self.plant.push(push)
 
-    def sample(self, truth: GroundTruth) -> DeviceInputs:
-        """Return the samples of the devices and sticks that are due at the time of `truth`."""
-        now_ns = truth.stamp_ns
-        samples: list[Any] = self._no_samples.copy()
-        for period_ns, input_index, sampled, read in self._devices:
-            if now_ns % period_ns == 0:
-                samples[input_index] = read(sampled(truth), now_ns)
-        if now_ns % BATTERY_PERIOD_NS == 0:
-            samples[_BATTERY] = battery_mv(truth.battery_voltage)
-        if now_ns % GamepadParameters.period_ns == 0:
-            samples[_STICKS] = self._scenario.sticks_at((now_ns - self.start_ns) * 1e-9)
-        return DeviceInputs._make(samples)
+    def sample(self) -> DeviceInputs:
+        """Return the samples of the devices and sticks that are due now."""
+        plant, now_ns, sticks = self.plant, self.plant.time_ns, _NEUTRAL
+        if now_ns % SLOW_PERIOD_NS == 0:
+            sticks = self._scenario.sticks_at((now_ns - self.start_ns) * 1e-9)
+        inputs = from_numbers(
+            sample(self._constants, plant.state, *sticks, plant.kept_steps, plant.sides)
+        )
+        if self._recorded:
+            inputs = inputs._replace(
+                **{
+                    name: samples[now_ns]
+                    for name, samples in self._recorded.items()
+                    if now_ns in samples
+                }
+            )
+        return inputs

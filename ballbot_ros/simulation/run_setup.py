@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ballbot_ros.engine.plant import Plant
 from ballbot_ros.parameters import PlantParameters
-from ballbot_ros.plant.plant import Plant
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.simulation.participants import Participant
 from ballbot_ros.world.world import World

@@ -11,9 +11,9 @@ from datetime import datetime
 from pathlib import Path
 from typing import Protocol
 
+from ballbot_ros.engine.compilation import REMEDY, is_kept
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.stop_request import StopRequest
-from ballbot_ros.studies.compilation import REMEDY, is_kept
 from ballbot_ros.studies.data_set import StudyFolder, begin_or_resume
 from ballbot_ros.studies.errors import StudyError
 from ballbot_ros.studies.job import Job

@@ -12,8 +12,8 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import Any, TypeVar
 
 import ballbot_ros
+from ballbot_ros.engine.compilation import code_sha256
 from ballbot_ros.studies.columns import AFTER, BEFORE, Column, ColumnKind, MeasureColumn
-from ballbot_ros.studies.compilation import code_sha256
 from ballbot_ros.studies.errors import StudyError
 
 FORMAT = 1

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.controllers.document.constants import ProgramConstants, Single
+from ballbot_ros.engine.numbers import choice
 from ballbot_ros.parameters import (
     ALL_NODES,
     ControllerParameters,
@@ -61,12 +62,6 @@ def row_type(cls: type) -> np.dtype[np.void]:
         elif get_origin(kind) is Literal:
             columns.append((each.name, 'i1'))
     return np.dtype(columns)
-
-
-@cache
-def choice(cls: type, name: str, value: str) -> int:
-    """Return the number that stands for a value of a choice in the rows of a dataclass."""
-    return get_args(get_type_hints(cls)[name]).index(value)
 
 
 def program_rows(controllers: Rows) -> Rows:

@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from ballbot_ros.analysis.metrics import measure_one
 from ballbot_ros.codegen.implementation import compose_controller, implementation_for
 from ballbot_ros.controllers.errors import ControllerError
+from ballbot_ros.engine.compilation import can_compile, compiled_and_kept
+from ballbot_ros.engine.run import END, Events, Floor, Log
 from ballbot_ros.parameters import (
     PLANT,
     ControllerParameters,
@@ -33,10 +35,9 @@ from ballbot_ros.scenario.scenario import Measure, Scenario
 from ballbot_ros.scenario.signal import StickSignal
 from ballbot_ros.simulation.closed_loop import ClosedLoop
 from ballbot_ros.simulation.trajectory import TrajectoryLog
-from ballbot_ros.studies.compilation import can_compile, compiled_and_kept
 from ballbot_ros.studies.errors import StudyError
 from ballbot_ros.studies.events import event_part, scenarios_of
-from ballbot_ros.studies.kernel import END, Events, Floor, Log, simulate_runs
+from ballbot_ros.studies.kernel import simulate_runs
 from ballbot_ros.studies.measurement import measure_runs
 from ballbot_ros.studies.rows import RobotRows, Rows, program_rows, whole_values
 from ballbot_ros.studies.variables import DURATION
@@ -387,8 +388,8 @@ def floor_of(world: World | None) -> Floor:
     """Return the walls for the compiled code."""
     if world is None:
         nothing = np.zeros((0, 0), np.int32)
-        return Floor(False, nothing, nothing)
-    return Floor(True, world.footprint.sides, world.footprint.walls_before)
+        return Floor(nothing, nothing)
+    return Floor(world.footprint.sides, world.footprint.walls_before)
 
 
 def events_of(scenarios: Sequence[Scenario]) -> Events:
@@ -396,14 +397,14 @@ def events_of(scenarios: Sequence[Scenario]) -> Events:
     pushes = [each.pushes_from(FIRST_TICK_NS) for each in scenarios]
     most = max(map(len, pushes))
     # What is missing begins and ends at time 0, before the run.
-    times, forces = np.zeros((len(pushes), most, 2), np.int64), np.zeros((len(pushes), most, 2))
+    times, forces = np.zeros((len(pushes), most, 2), np.int64), np.zeros((len(pushes), most, 4))
     for run, each in enumerate(pushes):
         for number, push in enumerate(each):
             times[run, number] = push.start_ns, push.end_ns
-            forces[run, number] = push.force
+            forces[run, number] = (*push.force, *push.torque)
     return Events(
-        times,
-        forces,
+        times.reshape(len(pushes), 2 * most),
+        forces.reshape(len(pushes), 4 * most),
         _points_of([each.vertical for each in scenarios]),
         _points_of([each.horizontal for each in scenarios]),
     )

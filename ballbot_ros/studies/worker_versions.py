@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 
 import ballbot_ros
-from ballbot_ros.studies.compilation import code_sha256
+from ballbot_ros.engine.compilation import code_sha256
 
 
 @cache

@@ -109,6 +109,11 @@ class World:
         world.check_start((parameters.start_position_x, parameters.start_position_y))
         return world
 
+    @property
+    def walls_as_numbers(self) -> tuple[Any, Any]:
+        """The two tables of :class:`Footprint`, whose elements the interpreter gets quickly."""
+        return self._footprint.sides, self._footprint.walls_before
+
     def check_start(self, position: Pair) -> None:
         """Raise WorldError if a start position is off the map or puts the body in a wall."""
         x, y = position[0], -position[1] + 0.0

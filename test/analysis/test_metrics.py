@@ -10,11 +10,11 @@ from maps import open_floor, with_walls
 from robot import values_of
 
 from ballbot_ros.analysis.metrics import judge, measure, measure_one, measured_window
+from ballbot_ros.engine.compilation import compiled
 from ballbot_ros.parameters import PLANT
 from ballbot_ros.scenario.metrics import METRICS
 from ballbot_ros.scenario.scenario import Expectation, Measure
 from ballbot_ros.simulation.trajectory import Trajectory
-from ballbot_ros.studies.compilation import compiled
 from ballbot_ros.world.clearance import NO_WALLS
 from ballbot_ros.world.world import World
 

@@ -70,20 +70,6 @@ def test_motors_keep_their_duty_until_it_is_set_again():
     assert tick(brick).duty == (30, 40)
 
 
-def test_a_bluetooth_packet_is_read_once():
-    brick = Brick()
-    tick(brick, STILL._replace(sticks=(-100, 50)))
-    assert brick.read_sticks((1, 2)) == (-100, 50)
-    assert brick.read_sticks((1, 2)) == (1, 2)
-
-
-def test_a_newer_packet_replaces_one_that_was_not_read():
-    brick = Brick()
-    tick(brick, STILL._replace(sticks=(-100, 50)))
-    tick(brick, STILL._replace(sticks=(3, 4)))
-    assert brick.read_sticks((0, 0)) == (3, 4)
-
-
 def test_the_system_time_is_a_32_bit_number():
     brick = Brick()
     tick(brick, systick_ms=2**32 + 5)

@@ -6,15 +6,23 @@ import zlib
 import numpy as np
 import pytest
 
-from ballbot_ros.brick.noise import DeviceNoise
-from ballbot_ros.numerics.random_numbers import normal, philox4x32, uniform
+from ballbot_ros.brick.noise import device_number, noise_key
+from ballbot_ros.engine.compilation import compiled
+from ballbot_ros.engine.noise import normal_pair, uniform_pair
+from ballbot_ros.numerics.random_numbers import philox4x32
 
 COUNT = 20_000
 
 
-def pairs(seed=1, device='gyro', draw=normal, count=COUNT):
-    noise = DeviceNoise(seed, device, draw)
-    return np.array([noise.pair(index) for index in range(count)])
+def noise(seed=1, device='gyro', draw=normal_pair):
+    """Return the function that gives the pair of a sample."""
+    key, number = noise_key(seed), device_number(device)
+    return lambda index: draw(key, number, index)
+
+
+def pairs(seed=1, device='gyro', draw=normal_pair, count=COUNT):
+    pair = noise(seed, device, draw)
+    return np.array([pair(index) for index in range(count)])
 
 
 def correlation(one, other):
@@ -23,19 +31,17 @@ def correlation(one, other):
 
 def test_the_order_of_the_calls_changes_nothing():
     expected = pairs(count=2000)
-    noise = DeviceNoise(1, 'gyro', normal)
+    pair = noise()
     order = list(range(2000)) * 2
     random.Random(5).shuffle(order)
     for index in order:
-        assert noise.pair(index) == tuple(expected[index])
+        assert pair(index) == tuple(expected[index])
 
 
 @pytest.mark.parametrize('index', [0, 255, 256, 257, 10**6, 2**32 - 1, 2**32, 2**40])
-def test_a_device_that_starts_late_has_the_same_noise(index):
-    running = DeviceNoise(7, 'sonar', uniform)
-    for before in range(max(0, index - 600), index):
-        running.pair(before)
-    assert DeviceNoise(7, 'sonar', uniform).pair(index) == running.pair(index)
+@pytest.mark.parametrize('draw', [uniform_pair, normal_pair])
+def test_compiled_code_draws_the_same_without_blocks(draw, index):
+    assert noise(7, 'sonar', compiled(draw))(index) == noise(7, 'sonar', draw)(index)
 
 
 def test_noise_is_philox_of_seed_device_and_sample():
@@ -43,8 +49,7 @@ def test_noise_is_philox_of_seed_device_and_sample():
     counter = (index & 0xFFFFFFFF, index >> 32, zlib.crc32(b'sonar'), 0)
     words = philox4x32(*map(np.uint64, (*counter, seed & 0xFFFFFFFF, seed >> 32)))
     first, second = (int(high) << 21 | int(low) >> 11 for high, low in (words[:2], words[2:]))
-    noise = DeviceNoise(seed, 'sonar', uniform)
-    assert noise.pair(index) == (first / 2**53, second / 2**53)
+    assert noise(seed, 'sonar', uniform_pair)(index) == (first / 2**53, second / 2**53)
 
 
 def test_normal_noise_is_standard_normal():
@@ -56,7 +61,7 @@ def test_normal_noise_is_standard_normal():
 
 
 def test_uniform_noise_fills_zero_to_one():
-    drawn = pairs(draw=uniform)
+    drawn = pairs(draw=uniform_pair)
     assert drawn.min() >= 0.0
     assert drawn.max() < 1.0
     shares, _ = np.histogram(drawn, bins=10, range=(0.0, 1.0))

@@ -1,6 +1,7 @@
 """The ultrasonic sensor."""
 
 import math
+from functools import partial
 
 import numpy as np
 import pytest
@@ -8,7 +9,8 @@ from hypothesis import strategies as st
 from laws import given
 from robot import values_of
 
-from ballbot_ros.brick.sonar import Sonar
+from ballbot_ros.engine.devices import echo, sonar_constants
+from ballbot_ros.engine.numbers import numbers_of
 from ballbot_ros.parameters import SONAR
 
 SAMPLE_NS = 20_000_000
@@ -16,34 +18,34 @@ NO_ECHO = 255
 
 
 def make_sonar(**changes):
-    return Sonar(values_of(SONAR, **changes))
+    return partial(echo, sonar_constants(numbers_of(values_of(SONAR, **changes))))
 
 
 def readings(sonar, distance, count=20_000):
-    return np.array([sonar.read(distance, n * SAMPLE_NS) for n in range(count)])
+    return np.array([sonar(distance, n * SAMPLE_NS) for n in range(count)])
 
 
 @given(st.integers(0, 254))
 def test_an_ideal_sonar_reads_whole_centimetres(distance):
-    assert make_sonar().read(distance / 100.0, 0) == distance
+    assert make_sonar()(distance / 100.0, 0) == distance
 
 
 @pytest.mark.parametrize(
     ('distance', 'reading'), [(0.004, 0), (0.005, 1), (1.2349, 123), (1.2351, 124), (2.54, 254)]
 )
 def test_it_rounds_to_the_nearest_centimetre(distance, reading):
-    assert make_sonar().read(distance, 0) == reading
+    assert make_sonar()(distance, 0) == reading
 
 
 @pytest.mark.parametrize('distance', [2.55, 10.0, math.inf])
 def test_an_obstacle_out_of_range_gives_no_echo(distance):
-    assert make_sonar().read(distance, 0) == NO_ECHO
+    assert make_sonar()(distance, 0) == NO_ECHO
 
 
 def test_from_the_maximum_range_on_there_is_no_echo():
     sonar = make_sonar(max_range_cm=160.0)
-    assert sonar.read(1.59, 0) == 159
-    assert sonar.read(1.60, 0) == NO_ECHO
+    assert sonar(1.59, 0) == 159
+    assert sonar(1.60, 0) == NO_ECHO
 
 
 def test_dropouts_have_their_share():
@@ -77,7 +79,7 @@ def test_dropouts_and_errors_are_independent():
 )  # fmt: skip
 def test_a_reading_is_an_unsigned_byte(distance, noise, dropout, sample):
     sonar = make_sonar(noise_cm=noise, dropout_probability=dropout)
-    reading = sonar.read(distance, sample * SAMPLE_NS)
+    reading = sonar(distance, sample * SAMPLE_NS)
     assert isinstance(reading, int)
     assert 0 <= reading <= NO_ECHO
 
@@ -86,7 +88,7 @@ def test_noise_depends_on_seed_and_stamp_alone():
     settings = {'noise_cm': 3.0, 'dropout_probability': 0.2}
     whole = readings(make_sonar(**settings), 1.0, 1000)
     restarted = make_sonar(**settings)
-    late = [restarted.read(1.0, n * SAMPLE_NS) for n in (999, 500, 0)]
+    late = [restarted(1.0, n * SAMPLE_NS) for n in (999, 500, 0)]
     assert late == [whole[999], whole[500], whole[0]]
     assert (readings(make_sonar(**settings, seed=2), 1.0, 1000) != whole).any()
 
@@ -94,9 +96,9 @@ def test_noise_depends_on_seed_and_stamp_alone():
 def test_a_missed_echo_does_not_change_later_readings():
     settings = {'noise_cm': 3.0, 'dropout_probability': 0.2}
     far_first, near = make_sonar(**settings), make_sonar(**settings)
-    far_first.read(math.inf, 0)
-    near.read(1.0, 0)
-    assert far_first.read(1.0, SAMPLE_NS) == near.read(1.0, SAMPLE_NS)
+    far_first(math.inf, 0)
+    near(1.0, 0)
+    assert far_first(1.0, SAMPLE_NS) == near(1.0, SAMPLE_NS)
 
 
 def test_below_the_minimum_range_half_of_the_echoes_are_missed():

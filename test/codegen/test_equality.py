@@ -209,7 +209,7 @@ def test_zero_voltage_gives_a_finite_duty(built, target, pwm_gain, revolution, d
     assert_equal(made, steps)
     program = ControlProgram(made.parameters)
     duties = [program.tick(*step).duty for step in steps]
-    assert VOLTAGE_SLOPE * program.battery - VOLTAGE_OFFSET == 0
+    assert VOLTAGE_SLOPE * program.state.battery - VOLTAGE_OFFSET == 0
     assert duties[27] == (duty, -duty)
 
 

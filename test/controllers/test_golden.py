@@ -31,12 +31,10 @@ def test_every_tick_equals_the_generated_c(path):
         if name not in NOT_OURS
     }
     program = ControlProgram(ControllerParameters(**given))
-    x, y = program.x, program.y
-    # Bypass the brick, which answers a request with the sample of the previous request; the golden
-    # data answer it with the sample of the same tick.
-    program.brick.read_sonar = lambda: data['in_sonar_cm'][n]
-
     for n in range(len(data['in_systick_ms'])):
+        # The brick answers a request with the sample of the previous request, the golden data with
+        # that of the same tick.
+        program.state = program.state._replace(sonar_reply=data['in_sonar_cm'][n])
         outputs = program.tick(
             4 * n,
             data['in_systick_ms'][n],
@@ -47,17 +45,18 @@ def test_every_tick_equals_the_generated_c(path):
                 sticks=tuple(data['in_bt_packet'][n]) if data['in_bt_present'][n] else None,
             ),
         )
+        state, x, y = program.state, program.x, program.y
         logged = [[p.adc1, p.adc2] for p in outputs.log] or [[0, 0]]
         computed = {
             'out_duty_x': outputs.duty[0],
             'out_duty_y': outputs.duty[1],
-            'out_operating_state': program.control_mode,
-            'out_flag_avoid': program.flag_avoid,
-            'out_flag_auto': program.flag_auto,
+            'out_operating_state': state.control_mode,
+            'out_flag_avoid': state.flag_avoid,
+            'out_flag_auto': state.flag_auto,
             'out_log_event': bool(outputs.log),
             'out_log_values': logged[0],
             'out_tone_event': bool(outputs.tones),
-            'out_battery': bits(program.battery)[0],
+            'out_battery': bits(state.battery)[0],
             'out_gyro_offset': bits(x.gyro_offset, y.gyro_offset),
             'out_theta_diff': bits(x.theta_diff, y.theta_diff),
             'out_psi_diff': bits(x.psi_diff, y.psi_diff),

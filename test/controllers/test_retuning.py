@@ -189,7 +189,7 @@ def test_a_restart_of_the_program_keeps_the_gains():
     tuned.program.run(['task_init'], 5000, inputs)
     fresh = implementation_for(other_gains('python', tuned.parameters)).make()
     fresh.run(['task_init'], 5000, inputs)
-    assert vars(tuned.program.x) == vars(fresh.x)
+    assert tuned.program.x == fresh.x
 
 
 def test_thresholds_apply_at_once():

@@ -12,7 +12,7 @@ from ballbot_ros.plant.integration import (
     discrete_matrices,
     equations_of,
 )
-from ballbot_ros.plant.plant import shaft_angle
+from ballbot_ros.plant.laws import shaft_angle
 
 DT = 1e-3
 LINEAR = discrete_matrices(physical(), DT)

@@ -8,6 +8,7 @@ from laws import refusal
 
 import ballbot_ros.identification.segments as segments_module
 from ballbot_ros.brick.bluetooth import LogPacket
+from ballbot_ros.engine.plant import Plant
 from ballbot_ros.identification.errors import IdentificationError
 from ballbot_ros.identification.estimation import ExperimentFit
 from ballbot_ros.identification.experiment import LOGGED_ENCODER, LOGGED_PITCH, Experiment
@@ -16,7 +17,6 @@ from ballbot_ros.identification.segment_model import SegmentModel
 from ballbot_ros.identification.segments import cut
 from ballbot_ros.parameters import ControllerParameters, PlantParameters
 from ballbot_ros.plant.actuator import max_voltage
-from ballbot_ros.plant.plant import Plant
 from ballbot_ros.teleop.csv_log import CsvLog
 from ballbot_ros.timing import FIRST_TICK_NS, TICK_S
 
@@ -116,7 +116,7 @@ def test_with_its_true_voltages_a_segment_moves_as_the_plant_does(monkeypatch):
     a_gd = ControllerParameters().a_gd
     offset, estimate = np.zeros(2), np.zeros(2)
     plant.keep_steps(1)
-    start = plant.save_state()
+    start = plant.state
     shaft, pitch = [], []
     for tick in range(8 * per_reading):
         truth = plant.truth()
@@ -140,7 +140,7 @@ def test_with_its_true_voltages_a_segment_moves_as_the_plant_does(monkeypatch):
     )
     planes = [
         [*plane, 0.0, 0.0, *7 * [percent / 100.0 * full]]
-        for plane, percent in zip(start.planes, duty, strict=True)
+        for plane, percent in zip((start.x, start.y), duty, strict=True)
     ]
     unknowns = np.array([*planes[0], *planes[1], parameters.battery_voltage])
     predicted = SegmentModel(segments).predict([parameters], unknowns[np.newaxis, np.newaxis])

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import ballbot_ros.identification.segments as segments_module
+from ballbot_ros.engine.plant import Plant
 from ballbot_ros.identification.experiment import (
     ENCODER,
     GYRO,
@@ -17,7 +18,6 @@ from ballbot_ros.identification.experiment import (
 from ballbot_ros.identification.segment_model import SegmentModel
 from ballbot_ros.identification.segments import cut
 from ballbot_ros.parameters import PlantParameters
-from ballbot_ros.plant.plant import Plant
 from ballbot_ros.timing import STEPS_PER_TICK, TICK_S
 
 START_NS = 1_000_000_000
@@ -85,7 +85,7 @@ def run(plant_parameters, duties, ages):
         readings[ENCODER].append(np.degrees(steps[ENCODER].motor_angle))
         readings[TRUE_PITCH].append(np.degrees(truth.psi))
         readings[TRUE_POSITION].append(truth.position)
-        states.append(plant.save_state())
+        states.append(plant.state)
         plant.tick(*duty)
     assert not plant.fallen
     usable = np.arange(len(duties)) >= EARLIEST - (plant_parameters.actuator_delay + 7) // 4
@@ -94,7 +94,7 @@ def run(plant_parameters, duties, ages):
         plant=plant_parameters,
         duty=duties.astype(float),
         readings={channel: np.array(values) for channel, values in readings.items()},
-        battery=np.array([state.battery_voltage for state in states]),
+        battery=np.array([state.volts for state in states]),
         battery_count=0.0,
         usable=usable,
         ages=ages,
@@ -103,7 +103,7 @@ def run(plant_parameters, duties, ages):
 
 def unknowns(state, plant_parameters):
     """Return the unknowns of a segment that starts with a state of the plant."""
-    planes = [[*plane, offset] for plane, offset in zip(state.planes, OFFSETS, strict=True)]
+    planes = [[*state.x, OFFSETS[0]], [*state.y, OFFSETS[1]]]
     return np.array([*planes[0], *planes[1], plant_parameters.battery_voltage])
 
 

@@ -8,6 +8,7 @@ from robot import make_plant, run_plant
 from ballbot_ros import parameters
 from ballbot_ros.analysis.replay import ALL_TOPICS
 from ballbot_ros.brick.brick import DeviceInputs
+from ballbot_ros.engine.devices import DEVICES
 from ballbot_ros.messages.devices import DEVICE_MESSAGES
 from ballbot_ros.messages.inputs import INPUT_READERS
 from ballbot_ros.messages.plant_messages import PlantMessages
@@ -15,7 +16,6 @@ from ballbot_ros.messages.steps import encode_steps
 from ballbot_ros.messages.topics import CLOCK, PLANT_STEPS, TOPICS, periodic_topics
 from ballbot_ros.parameters import DRIVERS, GAMEPAD, ParameterSet
 from ballbot_ros.simulation.closed_loop import ClosedLoop
-from ballbot_ros.simulation.devices import DEVICES
 
 each_device = pytest.mark.parametrize(
     'messages', DEVICE_MESSAGES, ids=lambda each: each.device.parameters.node

@@ -11,7 +11,7 @@ from graph import Run, call, free_domain
 from maps import save, with_walls
 
 from ballbot_ros.analysis.run_data import read_run
-from ballbot_ros.brick.sonar import Sonar
+from ballbot_ros.engine.devices import SONAR_DEVICE
 from ballbot_ros.messages.conversions import ball_position
 from ballbot_ros.messages.topics import MOTOR_DUTY
 from ballbot_ros.parameters import SONAR, SonarParameters
@@ -19,7 +19,6 @@ from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.scenario.library import load_profile
 from ballbot_ros.world.exports import occupancy_grid
 from ballbot_ros.world.library import load_map
-from ballbot_ros.world.sonar_beam import SonarBeam
 
 pytestmark = pytest.mark.graph
 
@@ -153,12 +152,12 @@ def the_sonar_reads_the_distances_of_the_map(run, tmp_path, processes):
     profile = load_profile('hardware')
     image = save(with_walls(100, 100, (0, 100, 64, 66)), tmp_path / 'wall.png')
     profile.set(SONAR, 'map', str(image))
-    device, beam = Sonar(profile.of(SonarParameters)), SonarBeam(profile.of(SonarParameters))
+    read = SONAR_DEVICE.make(profile.of(SonarParameters))
     positions = {stamp: ball_position(m) for stamp, m in recorded(run, '/plant/odom')}
     readings = recorded(run, '/sonar')
     assert len(readings) >= run.result['ticks'] // 5, processes
     for stamp, message in readings:
-        cm = device.read(beam.distance_m(positions[stamp]), stamp)
+        cm = read(positions[stamp], stamp)
         expected = math.inf if cm == 255 else cm / 100.0
         assert message.range == pytest.approx(expected, abs=1e-6), (processes, stamp)
     assert len({message.range for _, message in readings}) > 3, processes

@@ -11,8 +11,9 @@ from generated import random_values
 from robot import physical, values_of
 
 from ballbot_ros.brick.battery_monitor import battery_mv
-from ballbot_ros.brick.dead_time import drawn_delay, newest_effective, sample_age
+from ballbot_ros.brick.dead_time import drawn_delay
 from ballbot_ros.brick.gyro import gyro_reading
+from ballbot_ros.brick.noise import device_number, noise_key
 from ballbot_ros.brick.sonar import sonar_reading
 from ballbot_ros.brick.units import radians_to_degrees
 from ballbot_ros.controllers.document.axis import (
@@ -22,6 +23,8 @@ from ballbot_ros.controllers.document.axis import (
     in_control,
 )
 from ballbot_ros.controllers.document.constants import ProgramConstants, Single
+from ballbot_ros.engine.compilation import compiled
+from ballbot_ros.engine.devices import sample_age
 from ballbot_ros.parameters import CONTROLLER
 from ballbot_ros.plant.actuator import motor_current, motor_voltage
 from ballbot_ros.plant.battery import terminal_voltage
@@ -33,10 +36,10 @@ from ballbot_ros.plant.integration import (
     linear_step,
     nonlinear_step,
 )
+from ballbot_ros.plant.laws import add_push_forces, shaft_angle, state_after_fall
 from ballbot_ros.plant.model import mass_matrix
-from ballbot_ros.plant.plant import add_push_forces, shaft_angle, state_after_fall
 from ballbot_ros.plant.wall_contact import state_after_impact
-from ballbot_ros.studies.compilation import compiled
+from ballbot_ros.timing import TICK_NS
 
 COUNT = 5000
 DT = 1e-3
@@ -192,12 +195,11 @@ def test_motor_battery_pushes_and_readings(function, makers):
 
 
 def test_dead_time():
-    def delays(generator):
-        return tuple(generator.randint(0, 200) for _ in range(26))
-
-    assert_same_bits(drawn_delay, draws(integer(0, 100), integer(0, 100), uniform(0, 1)))
-    assert_same_bits(sample_age, draws(delays, choice(4, 20)))
-    assert_same_bits(newest_effective, draws(delays, integer(-5, 60)))
+    steps, stamps = integer(0, 100), integer(250, 10**9)
+    assert_same_bits(drawn_delay, draws(steps, steps, uniform(0, 1)))
+    constants = choice(noise_key(3)), choice(device_number('gyro delay')), choice(TICK_NS)
+    drawn = draws(steps, steps, *constants, stamps)
+    assert_same_bits(sample_age, [(*each[:-1], each[-1] * TICK_NS) for each in drawn])
 
 
 def test_the_gyros():

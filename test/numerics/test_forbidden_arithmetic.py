@@ -8,7 +8,7 @@ import ballbot_ros
 PACKAGE = Path(ballbot_ros.__file__).parent
 FLOORS = (
     'numerics', 'plant', 'brick', 'world', 'controllers', 'controllers/document', 'scenario',
-    'teleop', 'simulation',
+    'teleop', 'engine', 'simulation',
 )  # fmt: skip
 # Measurements of a finished run do not lead to a duty, and mpc declares that it is not portable.
 FILES = {
@@ -18,6 +18,7 @@ FILES = {
     PACKAGE / 'scenario' / 'metrics.py',
     PACKAGE / 'world' / 'clearance.py',
     PACKAGE / 'controllers' / 'mpc.py',
+    PACKAGE / 'engine' / 'compilation.py',
 }
 
 # Exact, or rounded alike everywhere: square roots, absolute values, comparisons, integers.
@@ -27,8 +28,8 @@ ALLOWED_MATH = {
 }  # fmt: skip
 ALLOWED_NUMPY = {
     # types and constants
-    'bool_', 'errstate', 'float32', 'float64', 'inf', 'int32', 'int8', 'ndarray', 'number',
-    'uint64', 'uint8',
+    'bool_', 'dtype', 'errstate', 'float32', 'float64', 'inf', 'int32', 'int64', 'int8', 'ndarray',
+    'number', 'uint64', 'uint8',
     # creating and moving
     'arange', 'array', 'asarray', 'ascontiguousarray', 'empty', 'equal', 'frombuffer', 'full',
     'isin', 'load', 'ravel', 'savez', 'where', 'zeros',

@@ -14,6 +14,7 @@ FLOORS = (
     ('world', 'controllers', 'recording'),
     ('design',),
     ('codegen', 'scenario', 'teleop'),
+    ('engine',),
     ('simulation',),
     ('messages',),
     ('analysis', 'conformance'),

@@ -4,9 +4,8 @@ from hypothesis import strategies as st
 from laws import given
 from robot import START_NS, make_plant, physical, run_plant
 
-from ballbot_ros.brick.dead_time import DeadTime
+from ballbot_ros.engine.plant_tick import NEVER_NS, command, duty_at, waiting_count
 from ballbot_ros.plant.actuator import motor_voltage
-from ballbot_ros.plant.delayed_duty import DelayedDuty
 from ballbot_ros.plant.integration import nonlinear_step
 from ballbot_ros.timing import STEP_NS, STEPS_PER_TICK, TICK_NS
 
@@ -35,19 +34,19 @@ def assert_is(measured, state):
     assert measured.position[0] == 0.026 * theta
 
 
-@given(steps, steps, st.integers(0, 2**63 - 1))
-def test_it_is_the_newest_duty_whose_dead_time_is_over(delay, jitter, seed):
-    dead_time = DeadTime('actuator', TICK_NS, delay, jitter, seed)
-    delayed, effects = DelayedDuty(dead_time), []
-    for number in range(250, 400):
+@given(steps, st.lists(steps, min_size=150, max_size=150))
+def test_it_is_the_newest_duty_whose_dead_time_is_over(delay, draws):
+    count = waiting_count(delay + max(draws))
+    effects_ns, duties, effects = [NEVER_NS] * count, [0] * (2 * count), []
+    for number, drawn in enumerate(draws, 250):
         now_ns = number * TICK_NS
-        delayed.command((number, -number), now_ns)
-        effects.append((number, now_ns + dead_time.delay(now_ns) * STEP_NS))
+        if count:
+            command(effects_ns, duties, now_ns, (delay + drawn) * STEP_NS, number, -number)
+        effects.append((number, now_ns + (delay + drawn) * STEP_NS))
         for step_ns in range(now_ns, now_ns + TICK_NS, STEP_NS):
             acting = [each for each, effect_ns in effects if effect_ns <= step_ns]
             newest = max(acting, default=0)
-            assert delayed.at(step_ns) == (newest, -newest)
-        assert len(delayed.save_state().duties) <= (delay + jitter + 3) // STEPS_PER_TICK + 1
+            assert not count or duty_at(effects_ns, duties, step_ns) == (newest, -newest)
 
 
 def test_a_duty_acts_from_the_physics_step_after_its_dead_time_on():

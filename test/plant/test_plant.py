@@ -64,7 +64,7 @@ def test_it_is_released_with_a_rate_of_its_pitch(model, hold_ms, rate_x, rate_y)
         x, y = step(x, 0.0, 0.0, 0.0), step(y, 0.0, 0.0, 0.0)
     assert all(truth.psi_rate == (0.0, 0.0) for truth in run_plant(plant, [(0, 0)] * 4)
                if truth.stamp_ns <= START_NS + hold_ms * 1_000_000)  # fmt: skip
-    assert plant.save_state().planes == (x, y)
+    assert (plant.state.x, plant.state.y) == (x, y)
 
 
 @pytest.mark.parametrize('model', MODELS)

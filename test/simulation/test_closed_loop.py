@@ -44,7 +44,7 @@ def test_sticks_and_time_count_from_the_start_of_the_run():
     loop = make_loop({}, Scenario(vertical=step(0.02, 60)))
     ticks = run_loop(loop, 0.04)
     assert [tick.inputs.sticks for tick in ticks[::5]] == [(0, 0), (60, 0)]
-    assert loop.program.brick.systick_ms == 1000 + 36
+    assert loop.program.state.systick_ms == 1000 + 36
 
 
 def test_a_wall_ends_the_run():

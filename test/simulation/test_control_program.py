@@ -105,9 +105,9 @@ def test_before_the_first_answer_the_sonar_reads_zero_and_that_is_an_obstacle():
     program = make_program(time_start=0)
     clock = Clock(program)
     clock.run(16)
-    assert (program.distance_cm, program.operating_state) == (0, 'backward')
+    assert (program.state.distance_cm, program.operating_state) == (0, 'backward')
     clock.run(20)
-    assert (program.distance_cm, program.operating_state) == (255, 'remote')
+    assert (program.state.distance_cm, program.operating_state) == (255, 'remote')
 
 
 def states(clock, readings):
@@ -214,6 +214,16 @@ def test_the_last_stick_is_kept_while_no_packet_comes():
     assert program.x.theta_ref_dot > reference
 
 
+def test_a_newer_packet_replaces_one_that_was_not_read():
+    """While the program calibrates, it reads no packet."""
+    program = make_program(**SHORT)
+    clock = Clock(program)
+    clock.run(40, sticks=(-100, 0))
+    clock.run(48, sticks=(100, 0))
+    clock.run(300, sticks=None)
+    assert program.x.theta_ref_dot < 0
+
+
 def test_a_lasting_lean_stops_the_motors_permanently():
     program = make_program(**SHORT)
     clock = Clock(program)
@@ -295,11 +305,11 @@ def test_the_battery_is_averaged_ten_times_a_second():
     program = make_program()
     clock = Clock(program)
     clock.run(96)
-    assert program.battery == 8003
+    assert program.state.battery == 8003
     clock.run(196, battery_mv=7005)
-    assert program.battery == pytest.approx(7803.4)
+    assert program.state.battery == pytest.approx(7803.4)
     clock.run(5000, battery_mv=7005)
-    assert program.battery == pytest.approx(7005, abs=0.1)
+    assert program.state.battery == pytest.approx(7005, abs=0.1)
 
 
 def test_a_weaker_battery_gives_more_duty():

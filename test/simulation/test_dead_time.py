@@ -8,7 +8,8 @@ from pushes import pushes
 from robot import make_loop, run_loop, steps
 
 from ballbot_ros.codegen.implementation import implementation_for
-from ballbot_ros.parameters import ControllerParameters, ParameterSet
+from ballbot_ros.engine.devices import ENCODER_DEVICE, GYRO_DEVICE, SONAR_DEVICE
+from ballbot_ros.parameters import PLANT, ControllerParameters, ParameterSet
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.simulation.closed_loop import ClosedLoop
 
@@ -107,17 +108,17 @@ def test_a_sample_is_the_reading_of_the_step_that_is_as_old():
         'gyro_driver.delay': 6,
         'sonar_driver.delay': 25,
     }
-    loop, plain = make_loop(settings, SCENARIO), make_loop(ROBOT | {'plant_sim.map': 'track'})
-    for tick in run_loop(loop, 1.2):
-        truth = tick.truth
-
-        def then(age, truth=truth):
-            return truth._replace(**truth.steps[-1 - age]._asdict())
-
+    parameters = ParameterSet()
+    parameters.set(PLANT, 'map', 'track')
+    ages = {ENCODER_DEVICE: 3, GYRO_DEVICE: 6, SONAR_DEVICE: 25}
+    readers = {each: each.make(parameters.of(each.parameters)) for each in ages}
+    for truth, _, inputs, _ in run_loop(make_loop(settings, SCENARIO), 1.2):
         assert len(truth.steps) == 26
-        assert tick.inputs.revolutions == plain.sample(then(3)).revolutions
-        assert tick.inputs.gyro == plain.sample(then(6)).gyro
-        assert tick.inputs.sonar_cm == plain.sample(then(25)).sonar_cm
+        for device, age in ages.items():
+            if truth.stamp_ns % device.period_ns == 0:
+                measured = device.measured(truth.steps[-1 - age])
+                expected = readers[device](measured, truth.stamp_ns)
+                assert getattr(inputs, device.field) == expected
 
 
 @pytest.mark.parametrize('model', ['linear', 'nonlinear'])

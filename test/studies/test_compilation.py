@@ -13,7 +13,7 @@ PROGRAM = """
 from numba.core.event import install_recorder
 
 from ballbot_ros.numerics.elementary import natural_log
-from ballbot_ros.studies.compilation import compiled_and_kept
+from ballbot_ros.engine.compilation import compiled_and_kept
 
 fast = compiled_and_kept(natural_log)
 print(flush=True)

@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 from drawn_runs import drawn_run
 
+from ballbot_ros.engine.compilation import compiled_and_kept
+from ballbot_ros.engine.run import END, Log
 from ballbot_ros.parameters import (
     ControllerParameters,
     EncoderParameters,
@@ -22,8 +24,7 @@ from ballbot_ros.parameters import (
 from ballbot_ros.scenario.library import load_scenario, scenario_names
 from ballbot_ros.simulation.closed_loop import ClosedLoop
 from ballbot_ros.simulation.golden import load_golden
-from ballbot_ros.studies.compilation import compiled_and_kept
-from ballbot_ros.studies.kernel import END, Log, simulate_runs
+from ballbot_ros.studies.kernel import simulate_runs
 from ballbot_ros.studies.rows import RobotRows, program_rows
 from ballbot_ros.studies.runs import events_of, floor_of
 from ballbot_ros.timing import SECOND_NS, TICK_NS
@@ -66,16 +67,16 @@ def assert_equal_runs(parameters, scenario, simulate_many=None):
     )
     for found, other in zip(log, expected, strict=True):
         assert found[0, : len(ticks)].tobytes() == other.tobytes()
-    state = loop.plant.save_state()
+    state = loop.plant.state
     numbers = (*end['planes'].ravel(), *end['shaft'], *end['voltage'])
     numbers += (end['charge'], end['battery_voltage'])
     expected = (
-        *state.planes[0], *state.planes[1], *state.shaft, *state.voltage,
-        state.charge, state.battery_voltage,
+        *state.x, *state.y, state.shaft_x, state.shaft_y, state.voltage_x, state.voltage_y,
+        state.charge, state.volts,
     )  # fmt: skip
     assert np.array(numbers).tobytes() == np.array(expected, float).tobytes()
-    assert (end['fallen'], end['stopped']) == (state.fallen, state.stopped)
-    assert end['in_contact'] == (state.contact is not None and state.contact.in_contact)
+    assert (end['fallen'], end['stopped']) == (state.is_fallen, state.is_stopped)
+    assert end['in_contact'] == state.in_contact
 
 
 @pytest.fixture(autouse=True)

@@ -9,8 +9,8 @@ from laws import given
 from maps import drawn, open_floor, save, with_walls
 from robot import values_of
 
+from ballbot_ros.engine.compilation import compiled
 from ballbot_ros.parameters import PLANT
-from ballbot_ros.studies.compilation import compiled
 from ballbot_ros.world.clearance import clearance
 from ballbot_ros.world.errors import WorldError
 from ballbot_ros.world.library import load_map

@@ -8,6 +8,8 @@ which the analysis of the loop makes use of.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from ballbot_ros.controllers.document.constants import ProgramConstants, Single
 from ballbot_ros.controllers.document.tasks import TS1_MS
 
@@ -22,6 +24,8 @@ gyro_offset, theta_ref_dot, sum_theta_ref_dot, sum_psi_dot, sum_theta_diff, thet
 
 AxisEstimates = tuple[Single, Single, Single, Single, Single, Single, Single]
 """theta, psi, theta_dot, psi_dot, theta_ref, theta_diff, psi_diff; see :class:`Axis`."""
+
+AT_REST: AxisState = (ZERO, ZERO, ZERO, ZERO, ZERO, ZERO)
 
 Gains = tuple[Single, Single, Single, Single]
 Constants = tuple[
@@ -119,67 +123,37 @@ def in_control(theta_diff: Single, psi_diff: Single, theta_thr: Single, psi_thr:
     return bool(abs(theta_diff) < theta_thr and abs(psi_diff) < psi_thr)
 
 
-class Axis:
-    """The controller of one plane, with its state; both planes are alike.
+class Axis(NamedTuple):
+    """The controller of one plane; both planes are alike.
 
     Attributes
     ----------
     gyro_offset : Single
         Estimate of the gyro's reading at rest [deg/s].
-    theta, psi, theta_dot, psi_dot : Single
-        Estimated ball angle and body pitch [deg] and their rates [deg/s].
-    theta_ref, theta_ref_dot : Single
-        Reference of the ball angle [deg] and its rate [deg/s].
-    theta_diff, psi_diff : Single
-        Reference minus estimate [deg].
+    theta_ref_dot : Single
+        Rate of the reference [deg/s].
     sum_theta_ref_dot, sum_psi_dot, sum_theta_diff : Single
         Sums behind the forward Euler integrals.
     theta_smooth : Single
         Low-passed ball angle [deg], whose change in a period gives theta_dot.
+    theta, psi, theta_dot, psi_dot : Single
+        Estimated ball angle and body pitch [deg] and their rates [deg/s].
+    theta_ref : Single
+        Reference of the ball angle [deg].
+    theta_diff, psi_diff : Single
+        Reference minus estimate [deg].
     """
 
-    def __init__(self, parameters: ProgramConstants) -> None:
-        self.retune(parameters)
-        self.reset()
-
-    def retune(self, parameters: ProgramConstants) -> None:
-        """Use other constants from the next period on."""
-        self._p = parameters
-        self._constants = constants_of(parameters)
-
-    def reset(self) -> None:
-        """Set every variable to its initial value."""
-        self.gyro_offset = ZERO
-        self.theta = self.psi = self.theta_dot = self.psi_dot = ZERO
-        self.theta_ref = self.theta_ref_dot = ZERO
-        self.theta_diff = self.psi_diff = ZERO
-        self.sum_theta_ref_dot = self.sum_psi_dot = self.sum_theta_diff = ZERO
-        self.theta_smooth = ZERO
-
-    def calibrate(self, gyro: int) -> None:
-        """Move the offset estimate towards a reading at rest."""
-        self.gyro_offset = calibrated_offset(self.gyro_offset, gyro, self._p.a_gc)
-
-    def control(self, gyro: int, revolution: int, stick: int, max_voltage: Single) -> int:
-        """Return the duty [%], truncated toward zero; arguments as those of :func:`control`."""
-        state = (
-            self.gyro_offset, self.theta_ref_dot, self.sum_theta_ref_dot, self.sum_psi_dot,
-            self.sum_theta_diff, self.theta_smooth,
-        )  # fmt: skip
-        state, estimates, duty = control(
-            self._constants, state, Single(gyro), Single(revolution), Single(stick), max_voltage
-        )
-        (
-            self.gyro_offset, self.theta_ref_dot, self.sum_theta_ref_dot, self.sum_psi_dot,
-            self.sum_theta_diff, self.theta_smooth,
-        ) = state  # fmt: skip
-        (
-            self.theta, self.psi, self.theta_dot, self.psi_dot, self.theta_ref,
-            self.theta_diff, self.psi_diff,
-        ) = estimates  # fmt: skip
-        return int(duty)
-
-    def in_control(self) -> bool:
-        """Return whether both errors are below the out-of-control thresholds."""
-        p = self._p
-        return in_control(self.theta_diff, self.psi_diff, p.theta_diff_thr, p.psi_diff_thr)
+    gyro_offset: Single
+    theta_ref_dot: Single
+    sum_theta_ref_dot: Single
+    sum_psi_dot: Single
+    sum_theta_diff: Single
+    theta_smooth: Single
+    theta: Single
+    psi: Single
+    theta_dot: Single
+    psi_dot: Single
+    theta_ref: Single
+    theta_diff: Single
+    psi_diff: Single

@@ -5,16 +5,38 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from enum import IntEnum
-from typing import SupportsFloat
+from typing import Any, NamedTuple, SupportsFloat
 
-from ballbot_ros.brick.brick import UINT32_MASK, Brick, DeviceInputs, DeviceOutputs
-from ballbot_ros.brick.schedule import Schedule
-from ballbot_ros.brick.units import NO_ECHO_CM
-from ballbot_ros.controllers.document.axis import ONE, ZERO, Axis
+from ballbot_ros.brick.bluetooth import LogPacket
+from ballbot_ros.brick.brick import (
+    NO_SAMPLE,
+    UINT32_MASK,
+    DeviceInputs,
+    DeviceOutputs,
+    Inputs,
+    Tone,
+    as_numbers,
+)
+from ballbot_ros.brick.lcd import status_page
+from ballbot_ros.brick.units import NO_DATA_CM, NO_ECHO_CM
+from ballbot_ros.controllers.document.axis import (
+    AT_REST,
+    ONE,
+    ZERO,
+    Axis,
+    AxisEstimates,
+    AxisState,
+    Constants,
+    calibrated_offset,
+    constants_of,
+    control,
+    in_control,
+)
 from ballbot_ros.controllers.document.constants import ProgramConstants, Single
-from ballbot_ros.controllers.document.tasks import PROGRAM_NAME
+from ballbot_ros.controllers.document.tasks import LCD_MS, PROGRAM_NAME
 from ballbot_ros.controllers.glide import Glide
 from ballbot_ros.controllers.interface import OperatingState
+from ballbot_ros.numerics.compiler_hints import inlined
 from ballbot_ros.parameters import ControllerParameters
 
 LOWEST_TONE_HZ = 31
@@ -32,8 +54,12 @@ class ControlMode(IntEnum):
     CONTROL = 2
 
 
+STOP, CALIBRATION, CONTROL = (int(mode) for mode in ControlMode)
+"""As plain numbers, which compare faster."""
+
+
 def operating_state(
-    control_mode: ControlMode, autonomous: bool, flag_avoid: bool, flag_auto: bool
+    control_mode: int, autonomous: bool, flag_avoid: bool, flag_auto: bool
 ) -> OperatingState:
     """Return the state of figure 7-1."""
     if control_mode == ControlMode.CALIBRATION:
@@ -70,7 +96,7 @@ def held_distance(
 
 def next_mode(
     elapsed: int, timer_stop: int, is_in_control: bool, calibrated: bool, time_stop: int
-) -> tuple[ControlMode, int]:
+) -> tuple[int, int]:
     """Return the mode and the time at which the errors were last below their thresholds (7.6).
 
     Parameters
@@ -87,8 +113,8 @@ def next_mode(
     if is_in_control:
         timer_stop = elapsed
     if (elapsed - timer_stop) & UINT32_MASK >= time_stop:
-        return ControlMode.STOP, timer_stop
-    return ControlMode.CONTROL if calibrated else ControlMode.CALIBRATION, timer_stop
+        return STOP, timer_stop
+    return CONTROL if calibrated else CALIBRATION, timer_stop
 
 
 def speed_command(
@@ -115,56 +141,264 @@ def averaged_battery(battery: Single, reading_mv: int, a_b: Single) -> Single:
     return (ONE - a_b) * Single(reading_mv) + a_b * battery
 
 
-class ControlProgram:
-    """The program on the brick: its shared data and tasks.
+INIT, TS1, TS2, TS3, LCD = 1, 2, 4, 8, 16
+"""The tasks of a tick, as bits of one number; a lower one has a higher priority."""
+
+TASK_BITS = {'task_init': INIT, 'task_ts1': TS1, 'task_ts2': TS2, 'task_ts3': TS3, 'task_lcd': LCD}
+
+
+def tasks_due(elapsed_ms: int, ts2_period: int, ts3_period: int) -> int:
+    """Return the tasks due `elapsed_ms` after the start, as bits."""
+    tasks = TS1
+    if elapsed_ms == 0:
+        tasks |= INIT
+    if elapsed_ms % ts2_period == 0:
+        tasks |= TS2
+    if elapsed_ms % ts3_period == 0:
+        tasks |= TS3
+    if elapsed_ms % LCD_MS == 0:
+        tasks |= LCD
+    return tasks
+
+
+class TickConstants(NamedTuple):
+    """The constants of a tick, see :class:`ProgramConstants`; `law` are those of `control`."""
+
+    law: Constants
+    a_b: Single
+    a_gc: Single
+    theta_diff_thr: Single
+    psi_diff_thr: Single
+    autonomous: bool
+    gp_max: int
+    dst_thr: int
+    sonar_hold: int
+    time_start: int
+    time_auto: int
+    time_stop: int
+    sound_dur: int
+    tone_gain: int
+    log_count: int
+
+
+class ProgramState(NamedTuple):
+    """Everything in the program and its devices that changes with time.
 
     Attributes
     ----------
-    brick : Brick
-        The devices it reads and sets.
-    x, y : Axis
-        The controllers of both planes.
+    x, y : AxisState
+        What the planes carry from one period to the next.
+    estimates_x, estimates_y : AxisEstimates
+        The newest estimates of the planes.
+    control_mode : int
+        A :class:`ControlMode`.
     battery : Single
         Averaged battery voltage [mV].
-    distance_cm : int
-        Distance to an obstacle [cm], 255 for none: from the sonar, or the last echo while it is
-        held.
+    distance_cm, echo_time : int
+        As in :func:`held_distance`.
     flag_avoid, flag_auto : bool
         Whether an obstacle is near; whether the time of autonomous drive has come.
-    start_time, echo_time : int
-        System time [ms] of task_init and of the last echo.
+    start_time : int
+        System time [ms] of task_init.
     timer_stop : int
         Time since task_init [ms] at which the errors were last below their thresholds.
     calibrated : bool
         Whether ``time_start`` had passed at the last task_ts3.
     log_counter : int
         Ticks since the last log packet.
-    sticks : tuple of int
-        Left vertical and right horizontal of the newest packet read.
+    vertical, horizontal : int
+        The sticks of the newest packet read.
+    waiting_vertical, waiting_horizontal : int
+        Those of a packet that has not been read; `NO_SAMPLE` if there is none.
+    connected : bool
+        Whether a packet has ever come.
+    sonar_cm, sonar_reply, sonar_register : int
+        The program's last reading of the sonar, the next one, and the newest sample.
+    battery_mv : int
+        The newest sample.
+    systick_ms : int
+        uint32 system time.
+    gyro_x, gyro_y, revolution_x, revolution_y : int
+        The newest samples.
+    duty_x, duty_y : int
+        Duty [%].
+    has_logged, log_sonar_cm : bool, int
+        Whether the tick has sent a log packet, and the reading of the sonar in it.
+    has_started_tone, distance_tone_hz : bool, int
+        Whether the tick has sounded the tone of the start, and the frequency of that of the
+        distance, or 0.
+    has_drawn : bool
+        Whether the tick has drawn the display.
+    """
+
+    x: AxisState
+    y: AxisState
+    estimates_x: AxisEstimates
+    estimates_y: AxisEstimates
+    control_mode: int
+    battery: Single
+    distance_cm: int
+    echo_time: int
+    flag_avoid: bool
+    flag_auto: bool
+    start_time: int
+    timer_stop: int
+    calibrated: bool
+    log_counter: int
+    vertical: int
+    horizontal: int
+    waiting_vertical: int
+    waiting_horizontal: int
+    connected: bool
+    sonar_cm: int
+    sonar_reply: int
+    sonar_register: int
+    battery_mv: int
+    systick_ms: int
+    gyro_x: int
+    gyro_y: int
+    revolution_x: int
+    revolution_y: int
+    duty_x: int
+    duty_y: int
+    has_logged: bool
+    log_sonar_cm: int
+    has_started_tone: bool
+    distance_tone_hz: int
+    has_drawn: bool
+
+
+NO_ESTIMATES = (ZERO, ZERO, ZERO, ZERO, ZERO, ZERO, ZERO)
+
+INITIAL_STATE = ProgramState(
+    AT_REST, AT_REST, NO_ESTIMATES, NO_ESTIMATES, CALIBRATION, ZERO,
+    NO_ECHO_CM, 0, False, False, 0, 0, False, 0, 0, 0, NO_SAMPLE, NO_SAMPLE, False,
+    NO_DATA_CM, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, False, 0, False, 0, False,
+)  # fmt: skip
+"""The state of a brick that has just been switched on."""
+
+
+@inlined
+def program_tick(
+    constants: TickConstants, state: ProgramState, inputs: Inputs, tasks: int, systick_ms: int
+) -> ProgramState:
+    """Return the state after some tasks, by priority, on the inputs of a tick.
+
+    Parameters
+    ----------
+    tasks : int
+        As bits, such as :data:`TS1`.
+    systick_ms : int
+        uint32 system time [ms].
+    """
+    (
+        law, a_b, a_gc, theta_diff_thr, psi_diff_thr, autonomous, gp_max, dst_thr, sonar_hold,
+        time_start, time_auto, time_stop, sound_dur, tone_gain, log_count,
+    ) = constants  # fmt: skip
+    (
+        x, y, estimates_x, estimates_y, control_mode, battery, distance_cm, echo_time,
+        flag_avoid, flag_auto, start_time, timer_stop, calibrated, log_counter,
+        vertical, horizontal, waiting_vertical, waiting_horizontal, connected,
+        sonar_cm, sonar_reply, sonar_register, battery_mv, _, _, _, _, _, duty_x, duty_y,
+        _, log_sonar_cm, _, _, _,
+    ) = state  # fmt: skip
+    gyro_x, gyro_y, revolution_x, revolution_y, new_sonar, new_battery, stick, across = inputs
+    if new_sonar != NO_SAMPLE:
+        sonar_register = new_sonar
+    if new_battery != NO_SAMPLE:
+        battery_mv = new_battery
+    if stick != NO_SAMPLE:
+        waiting_vertical, waiting_horizontal, connected = stick, across, True
+    has_logged = has_started_tone = False
+    distance_tone_hz = 0
+
+    if tasks & INIT:
+        # STOP and RUN restart the program without loading it, so nothing may remain from the
+        # previous run (section 7.3).
+        x = (Single(gyro_x), ZERO, ZERO, ZERO, ZERO, ZERO)
+        y = (Single(gyro_y), ZERO, ZERO, ZERO, ZERO, ZERO)
+        estimates_x = estimates_y = NO_ESTIMATES
+        control_mode, battery = CALIBRATION, Single(battery_mv)
+        distance_cm, echo_time, flag_avoid, flag_auto = NO_ECHO_CM, 0, False, False
+        start_time, timer_stop, calibrated, log_counter = systick_ms, 0, False, 0
+        vertical = horizontal = 0
+
+    if tasks & TS1:  # calibrate, balance and drive, log; or stop the motors (section 7.4)
+        duty_x = duty_y = 0
+        if control_mode == CONTROL:
+            if waiting_vertical != NO_SAMPLE:
+                vertical, horizontal = waiting_vertical, waiting_horizontal
+                waiting_vertical = NO_SAMPLE
+            stick_x, stick_y = speed_command(
+                autonomous, flag_avoid, flag_auto, (vertical, horizontal), gp_max
+            )
+            volts = max_motor_voltage(battery)
+            x, estimates_x, percent_x = control(
+                law, x, Single(gyro_x), Single(revolution_x), Single(stick_x), volts
+            )
+            y, estimates_y, percent_y = control(
+                law, y, Single(gyro_y), Single(revolution_y), Single(stick_y), volts
+            )
+            duty_x, duty_y = int(percent_x), int(percent_y)
+            has_logged, log_sonar_cm = log_counter == 0, sonar_cm
+            log_counter = (log_counter + 1) & 0xFF
+            if log_counter == log_count:
+                log_counter = 0
+        elif control_mode == CALIBRATION:
+            x = (calibrated_offset(x[0], gyro_x, a_gc), x[1], x[2], x[3], x[4], x[5])
+            y = (calibrated_offset(y[0], gyro_y, a_gc), y[1], y[2], y[3], y[4], y[5])
+
+    if tasks & TS2:  # look for an obstacle (section 7.5)
+        # nxtOSEK fetches the sensor's register over I2C after the call, so the program sees a
+        # value one period of the calling task later.
+        sonar_cm, sonar_reply = sonar_reply, sonar_register
+        distance_cm, echo_time = held_distance(
+            distance_cm, echo_time, sonar_cm, systick_ms, sonar_hold
+        )
+        flag_avoid = distance_cm <= dst_thr
+
+    if tasks & TS3:  # decide the state, average the battery voltage, sound (section 7.6)
+        battery = averaged_battery(battery, battery_mv, a_b)
+        elapsed = (systick_ms - start_time) & UINT32_MASK
+        flag_auto = elapsed >= time_auto
+        was_calibrated, calibrated = calibrated, elapsed >= time_start
+        has_started_tone = calibrated and not was_calibrated
+        is_in_control = in_control(
+            estimates_x[5], estimates_x[6], theta_diff_thr, psi_diff_thr
+        ) and in_control(estimates_y[5], estimates_y[6], theta_diff_thr, psi_diff_thr)
+        control_mode, timer_stop = next_mode(
+            elapsed, timer_stop, is_in_control, calibrated, time_stop
+        )
+        if calibrated and elapsed - time_start >= sound_dur:
+            distance_tone_hz = tone_of(distance_cm, tone_gain)
+
+    return ProgramState(
+        x, y, estimates_x, estimates_y, control_mode, battery, distance_cm, echo_time,
+        flag_avoid, flag_auto, start_time, timer_stop, calibrated, log_counter,
+        vertical, horizontal, waiting_vertical, waiting_horizontal, connected,
+        sonar_cm, sonar_reply, sonar_register, battery_mv, systick_ms,
+        gyro_x, gyro_y, revolution_x, revolution_y, duty_x, duty_y,
+        has_logged, log_sonar_cm, has_started_tone, distance_tone_hz, tasks & LCD > 0,
+    )  # fmt: skip
+
+
+class ControlProgram:
+    """The program on the brick.
+
+    Attributes
+    ----------
+    state : ProgramState
+        Everything that changes with time.
     """
 
     def __init__(self, parameters: ControllerParameters) -> None:
-        p = self._p = ProgramConstants.of(parameters)
         self._glide = Glide(parameters)
-        self.brick = Brick()
-        self.x, self.y = Axis(p), Axis(p)
-        self._schedule = Schedule(p.tasks)
-        self._reset()
+        self._use(parameters)
+        self.state = INITIAL_STATE
 
-    def _reset(self) -> None:
-        self.x.reset()
-        self.y.reset()
-        self.control_mode = ControlMode.CALIBRATION
-        self.battery = ZERO
-        self.distance_cm = NO_ECHO_CM
-        self.flag_avoid = False
-        self.flag_auto = False
-        self.start_time = 0
-        self.timer_stop = 0
-        self.calibrated = False
-        self.log_counter = 0
-        self.sticks = (0, 0)
-        self.echo_time = 0
+    def _use(self, parameters: ControllerParameters) -> None:
+        self._p = ProgramConstants.of(parameters)
+        self._constants = tick_constants(self._p)
 
     def retune(self, parameters: ControllerParameters) -> None:
         """Take over gains and thresholds from the next tick on."""
@@ -172,103 +406,87 @@ class ControlProgram:
 
     def tick(self, elapsed_ms: int, systick_ms: int, inputs: DeviceInputs) -> DeviceOutputs:
         """Run the tasks due `elapsed_ms` after the start on the inputs of that time."""
-        return self.run(self._schedule.due(elapsed_ms), systick_ms, inputs)
+        tasks = tasks_due(elapsed_ms, self._p.ts2_period, self._p.ts3_period)
+        return self._run(tasks, systick_ms, inputs)
 
     def run(self, tasks: Sequence[str], systick_ms: int, inputs: DeviceInputs) -> DeviceOutputs:
-        """Run `tasks`, in this order, on the inputs of a tick."""
-        if self._glide.is_moving:
-            p = self._p = ProgramConstants.of(self._glide.tick())
-            self.x.retune(p)
-            self.y.retune(p)
-        return self.brick.tick(systick_ms, inputs, lambda: self._run_tasks(tasks))
-
-    def _run_tasks(self, tasks: Sequence[str]) -> None:
+        """Run `tasks` on the inputs of a tick, by priority."""
+        bits = 0
         for name in tasks:
-            getattr(self, name)()
+            bits |= TASK_BITS[name]
+        return self._run(bits, systick_ms, inputs)
+
+    def _run(self, tasks: int, systick_ms: int, inputs: DeviceInputs) -> DeviceOutputs:
+        if self._glide.is_moving:
+            self._use(self._glide.tick())
+        self.state = program_tick(
+            self._constants, self.state, as_numbers(inputs), tasks, systick_ms & UINT32_MASK
+        )
+        return self._outputs(self.state)
+
+    def _outputs(self, state: ProgramState) -> DeviceOutputs:
+        p, outputs = self._p, DeviceOutputs((state.duty_x, state.duty_y))
+        if state.has_logged:
+            outputs.log.append(
+                LogPacket(
+                    time_ms=state.systick_ms, data1=0, data2=0, battery_mv=state.battery_mv,
+                    rev_a=0, rev_b=state.revolution_x, rev_c=state.revolution_y,
+                    adc1=logged(state.estimates_x[1] / p.lsb),
+                    adc2=logged(state.estimates_y[1] / p.lsb),
+                    adc3=0, adc4=0, sonar_cm=state.log_sonar_cm,
+                )
+            )  # fmt: skip
+        if state.has_started_tone:
+            outputs.tones.append(Tone(p.sound_freq, p.sound_dur, p.sound_volume))
+        if state.distance_tone_hz:
+            outputs.tones.append(Tone(state.distance_tone_hz, p.ts3_period, p.sound_volume))
+        if state.has_drawn:
+            outputs.pages.append(
+                status_page(
+                    PROGRAM_NAME,
+                    systick_ms=state.systick_ms,
+                    battery_mv=state.battery_mv,
+                    revolutions=(0, state.revolution_x, state.revolution_y),
+                    adc=(state.gyro_x, state.gyro_y, 0, 0),
+                    bluetooth_connected=state.connected,
+                    sonar_cm=state.sonar_cm,
+                )
+            )
+        return outputs
+
+    @property
+    def x(self) -> Axis:
+        """The controller of plane x."""
+        return Axis(*self.state.x, *self.state.estimates_x)
+
+    @property
+    def y(self) -> Axis:
+        """The controller of plane y."""
+        return Axis(*self.state.y, *self.state.estimates_y)
 
     @property
     def operating_state(self) -> OperatingState:
         """The state of figure 7-1, as published."""
+        state = self.state
         return operating_state(
-            self.control_mode, self._p.autonomous, self.flag_avoid, self.flag_auto
+            state.control_mode, self._p.autonomous, state.flag_avoid, state.flag_auto
         )
 
-    def task_init(self) -> None:
-        """Set the initial values (section 7.3) of all variables.
 
-        STOP and RUN restart the program without loading it, so nothing may remain from the previous
-        run.
-        """
-        self._reset()
-        self.battery = Single(self.brick.battery_mv)
-        self.x.gyro_offset = Single(self.brick.gyro[0])
-        self.y.gyro_offset = Single(self.brick.gyro[1])
-        self.start_time = self.brick.systick_ms
+def tone_of(distance_cm: int, tone_gain: int) -> int:
+    """Return the frequency [Hz] of a tone proportional to a distance, 0 for none (section 10)."""
+    if tone_gain > 0 and 0 <= distance_cm < NO_ECHO_CM:
+        return max(LOWEST_TONE_HZ, tone_gain * distance_cm)
+    return 0
 
-    def task_ts1(self) -> None:
-        """Calibrate, balance and drive, log; or stop the motors (section 7.4)."""
-        brick = self.brick
-        if self.control_mode == ControlMode.CONTROL:
-            self.sticks = brick.read_sticks(self.sticks)
-            stick_x, stick_y = speed_command(
-                self._p.autonomous, self.flag_avoid, self.flag_auto, self.sticks, self._p.gp_max
-            )
-            max_voltage = max_motor_voltage(self.battery)
-            brick.duty = (
-                self.x.control(brick.gyro[0], brick.revolutions[0], stick_x, max_voltage),
-                self.y.control(brick.gyro[1], brick.revolutions[1], stick_y, max_voltage),
-            )
-            self._log()
-            return
-        if self.control_mode == ControlMode.CALIBRATION:
-            self.x.calibrate(brick.gyro[0])
-            self.y.calibrate(brick.gyro[1])
-        brick.duty = (0, 0)
 
-    def task_ts2(self) -> None:
-        """Check for an obstacle (section 7.5); the last echo bridges missed ones."""
-        brick = self.brick
-        self.distance_cm, self.echo_time = held_distance(
-            self.distance_cm, self.echo_time, brick.read_sonar(),
-            brick.systick_ms, self._p.sonar_hold,
-        )  # fmt: skip
-        self.flag_avoid = self.distance_cm <= self._p.dst_thr
-
-    def task_ts3(self) -> None:
-        """Decide the operating state, average the battery voltage, sound (section 7.6)."""
-        p = self._p
-        self.battery = averaged_battery(self.battery, self.brick.battery_mv, p.a_b)
-        elapsed = (self.brick.systick_ms - self.start_time) & UINT32_MASK
-        self.flag_auto = elapsed >= p.time_auto
-        calibrated = elapsed >= p.time_start
-        is_in_control = self.x.in_control() and self.y.in_control()
-        self.control_mode, self.timer_stop = next_mode(
-            elapsed, self.timer_stop, is_in_control, calibrated, p.time_stop
-        )
-        if calibrated and not self.calibrated:
-            self.brick.sound_tone(p.sound_freq, p.sound_dur, p.sound_volume)
-        self.calibrated = calibrated
-        if calibrated and elapsed - p.time_start >= p.sound_dur:
-            self._sound_distance()
-
-    def _sound_distance(self) -> None:
-        """Sound a tone proportional to the distance of an obstacle (section 10)."""
-        p = self._p
-        if p.tone_gain > 0 and 0 <= self.distance_cm < NO_ECHO_CM:
-            frequency = max(LOWEST_TONE_HZ, p.tone_gain * self.distance_cm)
-            self.brick.sound_tone(frequency, p.ts3_period, p.sound_volume)
-
-    def task_lcd(self) -> None:
-        """Refresh the display."""
-        self.brick.show_status(PROGRAM_NAME)
-
-    def _log(self) -> None:
-        if self.log_counter == 0:
-            lsb = self._p.lsb
-            self.brick.log(0, 0, logged(self.x.psi / lsb), logged(self.y.psi / lsb))
-        self.log_counter = (self.log_counter + 1) & 0xFF
-        if self.log_counter == self._p.log_count:
-            self.log_counter = 0
+def tick_constants(p: Any) -> TickConstants:
+    """Return the constants of :func:`program_tick`, for a row of a table, too."""
+    return TickConstants(
+        constants_of(p), p.a_b, p.a_gc, p.theta_diff_thr, p.psi_diff_thr, p.autonomous, p.gp_max,
+        p.dst_thr, p.sonar_hold, p.time_start, p.time_auto, p.time_stop, p.sound_dur, p.tone_gain,
+        p.log_count,
+    )  # fmt: skip
 
 
 def max_motor_voltage(battery: Single) -> Single:

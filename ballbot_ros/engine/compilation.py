@@ -22,6 +22,7 @@ import numpy as np
 import ballbot_ros
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.files import make_folder
+from ballbot_ros.numerics.compiler_hints import ALTERNATIVES, INLINED
 
 _PACKAGE = ballbot_ros.__name__
 _KEPT_FOLDERS = 4
@@ -55,8 +56,8 @@ def compiled(function: Function) -> Function:
     """
     known = _functions.get(function)
     if known is None:
-        fresh = _with_compiled_globals(function, {})
-        known = _numba().njit(fresh, error_model='numpy')
+        fresh = _with_compiled_globals(ALTERNATIVES.get(function, function), {})
+        known = _numba().njit(fresh, error_model='numpy', forceinline=function in INLINED)
         _functions[function] = known
     return cast(Function, known)
 

@@ -1,0 +1,264 @@
+"""The devices: their readings as functions on numbers, and the table of all of them.
+
+A reading is that of the present state, or of an earlier step if the samples have a dead time.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Generic, NamedTuple, TypeAlias, TypeVar
+
+import numpy as np
+
+from ballbot_ros.brick.dead_time import drawn_delay
+from ballbot_ros.brick.encoder import encoder_reading
+from ballbot_ros.brick.gyro import GyroConstants as PlaneGyro
+from ballbot_ros.brick.gyro import gyro_reading
+from ballbot_ros.brick.noise import Key, device_number, noise_key
+from ballbot_ros.brick.sonar import sonar_reading
+from ballbot_ros.engine.noise import normal_pair, uniform_pair
+from ballbot_ros.engine.numbers import choice, numbers_of
+from ballbot_ros.parameters import (
+    DeviceParameters,
+    EncoderParameters,
+    GyroParameters,
+    SonarParameters,
+)
+from ballbot_ros.plant.ground_truth import GroundTruth, MeasuredState, Pair
+from ballbot_ros.timing import SLOW_PERIOD_NS, STEP_NS, TICK_NS
+from ballbot_ros.world.floor_map import CELL_M, map_point
+from ballbot_ros.world.sonar_beam import nearest_echo, sides_of
+
+GYRO, GYRO_DRIFT, SONAR = (device_number(name) for name in ('gyro', 'gyro drift', 'sonar'))
+
+
+def delay_number(device: str) -> np.uint64:
+    """Return what distinguishes the dead times of a device among the random numbers."""
+    return device_number(f'{device} delay')
+
+
+GYRO_DELAY, ENCODER_DELAY, SONAR_DELAY = map(delay_number, ('gyro', 'encoder', 'sonar'))
+
+
+EXACT = choice(SonarParameters, 'distance_model', 'exact')
+
+
+class GyroConstants(NamedTuple):
+    """Both gyros; `noise` is the standard deviation [deg/s], dead times are in steps."""
+
+    x: PlaneGyro
+    y: PlaneGyro
+    noise: float
+    delay: int
+    jitter: int
+    key: Key
+
+
+class EncoderConstants(NamedTuple):
+    """Dead time [steps] of the encoders."""
+
+    delay: int
+    jitter: int
+    key: Key
+
+
+class SonarConstants(NamedTuple):
+    """The sonar; lengths as their names say, the angle in rad, dead times in steps."""
+
+    to_front_m: float
+    cone_angle: float
+    rays: int
+    is_exact: bool
+    noise_cm: float
+    dropout: float
+    min_range_cm: float
+    max_range_cm: float
+    delay: int
+    jitter: int
+    key: Key
+
+
+def gyro_constants(p: Any) -> GyroConstants:
+    """Return the constants of the gyros for their parameters."""
+    key = noise_key(p.seed)
+    phase_x, phase_y = uniform_pair(key, GYRO_DRIFT, 0)
+    period_ns = round(p.drift_period * 1e9)
+    return GyroConstants(
+        (p.zero_rate_offset_x, p.rate_limit, p.noise, p.drift, period_ns, phase_x),
+        (p.zero_rate_offset_y, p.rate_limit, p.noise, p.drift, period_ns, phase_y),
+        p.noise, p.delay, p.delay_jitter, key,
+    )  # fmt: skip
+
+
+def encoder_constants(p: Any) -> EncoderConstants:
+    """Return the constants of the encoders for their parameters."""
+    return EncoderConstants(p.delay, p.delay_jitter, noise_key(p.seed))
+
+
+def sonar_constants(p: Any) -> SonarConstants:
+    """Return the constants of the sonar for its parameters."""
+    return SonarConstants(
+        p.body_depth / 2.0, p.cone_angle, p.cone_rays if p.cone_angle else 1,
+        p.distance_model == EXACT, p.noise_cm, p.dropout_probability,
+        p.min_range_cm, p.max_range_cm, p.delay, p.delay_jitter, noise_key(p.seed),
+    )  # fmt: skip
+
+
+def read_gyro(
+    constants: GyroConstants, rate_x: float, rate_y: float, stamp_ns: int
+) -> tuple[int, int]:
+    """Return the readings of both gyros [deg/s + offset] for pitch rates [rad/s]."""
+    error_x = error_y = 0.0
+    if constants.noise:
+        error_x, error_y = normal_pair(constants.key, GYRO, stamp_ns // TICK_NS)
+    return (
+        gyro_reading(constants.x, rate_x, error_x, stamp_ns),
+        gyro_reading(constants.y, rate_y, error_y, stamp_ns),
+    )
+
+
+def read_encoder(angle_x: float, angle_y: float) -> tuple[int, int]:
+    """Return the counts [deg] for the angles of the motor shafts [rad]."""
+    return encoder_reading(angle_x), encoder_reading(angle_y)
+
+
+def read_sonar(constants: SonarConstants, x: float, y: float, sides: Any, stamp_ns: int) -> int:
+    """Return the reading [cm] for a position of the ball [m]; 255 for no echo.
+
+    `sides` is as in :func:`distance_ahead`.
+    """
+    return echo(constants, distance_ahead(constants, x, y, sides), stamp_ns)
+
+
+def distance_ahead(constants: SonarConstants, x: float, y: float, sides: Any) -> float:
+    """Return the distance [m] from the sensor to the nearest wall, inf if there is none.
+
+    Parameters
+    ----------
+    x, y : float
+        Position of the ball's centre [m].
+    sides : array of int32
+        Result of :func:`~ballbot_ros.world.sonar_beam.sides_of`.
+    """
+    if not len(sides):
+        return math.inf
+    rows, columns = sides.shape
+    sensor = map_point(columns, rows, (x + constants.to_front_m, y))
+    return CELL_M * nearest_echo(
+        sides, sensor, constants.cone_angle, constants.rays, constants.is_exact
+    )
+
+
+def echo(constants: SonarConstants, distance_m: float, stamp_ns: int) -> int:
+    """Return the reading [cm] for the distance [m] to an obstacle; 255 for no echo."""
+    chance, error = uniform_pair(constants.key, SONAR, stamp_ns // SLOW_PERIOD_NS)
+    return sonar_reading(
+        distance_m, chance, error, constants.noise_cm, constants.dropout,
+        constants.min_range_cm, constants.max_range_cm,
+    )  # fmt: skip
+
+
+def sample_age(
+    delay: int, jitter: int, key: Key, device: Any, period_ns: int, stamp_ns: int
+) -> int:
+    """Return the age [steps] of a sample: that of the newest measurement which has arrived by then.
+
+    So a sample never measures an earlier instant than the sample before it.
+    """
+    if not jitter:
+        return delay
+    index, period = stamp_ns // period_ns, period_ns // STEP_NS
+    age = delay + jitter
+    # One that is earlier by more than the jitter has in any case measured an earlier instant.
+    for earlier in range(jitter // period + 1):
+        chance, _ = uniform_pair(key, device, index - earlier)
+        age = min(age, drawn_delay(delay, jitter, chance) + earlier * period)
+    return age
+
+
+P = TypeVar('P', bound=DeviceParameters)
+"""Parameters of a device's driver."""
+
+Measured = TypeVar('Measured')
+"""The measured quantity, in SI."""
+
+Reading = TypeVar('Reading')
+"""The reading, in the brick's integers."""
+
+Read: TypeAlias = Callable[[Measured, int], Reading]
+"""Returns the reading of a quantity at a stamp [ns]."""
+
+TrueState: TypeAlias = GroundTruth | MeasuredState
+"""The present state, or that of an earlier step."""
+
+
+@dataclass(frozen=True)
+class Device(Generic[P, Measured, Reading]):
+    """A device of the brick.
+
+    Attributes
+    ----------
+    field : str
+        Field of :class:`~ballbot_ros.brick.brick.DeviceInputs` that holds its readings.
+    measured : callable
+        Returns the measured quantity of a true state.
+    make : callable
+        Creates a device from its parameters and returns its read function. A reading depends only
+        on the measured quantity and the stamp, never on earlier readings. Raises BallbotError if
+        the parameters contradict each other.
+    """
+
+    parameters: type[P]
+    field: str
+    measured: Callable[[TrueState], Measured]
+    make: Callable[[P], Read[Measured, Reading]]
+
+    @property
+    def period_ns(self) -> int:
+        """Sampling period in sim time [ns]."""
+        return self.parameters.period_ns
+
+    def age_of(self, parameters: P) -> Callable[[int], int]:
+        """Return the function that gives the age [steps] of the sample with a stamp [ns]."""
+        delay, jitter, key = parameters.delay, parameters.delay_jitter, noise_key(parameters.seed)
+        number = delay_number(self.parameters.node.removesuffix('_driver'))
+        return lambda stamp_ns: sample_age(delay, jitter, key, number, self.period_ns, stamp_ns)
+
+    def sampled(self, parameters: P) -> Callable[[GroundTruth], Measured]:
+        """Return the function that measures the quantity of the sample at a tick."""
+        measured, age_of = self.measured, self.age_of(parameters)
+        if not longest_delay(parameters):
+            return measured
+        return lambda truth: measured(truth.steps[-1 - age_of(truth.stamp_ns)])
+
+
+def longest_delay(parameters: DeviceParameters) -> int:
+    """Return the longest dead time of a device's samples [steps]."""
+    return parameters.delay + parameters.delay_jitter
+
+
+def _gyro(parameters: GyroParameters) -> Read[Pair, tuple[int, int]]:
+    constants = gyro_constants(parameters)
+    return lambda rates, stamp_ns: read_gyro(constants, rates[0], rates[1], stamp_ns)
+
+
+def _encoder(parameters: EncoderParameters) -> Read[Pair, tuple[int, int]]:
+    return lambda angles, stamp_ns: read_encoder(angles[0], angles[1])
+
+
+def _sonar(parameters: SonarParameters) -> Read[Pair, int]:
+    constants = sonar_constants(numbers_of(parameters))
+    sides = sides_of(parameters)
+    return lambda position, stamp_ns: read_sonar(constants, *position, sides, stamp_ns)
+
+
+GYRO_DEVICE = Device(GyroParameters, 'gyro', lambda truth: truth.psi_rate, _gyro)
+ENCODER_DEVICE = Device(EncoderParameters, 'revolutions', lambda truth: truth.motor_angle, _encoder)
+SONAR_DEVICE = Device(SonarParameters, 'sonar_cm', lambda truth: truth.position, _sonar)
+
+AnyDevice: TypeAlias = Device[Any, Any, Any]
+"""A device of any kind."""
+
+DEVICES: tuple[AnyDevice, ...] = (GYRO_DEVICE, ENCODER_DEVICE, SONAR_DEVICE)

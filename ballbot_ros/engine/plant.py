@@ -1,0 +1,204 @@
+"""The robot as a physical object: a plant with its constants, its state and its buffers."""
+
+from __future__ import annotations
+
+import struct
+from typing import Any, NamedTuple
+
+from ballbot_ros.engine.numbers import numbers_of
+from ballbot_ros.engine.plant_tick import (
+    NEVER_NS,
+    STEP_VALUES,
+    PlantState,
+    initial_state,
+    motor_angles,
+    plant_constants,
+    plant_tick,
+    position,
+    waiting_count,
+)
+from ballbot_ros.parameters import PlantParameters
+from ballbot_ros.plant.actuator import motor_current
+from ballbot_ros.plant.ground_truth import GroundTruth, MeasuredState, Push
+from ballbot_ros.plant.wall_contact import Floor, WallHit
+from ballbot_ros.timing import STEP_NS
+
+_FLOAT32 = struct.Struct('<f')
+
+
+class SavedPlant(NamedTuple):
+    """The state of a plant, and the content of its buffers."""
+
+    state: PlantState
+    push_times: tuple[int, ...]
+    push_forces: tuple[float, ...]
+    effects_ns: tuple[int, ...]
+    waiting_duties: tuple[int, ...]
+    steps: tuple[float, ...]
+
+
+class Plant:
+    """Both planes of the ballbot, from one reset to the next.
+
+    Parameters
+    ----------
+    start_ns : int
+        Sim time [ns] of the first tick.
+    floor : Floor or None
+        The walls; None for an unlimited floor.
+
+    Attributes
+    ----------
+    constants : PlantConstants
+        What does not change in a run.
+    state : PlantState
+        Everything that changes with time, but for the buffers.
+    kept_steps : list of float
+        The ring of the newest steps.
+    sides : array of int32
+        Distances to the walls, see :class:`~ballbot_ros.world.world.Footprint`; () without walls.
+    """
+
+    def __init__(
+        self, parameters: PlantParameters, start_ns: int, floor: Floor | None = None
+    ) -> None:
+        c = self.constants = plant_constants(numbers_of(parameters), start_ns)
+        self._torque_constant = parameters.torque_constant
+        self._floor = floor
+        walls: tuple[Any, Any] = floor.walls_as_numbers if floor else ((), ())
+        self.sides, self._walls_before = walls
+        self.state = initial_state(c, start_ns)
+        self._push_times: list[int] = []
+        self._push_forces: list[float] = []
+        waiting = waiting_count(c.actuator_delay + c.actuator_jitter)
+        self._effects_ns = [NEVER_NS] * waiting
+        self._waiting_duties = [0] * (2 * waiting)
+        self.kept_steps: list[float] = []
+
+    @property
+    def time_ns(self) -> int:
+        """Sim time [ns]."""
+        return self.state.time_ns
+
+    @property
+    def fallen(self) -> bool:
+        """Whether the body has fallen."""
+        return self.state.is_fallen
+
+    @property
+    def stopped(self) -> bool:
+        """Whether a wall hit has ended the run; the motors are then off."""
+        return self.state.is_stopped
+
+    @property
+    def pushes(self) -> int:
+        """Number of active and pending pushes."""
+        return self.state.pushes
+
+    def keep_steps(self, age: int) -> None:
+        """Keep the physics steps up to this age for the truth; 0 for none.
+
+        Steps from before the start, or before they were kept, are like the first one known.
+        """
+        count = age + 1 if age else 0
+        if count == len(self.kept_steps) // STEP_VALUES:
+            return
+        known = self.steps or (self._measured_state(),)
+        newest = self.time_ns // STEP_NS
+        self.kept_steps = [0.0] * (count * STEP_VALUES)
+        for number in range(count):
+            step = known[max(len(known) - 1 - number, 0)]
+            at = (newest - number) % count * STEP_VALUES
+            self.kept_steps[at : at + STEP_VALUES] = (
+                *step.motor_angle,
+                *step.psi_rate,
+                *step.position,
+            )
+
+    def push(self, push: Push) -> None:
+        """Add a disturbance; a push that has already ended has no effect."""
+        del self._push_times[2 * self.pushes :], self._push_forces[4 * self.pushes :]
+        self._push_times += (push.start_ns, push.end_ns)
+        self._push_forces += (*push.force, *push.torque)
+        self.state = self.state._replace(pushes=self.pushes + 1)
+
+    def tick(self, duty_x: int, duty_y: int) -> None:
+        """Advance by one tick of 4 ms under integer duties within -100 ... 100 %."""
+        self.state = plant_tick(
+            self.constants, self.state, duty_x, duty_y, self._push_times, self._push_forces,
+            self._effects_ns, self._waiting_duties, self.kept_steps, self.sides, self._walls_before,
+        )  # fmt: skip
+
+    @property
+    def wall_hit(self) -> bool:
+        """Whether there was a wall hit in the 20 ms up to the last multiple of 20 ms."""
+        return self.state.in_contact
+
+    @property
+    def newest_hit(self) -> WallHit | None:
+        """The most recent wall hit; None before the first."""
+        s = self.state
+        if s.hit_ns < 0 or self._floor is None:
+            return None
+        parts = self._floor.touching((s.tried_x, s.tried_y))
+        return WallHit(s.hit_ns, (s.hit_x, s.hit_y), parts)
+
+    @property
+    def steps(self) -> tuple[MeasuredState, ...]:
+        """The kept steps, the newest last."""
+        kept = self.kept_steps
+        count = len(kept) // STEP_VALUES
+        newest = self.time_ns // STEP_NS
+        rows = [(newest - age) % count * STEP_VALUES for age in range(count - 1, -1, -1)]
+        return tuple(
+            MeasuredState(
+                (kept[at], kept[at + 1]), (kept[at + 2], kept[at + 3]), (kept[at + 4], kept[at + 5])
+            )
+            for at in rows
+        )
+
+    def truth(self) -> GroundTruth:
+        """Return the current state of the robot."""
+        c, s = self.constants, self.state
+        _, psi_x, theta_dot_x, psi_dot_x = s.x
+        _, psi_y, theta_dot_y, psi_dot_y = s.y
+        ratio, radius, kt = c.ratio, c.radius, self._torque_constant
+        volts: float = _FLOAT32.unpack(_FLOAT32.pack(s.volts))[0]
+        return GroundTruth(
+            s.time_ns,
+            motor_angles(c, s),
+            (ratio * (theta_dot_x - psi_dot_x), ratio * (theta_dot_y - psi_dot_y)),
+            (
+                kt * motor_current(s.voltage_x, theta_dot_x, psi_dot_x, c.back_emf, c.ohms),
+                kt * motor_current(s.voltage_y, theta_dot_y, psi_dot_y, c.back_emf, c.ohms),
+            ),
+            (psi_x, psi_y),
+            (psi_dot_x, psi_dot_y),
+            position(c, s),
+            (radius * theta_dot_x, radius * theta_dot_y),
+            volts,
+            self.steps if self.kept_steps else (),
+        )
+
+    def _measured_state(self) -> MeasuredState:
+        c, s = self.constants, self.state
+        return MeasuredState(motor_angles(c, s), (s.x[3], s.y[3]), position(c, s))
+
+    def save_state(self) -> SavedPlant:
+        """Return the present state."""
+        return SavedPlant(
+            self.state,
+            tuple(self._push_times),
+            tuple(self._push_forces),
+            tuple(self._effects_ns),
+            tuple(self._waiting_duties),
+            tuple(self.kept_steps),
+        )
+
+    def restore_state(self, saved: SavedPlant) -> None:
+        """Continue from a state of a plant with the same parameters, start and floor."""
+        self.state = saved.state
+        self._push_times, self._push_forces = list(saved.push_times), list(saved.push_forces)
+        self._effects_ns = list(saved.effects_ns)
+        self._waiting_duties = list(saved.waiting_duties)
+        self.kept_steps = list(saved.steps)
