@@ -1,12 +1,19 @@
 """Parts of the robot with default parameters, except those that a test sets."""
 
 import math
+from functools import partial
 
 import numpy as np
 
 from ballbot_ros.brick.brick import DeviceInputs
 from ballbot_ros.engine.plant import Plant
 from ballbot_ros.parameters import PLANT, Dimensions, ParameterSet, ViewerParameters
+from ballbot_ros.plant.integration import (
+    advance_linear,
+    advance_nonlinear,
+    discrete_matrices,
+    equations_of,
+)
 from ballbot_ros.plant.model import PhysicalParameters, mass_matrix
 from ballbot_ros.scenario.signal import Segment, StickSignal
 from ballbot_ros.simulation.closed_loop import ClosedLoop
@@ -34,6 +41,16 @@ def mass_matrix_at(p, psi):
     m = mass_matrix(p)
     m12 = p.body_mass * p.body_height * p.ball_radius * math.cos(psi) - p.drive_inertia
     return np.array([[m.m11, m12], [m12, m.m22]])
+
+
+def linear_step(p, dt):
+    """Return the exact step of the linear model under inputs held for `dt` seconds."""
+    return partial(advance_linear, *discrete_matrices(p, dt))
+
+
+def nonlinear_step(p, dt):
+    """Return a classical fourth-order Runge-Kutta step of (3.11)-(3.12)."""
+    return partial(advance_nonlinear, equations_of(p), p.alpha, dt)
 
 
 def make_plant(**changes):

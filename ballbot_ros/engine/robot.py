@@ -1,6 +1,7 @@
-"""A tick of the whole robot: the devices are sampled, the controller acts, the plant moves.
+"""The constants of the whole robot, and the samples of its devices at a tick.
 
-The order within a tick is that which the lockstep imposes on the graph.
+After them the controller acts, and then the plant moves: the lockstep imposes this order on the
+graph, too.
 """
 
 from __future__ import annotations
@@ -31,7 +32,6 @@ from ballbot_ros.engine.plant_tick import (
     PlantConstants,
     PlantState,
     motor_angles,
-    plant_constants,
     position,
 )
 from ballbot_ros.numerics.compiler_hints import inlined
@@ -47,20 +47,17 @@ class RobotConstants(NamedTuple):
     sonar: SonarConstants
 
 
-def robot_constants(
-    start_ns: int, plant: Any, gyro: Any, encoder: Any, sonar: Any
-) -> RobotConstants:
-    """Return the constants of a run that begins at a sim time, for the parameters of the nodes.
+def robot_constants(plant: PlantConstants, gyro: Any, encoder: Any, sonar: Any) -> RobotConstants:
+    """Return the constants for those of the plant and the parameters of the devices.
 
     Parameters
     ----------
-    plant, gyro, encoder, sonar : row or namespace
+    gyro, encoder, sonar : row or namespace
         See :func:`~ballbot_ros.engine.numbers.numbers_of`.
     """
     return RobotConstants(
-        plant_constants(plant, start_ns), gyro_constants(gyro), encoder_constants(encoder),
-        sonar_constants(sonar),
-    )  # fmt: skip
+        plant, gyro_constants(gyro), encoder_constants(encoder), sonar_constants(sonar)
+    )
 
 
 def longest_age(constants: RobotConstants) -> int:

@@ -19,6 +19,7 @@ from ballbot_ros.engine.plant_tick import (
     NEVER_NS,
     STEP_VALUES,
     initial_state,
+    plant_constants,
     plant_tick,
     position,
     waiting_count,
@@ -129,7 +130,8 @@ def simulate_run(
     vertical_times, vertical_values = vertical_points[:, 0], vertical_points[:, 1]
     horizontal_times, horizontal_values = horizontal_points[:, 0], horizontal_points[:, 1]
     ts2_period, ts3_period = program.ts2_period, program.ts3_period
-    constants, law = robot_constants(start_ns, plant, gyro, encoder, sonar), tick_constants(program)
+    constants = robot_constants(plant_constants(plant, start_ns), gyro, encoder, sonar)
+    law = tick_constants(program)
     state = initial_state(constants.plant, start_ns, len(push_times) // 2)
     brick = INITIAL_STATE
     waiting = waiting_count(constants.plant.actuator_delay + constants.plant.actuator_jitter)

@@ -7,9 +7,6 @@ on every machine.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import partial
-
 from ballbot_ros.numerics.discretisation import zero_order_hold
 from ballbot_ros.numerics.elementary import sine_cosine
 from ballbot_ros.plant.model import (
@@ -17,14 +14,10 @@ from ballbot_ros.plant.model import (
     drive_friction,
     mass_matrix,
     state_space,
-    torque_per_volt,
 )
 
 PlaneState = tuple[float, float, float, float]
 """theta, psi [rad], theta_dot, psi_dot [rad/s] of one plane."""
-
-StepFunction = Callable[[PlaneState, float, float, float], PlaneState]
-"""(state, voltage [V], force on theta [N·m], force on psi [N·m]) -> state one step later."""
 
 TransitionCoefficients = tuple[
     float, float, float, float, float, float, float, float,
@@ -40,16 +33,6 @@ Equations = tuple[float, float, float, float, float, float, float, float, float,
 
 A plain tuple, which Python unpacks several times faster than a named one.
 """
-
-
-def linear_step(p: PhysicalParameters, dt: float) -> StepFunction:
-    """Return the exact step of the linear model under inputs held for `dt` seconds."""
-    return partial(advance_linear, *discrete_matrices(p, dt))
-
-
-def nonlinear_step(p: PhysicalParameters, dt: float) -> StepFunction:
-    """Return a classical fourth-order Runge-Kutta step of (3.11)-(3.12)."""
-    return partial(advance_nonlinear, equations_of(p), torque_per_volt(p), dt)
 
 
 def discrete_matrices(

@@ -7,17 +7,10 @@ from types import MappingProxyType
 from typing import Any, Protocol
 
 from ballbot_ros.brick.brick import DeviceInputs, from_numbers
-from ballbot_ros.engine.devices import encoder_constants, gyro_constants, sonar_constants
 from ballbot_ros.engine.numbers import numbers_of
 from ballbot_ros.engine.plant import Plant
-from ballbot_ros.engine.robot import RobotConstants, longest_age, sample
-from ballbot_ros.parameters import (
-    EncoderParameters,
-    GyroParameters,
-    ParameterSet,
-    PlantParameters,
-    SonarParameters,
-)
+from ballbot_ros.engine.robot import longest_age, robot_constants, sample
+from ballbot_ros.parameters import DEVICES, ParameterSet, PlantParameters, SonarParameters
 from ballbot_ros.plant.ground_truth import Push
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.timing import FIRST_TICK_NS, SLOW_PERIOD_NS
@@ -77,12 +70,8 @@ class Robot:
         self.world = World.of(parameters.of(PlantParameters))
         self.plant = Plant(parameters.of(PlantParameters), start_ns, self.world)
         check_rays(parameters.of(SonarParameters))
-        self._constants = RobotConstants(
-            self.plant.constants,
-            gyro_constants(parameters.of(GyroParameters)),
-            encoder_constants(parameters.of(EncoderParameters)),
-            sonar_constants(numbers_of(parameters.of(SonarParameters))),
-        )
+        devices = (parameters.of(each) for each in DEVICES)
+        self._constants = robot_constants(self.plant.constants, *map(numbers_of, devices))
         self.plant.keep_steps(longest_age(self._constants))
         self._recorded = {name: samples for name, samples in recorded.items() if samples}
         self._scenario = scenario or Scenario()

@@ -9,15 +9,9 @@ from robot import make_loop, run_loop, steps
 from ballbot_ros.controllers.document.constants import ProgramConstants
 from ballbot_ros.controllers.document.program import INITIAL_STATE, tick_constants
 from ballbot_ros.engine.numbers import numbers_of
-from ballbot_ros.engine.plant_tick import initial_state
+from ballbot_ros.engine.plant_tick import initial_state, plant_constants
 from ballbot_ros.engine.robot import robot_constants
-from ballbot_ros.parameters import (
-    ControllerParameters,
-    EncoderParameters,
-    GyroParameters,
-    PlantParameters,
-    SonarParameters,
-)
+from ballbot_ros.parameters import DEVICES, ControllerParameters, PlantParameters
 from ballbot_ros.scenario.scenario import Scenario
 
 ROBOT = {
@@ -45,8 +39,8 @@ def numbers_in(value):
 
 def test_constants_and_states_are_numbers():
     """An array would have a count of references, and make the compiled code four times slower."""
-    nodes = PlantParameters(), GyroParameters(), EncoderParameters(), SonarParameters()
-    constants = robot_constants(10**9, *map(numbers_of, nodes))
+    plant = plant_constants(numbers_of(PlantParameters()), 10**9)
+    constants = robot_constants(plant, *(numbers_of(each()) for each in DEVICES))
     law = tick_constants(ProgramConstants.of(ControllerParameters()))
     state = initial_state(constants.plant, 10**9)
     for each in numbers_in((constants, law, state, INITIAL_STATE)):

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 import pytest
 from generated import random_values
-from robot import physical, values_of
+from robot import linear_step, nonlinear_step, physical, values_of
 
 from ballbot_ros.brick.battery_monitor import battery_mv
 from ballbot_ros.brick.dead_time import drawn_delay
@@ -33,8 +33,6 @@ from ballbot_ros.plant.integration import (
     advance_nonlinear,
     discrete_matrices,
     equations_of,
-    linear_step,
-    nonlinear_step,
 )
 from ballbot_ros.plant.laws import add_push_forces, shaft_angle, state_after_fall
 from ballbot_ros.plant.model import mass_matrix

@@ -2,11 +2,10 @@
 
 from hypothesis import strategies as st
 from laws import given
-from robot import START_NS, make_plant, physical, run_plant
+from robot import START_NS, make_plant, nonlinear_step, physical, run_plant
 
 from ballbot_ros.engine.plant_tick import NEVER_NS, command, duty_at, waiting_count
 from ballbot_ros.plant.actuator import motor_voltage
-from ballbot_ros.plant.integration import nonlinear_step
 from ballbot_ros.timing import STEP_NS, STEPS_PER_TICK, TICK_NS
 
 RATIO = 0.026 / 0.021

@@ -5,9 +5,8 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 from laws import given
-from robot import mass_matrix_at, physical
+from robot import linear_step, mass_matrix_at, nonlinear_step, physical
 
-from ballbot_ros.plant.integration import linear_step, nonlinear_step
 from ballbot_ros.plant.model import state_space
 
 LOSSLESS = {'back_emf_constant': 0.0, 'motor_friction': 0.0}

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 from laws import given
-from robot import mass_matrix_at, physical
+from robot import mass_matrix_at, nonlinear_step, physical
 
-from ballbot_ros.plant.integration import nonlinear_step
 from ballbot_ros.plant.model import state_space
 
 # From the table of section 3.1 in exact fractions.

@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 from laws import given
-from robot import START_NS, make_plant, physical, run_plant
+from robot import START_NS, linear_step, make_plant, nonlinear_step, physical, run_plant
 
 from ballbot_ros.plant.ground_truth import Push
-from ballbot_ros.plant.integration import linear_step, nonlinear_step
 
 MODELS = ['linear', 'nonlinear']
 RATIO = 0.026 / 0.021
