@@ -6,6 +6,8 @@ import os
 import signal
 import sys
 import threading
+import time
+from _thread import start_new_thread
 from types import FrameType
 from typing import Any
 
@@ -70,7 +72,7 @@ class ProgramEnd(StopRequest):
     It is KeyboardInterrupt for SIGINT, otherwise SystemExit with 128 plus the number. Afterwards,
     and while the interpreter ends, signals have no effect: the program is already ending. Python
     ignores the exception in a finalizer or the callback of a weak reference: the signal is then
-    sent once more.
+    sent once more, and so it is if it comes before Python is done with that.
     """
 
     def __enter__(self) -> ProgramEnd:
@@ -85,19 +87,37 @@ class ProgramEnd(StopRequest):
         sys.unraisablehook = self._unraisable
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
-        if not self.signal:
-            self.signal = number
-            raise _Interrupt if number == signal.SIGINT else _End(128 + number)
+        if self.signal:
+            return
+        if self._handles_unraisable(frame):
+            _send_again(number)
+            return
+        self.signal = number
+        raise _Interrupt if number == signal.SIGINT else _End(128 + number)
 
     def _on_unraisable(self, unraisable: sys.UnraisableHookArgs) -> None:
         if not isinstance(unraisable.exc_value, _Interrupt | _End):
             self._unraisable(unraisable)
             return
         number, self.signal = self.signal, 0
-        # A thread, since here the exception would be ignored again.
-        again = threading.Timer(_AGAIN_S, os.kill, (os.getpid(), number))
-        again.daemon = True
-        again.start()
+        _send_again(number)
+
+    def _handles_unraisable(self, frame: FrameType | None) -> bool:
+        """Return whether a frame belongs to the hook, in which an exception would be ignored."""
+        while frame and frame.f_code is not ProgramEnd._on_unraisable.__code__:
+            frame = frame.f_back
+        return frame is not None
+
+
+def _send_again(number: int) -> None:
+    """Send a signal to this process a little later, from a thread."""
+
+    def send() -> None:
+        time.sleep(_AGAIN_S)
+        os.kill(os.getpid(), number)
+
+    # Not one of `threading`, which waits for its start: this one may come from a signal handler.
+    start_new_thread(send, ())
 
 
 class _Interrupt(KeyboardInterrupt):

@@ -79,10 +79,14 @@ def test_the_first_signal_ends_a_program_and_later_ones_do_not_disturb_its_end(n
 
 
 @pytest.mark.parametrize(('number', 'status'), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_a_signal_in_the_callback_of_a_weak_reference_ends_a_program(number, status):
+@pytest.mark.parametrize('delay_s', [0.01, 0.0], ids=['later', 'still in the hook'])
+def test_a_signal_in_the_callback_of_a_weak_reference_ends_a_program(number, status, delay_s):
     script = f"""
 import signal, sys, time, weakref
+from ballbot_ros import stop_request
 from ballbot_ros.stop_request import ProgramEnd
+
+stop_request._AGAIN_S = {delay_s}
 
 class Item:
     pass
