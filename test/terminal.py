@@ -8,9 +8,12 @@ import re
 import struct
 import termios
 import threading
+import time
 
 import pyte
 from graph import wait_for
+
+REPEAT_S = 0.1
 
 
 class Terminal:
@@ -45,6 +48,16 @@ class Terminal:
 
     def wait_until_shown(self, text):
         wait_for(lambda: any(text in line for line in self.shown()), what=f'{text!r} on the screen')
+
+    def press_until_shown(self, keys, text):
+        """Press keys again and again, as a key that is held down: each acts only for a moment."""
+
+        def is_shown():
+            self.press(keys)
+            time.sleep(REPEAT_S)
+            return any(text in line for line in self.shown())
+
+        wait_for(is_shown, what=f'{text!r} on the screen')
 
     def wait_for_text(self, text, since=0):
         wait_for(lambda: text in self.screen[since:], what=f'{text!r} on the screen')

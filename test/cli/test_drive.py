@@ -100,11 +100,9 @@ def test_keys_drive_reset_and_quit(start_drive, tmp_path):
     live = tmp_path / 'live.csv'
     drive = start_drive('--log', live, '--start', '1.5', '0.5')
     pids = drive.begin()
-    drive.press(UP)
+    drive.press_until_shown(UP, 'forward +50')
     drive.wait_for_text(b'keyboard')
-    drive.wait_until_shown('forward +50')
-    drive.press(b'a')
-    drive.wait_until_shown('rightward -50')
+    drive.press_until_shown(b'a', 'rightward -50')
     drive.press(b'?')
     drive.wait_until_shown("key '?' does nothing")
     drive.press(b'+')
