@@ -77,7 +77,6 @@ setup(
         (f'share/{PACKAGE}', ['package.xml']),
         *shared_files('config/**/*'),
         *shared_files('launch/**/*.launch.py'),
-        *shared_files('urdf/*.urdf'),
     ],
     # The lower bounds are the versions in Ubuntu 24.04, the platform of ROS 2 Jazzy, for all
     # packages that it has.

@@ -25,6 +25,13 @@ prepare_environment() {
   export PYTHONPATH=$project${PYTHONPATH:+:$PYTHONPATH}
 }
 
+# Replaces this shell by a program of the folder scripts/programs, given by its module.
+run_program() {
+  cd "$project"
+  export PYTHONPATH=$project/scripts/programs:$PYTHONPATH
+  exec "$venv/bin/python" -m "$@"
+}
+
 is_current() {
   [[ -e $venv/$1.stamp && $(<"$venv/$1.stamp") == "$(stamp)" ]]
 }
@@ -66,7 +73,7 @@ index_package() {
   local share=$venv/share/ballbot_ros programs=$venv/lib/ballbot_ros
   rm -rf "$share" "$programs" && mkdir -p "$index" "$share/launch" "$programs" &&
     ln -sf "$project/resource/ballbot_ros" "$index" &&
-    ln -s "$project"/{package.xml,config,urdf} "$share" &&
+    ln -s "$project"/{package.xml,config} "$share" &&
     ln -s "$project"/launch/*.launch.py "$share/launch" || return
   for program in "$venv"/bin/*; do
     ! grep -qs '^from ballbot_ros\.' "$program" || ln -s "$program" "$programs" || return

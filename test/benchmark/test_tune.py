@@ -24,3 +24,9 @@ def test_an_experiment_prints_its_table(monkeypatch, name):
     table = [line for line in result.output.splitlines() if line.startswith('|')]
     assert len(table) == 2 + ROWS[name]
     assert len({line.count(' | ') for line in table}) == 1
+
+
+def test_the_option_of_the_identification_is_refused_for_other_experiments():
+    result = CliRunner().invoke(tune.tune, ['stand', '--fine'])
+    assert result.exit_code == 2
+    assert '--fine is for identification only' in result.output

@@ -9,6 +9,7 @@ from hypothesis import assume
 from hypothesis import strategies as st
 from laws import given
 from robot import physical
+from unquantised import run_unquantised
 
 from ballbot_ros.design.gain_design import DISTURBANCE_N, GainDesign, set_gains
 from ballbot_ros.design.loop_analysis import ROUNDING, analyse_sampled
@@ -26,7 +27,6 @@ from ballbot_ros.parameters import ParameterSet, PlantParameters
 from ballbot_ros.parameters.assignment import assign_values
 from ballbot_ros.plant.actuator import max_voltage
 from ballbot_ros.timing import TICK_S
-from benchmark.unquantised import run_unquantised
 
 DOCUMENT = design_servo(physical()).gain
 QUIET_FILTERS = {'controller.a_d': 0.975}

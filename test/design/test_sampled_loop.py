@@ -6,6 +6,7 @@ import control
 import numpy as np
 import pytest
 from robot import START_NS
+from unquantised import run_unquantised
 
 from ballbot_ros.design.sampled_loop import (
     DUTY,
@@ -22,7 +23,6 @@ from ballbot_ros.parameters import ParameterSet
 from ballbot_ros.parameters.assignment import assign_values
 from ballbot_ros.plant.ground_truth import Push
 from ballbot_ros.timing import TICK_NS, TICK_S
-from benchmark.unquantised import run_unquantised
 
 PUSH_N, PUSH_TICKS, STICK_PERCENT = 0.01, 10, 1.0
 

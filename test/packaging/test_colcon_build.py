@@ -81,9 +81,7 @@ def test_package_is_in_the_ament_index(prefix):
     assert (prefix / 'share/ballbot_ros/package.xml').is_file()
 
 
-@pytest.mark.parametrize(
-    ('folder', 'pattern'), [('config', '*'), ('launch', '*.launch.py'), ('urdf', '*.urdf')]
-)
+@pytest.mark.parametrize(('folder', 'pattern'), [('config', '*'), ('launch', '*.launch.py')])
 def test_share_has_every_file(prefix, folder, pattern):
     def files(base):
         return {

@@ -176,11 +176,13 @@ def test_the_scripts_start_without_the_extras_that_they_do_not_install(setup, ma
     )
     installed = {module_of(name) for name in installed} | texts(manifest, 'exec_depend')
     installed |= sys.stdlib_module_names | {'ballbot_ros', 'benchmark', 'campaign'}
-    text = '\n'.join(script.read_text() for script in (ROOT / 'scripts').iterdir())
-    modules = re.findall(r'-m ((?:benchmark|campaign)\.\w+)', text)
+    scripts = filter(Path.is_file, (ROOT / 'scripts').iterdir())
+    text = '\n'.join(script.read_text() for script in scripts)
+    modules = re.findall(r'run_program ((?:benchmark|campaign)\.\w+)', text)
     assert 'benchmark.bench' in modules
     for module in modules:  # grows
-        tree = ast.parse((ROOT / f'{module.replace(".", "/")}.py').read_text(encoding='utf-8'))
+        path = ROOT / f'scripts/programs/{module.replace(".", "/")}.py'
+        tree = ast.parse(path.read_text(encoding='utf-8'))
         for node in tree.body:
             for name in names_imported(node):
                 assert name.split('.')[0] in installed, f'{module}: {name}'
@@ -222,7 +224,7 @@ def test_ros2_finds_every_program_and_launch_file_without_colcon(monkeypatch):
     assert {program.name for program in programs} == {'ballbot', *EXECUTABLES}
     assert all(os.access(program, os.X_OK) for program in programs)
     share = Path(index.get_package_share_directory('ballbot_ros'))
-    for name in ('package.xml', 'config', 'urdf', *files_in('launch')):
+    for name in ('package.xml', 'config', *files_in('launch')):
         assert (share / name).samefile(ROOT / name), name
 
 

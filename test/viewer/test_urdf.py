@@ -192,5 +192,5 @@ def test_any_dimensions_give_shapes_with_an_extent(sizes, scale):
 
 def test_the_shipped_file_is_that_of_the_default_parameters():
     """``scripts/generate`` writes it."""
-    shipped = (share_directory() / 'urdf' / 'ballbot.urdf').read_text(encoding='utf-8')
+    shipped = (share_directory() / 'config/urdf/ballbot.urdf').read_text(encoding='utf-8')
     assert shipped == robot_description(DIMENSIONS, BODIES)

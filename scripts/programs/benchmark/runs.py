@@ -206,6 +206,7 @@ def _environment() -> dict[str, str]:
     stored = {name: value for name, value in os.environ.items() if name != _NEVER_STORED}
     return {
         **stored,
+        'PYTHONPATH': os.pathsep.join(filter(None, sys.path)),
         'PYTHONPYCACHEPREFIX': _compiled_modules(),
         'ROS_DOMAIN_ID': str(next(_DOMAINS)),
         'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',

@@ -18,10 +18,10 @@ import click
 from ballbot_ros.cli.invoke import invoke
 from ballbot_ros.scenario.library import scenario_names
 
-PAGE = Path(__file__).parents[1] / 'docs' / 'controllers.md'
+PAGE = Path(__file__).parents[3] / 'docs' / 'controllers.md'
 BEGIN, END = '<!-- figures: begin -->\n', '<!-- figures: end -->\n'
 BALLBOT = (sys.executable, '-m', 'ballbot_ros.cli.main')
-QUIET = Path(__file__).parents[1] / 'config/gains/quiet.yaml'
+QUIET = Path(__file__).parents[3] / 'config/gains/quiet.yaml'
 CONTROLLERS = {
     'python': (),
     'python, quiet': ('--params', str(QUIET)),

@@ -9,23 +9,19 @@ import math
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import product
-from pathlib import Path
 from typing import NamedTuple
 
 import click
 import numpy as np
 
 from ballbot_ros.cli.invoke import invoke
-from ballbot_ros.cli.path_types import PATH
 from ballbot_ros.controllers.document.program import ControlProgram
 from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, SONAR, ParameterSet
-from ballbot_ros.parameters.files import read_parameter_file
 from ballbot_ros.scenario.library import load_profile
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.scenario.signal import Segment, StickSignal
 from ballbot_ros.simulation.closed_loop import ClosedLoop
 from benchmark.identification import identification
-from benchmark.maps import MapOptions, basin, stability
 from benchmark.redesign import redesign
 from benchmark.tables import print_table
 
@@ -207,17 +203,14 @@ EXPERIMENTS: dict[str, Callable[[], None]] = {
     each.__name__: each for each in (speed, drive, track, reference_filter, stand, redesign)
 }
 
-MAPS: dict[str, Callable[[MapOptions], None]] = {each.__name__: each for each in (stability, basin)}
-
 RANDOM_ROBOTS: dict[str, Callable[[int], None]] = {identification.__name__: identification}
 FEW_ROBOTS, MANY_ROBOTS = 10, 100
 
-NAMES = (*EXPERIMENTS, *MAPS, *RANDOM_ROBOTS)
+NAMES = (*EXPERIMENTS, *RANDOM_ROBOTS)
 
 
 def _documentation(name: str) -> str:
-    experiment = EXPERIMENTS.get(name) or MAPS.get(name) or RANDOM_ROBOTS[name]
-    return str(experiment.__doc__)
+    return str((EXPERIMENTS.get(name) or RANDOM_ROBOTS[name]).__doc__)
 
 
 @click.command(
@@ -228,32 +221,16 @@ def _documentation(name: str) -> str:
 @click.option(
     '--fine',
     is_flag=True,
-    help='Make a fine map, which takes up to ten minutes; or identify 100 robots instead of 10, '
-    'which takes an hour.',
+    help='Identify 100 robots instead of 10, which takes an hour; for identification only.',
 )
-@click.option(
-    '--params', 'parameter_file', type=PATH, help='Parameter file with the gains of a map.'
-)
-@click.option('--output', type=PATH, help='Folder for the picture and the numbers of a map.')
-def tune(
-    experiments: tuple[str, ...], fine: bool, parameter_file: Path | None, output: Path | None
-) -> None:
-    """Repeat EXPERIMENTS, or all of them, and print their tables.
-
-    The options are for the maps stability and basin; --fine also for identification.
-    """
+def tune(experiments: tuple[str, ...], fine: bool) -> None:
+    """Repeat EXPERIMENTS, or all of them, and print their tables."""
     names = experiments or NAMES
-    if (parameter_file or output) and not set(names) <= MAPS.keys():
-        raise click.UsageError(f'--params and --output are for {" and ".join(MAPS)} only')
-    if fine and not set(names) <= {*MAPS, *RANDOM_ROBOTS}:
-        raise click.UsageError(f'--fine is for {", ".join((*MAPS, *RANDOM_ROBOTS))} only')
-    parameters = read_parameter_file(parameter_file) if parameter_file else ParameterSet()
-    options = MapOptions(parameters, fine, output)
+    if fine and not set(names) <= RANDOM_ROBOTS.keys():
+        raise click.UsageError(f'--fine is for {", ".join(RANDOM_ROBOTS)} only')
     for name in names:
         click.echo(f'\n{_documentation(name)}\n')
-        if name in MAPS:
-            MAPS[name](options)
-        elif name in RANDOM_ROBOTS:
+        if name in RANDOM_ROBOTS:
             RANDOM_ROBOTS[name](MANY_ROBOTS if fine else FEW_ROBOTS)
         else:
             EXPERIMENTS[name]()
