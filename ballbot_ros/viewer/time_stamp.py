@@ -5,10 +5,12 @@ from __future__ import annotations
 import re
 
 import numpy as np
-from PIL import Image, ImageDraw, ImageFont
+import PIL.Image
+import PIL.ImageDraw
+import PIL.ImageFont
 
-from ballbot_ros.viewer import offscreen
 from ballbot_ros.viewer.colours import BLACK, WHITE
+from ballbot_ros.viewer.offscreen import Image
 
 _HEIGHT = 0.045
 """Height of the letters, as a part of the shorter side of the picture."""
@@ -17,12 +19,12 @@ _MIN_LETTERS = 10
 _OPACITY = 170
 
 
-def with_time_stamp(image: offscreen.Image, time: float) -> offscreen.Image:
+def with_time_stamp(image: Image, time: float) -> Image:
     """Return the picture with the time [s] in its lower left corner."""
-    picture = Image.fromarray(image)
+    picture = PIL.Image.fromarray(image)
     size = max(_MIN_LETTERS, round(_HEIGHT * min(picture.size)))
-    font = ImageFont.load_default(size)
-    draw = ImageDraw.Draw(picture, 'RGBA')
+    font = PIL.ImageFont.load_default(size)
+    draw = PIL.ImageDraw.Draw(picture, 'RGBA')
     text = f'{time:.2f} s'
     margin = size // 2
     # The digits differ in width; the box shall not change from frame to frame.
