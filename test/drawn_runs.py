@@ -17,10 +17,9 @@ from ballbot_ros.parameters import (
     SonarParameters,
     parameters_of,
 )
-from ballbot_ros.scenario.scenario import Scenario, ScheduledPush
-from ballbot_ros.scenario.signal import Segment, StickSignal
+from ballbot_ros.scenario.scenario import Scenario, ScheduledPush, Segment, StickSignal
 from ballbot_ros.world.errors import WorldError
-from ballbot_ros.world.library import load_map
+from ballbot_ros.world.floor_map import load_map
 from ballbot_ros.world.world import World
 
 # Those of the pace, the graph and the files, and those that are drawn in their own way.

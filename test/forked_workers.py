@@ -15,9 +15,8 @@ from pathlib import Path
 
 from distributed import Worker
 
-from ballbot_ros.studies.job import job_of
-from ballbot_ros.studies.library import read_study
-from ballbot_ros.studies.packed_job import PackedJob
+from ballbot_ros.studies.job import PackedJob, job_of
+from ballbot_ros.studies.reader import read_study
 from ballbot_ros.studies.runs import simulator_for
 from ballbot_ros.studies.sampling import Sampler
 from ballbot_ros.studies.worker_versions import worker_versions

@@ -7,8 +7,7 @@ import pytest
 from robot import values_of
 
 from ballbot_ros.codegen.application import read_tasks, write_application
-from ballbot_ros.codegen.brick_process import BrickProcess
-from ballbot_ros.codegen.compiled_program import CompiledProgram
+from ballbot_ros.codegen.compiled_program import BrickProcess, CompiledProgram
 from ballbot_ros.codegen.toolchain import TARGETS, build, missing_tool
 from ballbot_ros.parameters import CONTROLLER
 

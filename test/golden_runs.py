@@ -35,8 +35,7 @@ from ballbot_ros.parameters import (
     parameters_of,
 )
 from ballbot_ros.scenario.library import load_scenario, scenario_names
-from ballbot_ros.scenario.scenario import Scenario
-from ballbot_ros.scenario.signal import Segment, StickSignal
+from ballbot_ros.scenario.scenario import Scenario, Segment, StickSignal
 from ballbot_ros.share import share_directory
 from ballbot_ros.simulation.closed_loop import ClosedLoop
 from ballbot_ros.simulation.golden import GOLDEN_FILE, arithmetic_sha256, duty_sha256

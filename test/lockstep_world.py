@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 
 from ballbot_ros.engine.plant import Plant
-from ballbot_ros.messages.run_topics import RUN_TOPICS
+from ballbot_ros.messages.topics import RUN_TOPICS
 from ballbot_ros.parameters import (
     ALL_NODES,
     CONTROLLER,
@@ -24,10 +24,10 @@ from ballbot_ros.parameters import (
 )
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.simulation import run_actions as do
+from ballbot_ros.simulation.liveness import Observation, ThreadTime
 from ballbot_ros.simulation.lockstep_master import LockstepMaster
 from ballbot_ros.simulation.participants import Announcement, Objection, Participant
 from ballbot_ros.simulation.run_setup import RunSetup
-from ballbot_ros.simulation.silence_timer import Observation, ThreadTime
 from ballbot_ros.simulation.strangers import Publisher
 from ballbot_ros.timing import TICK_NS
 from ballbot_ros.world.world import World

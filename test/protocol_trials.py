@@ -12,9 +12,8 @@ import numpy as np
 from protocol_world import DRIVER_NODES, PERIODIC, Process, ProtocolWorld, RecorderNode
 from robot import steps
 
-from ballbot_ros.messages.conversions import decode_duty, encode_duty
-from ballbot_ros.messages.inputs import INPUT_READERS
-from ballbot_ros.messages.motor_stop import is_stop
+from ballbot_ros.messages.conversions import decode_duty, encode_duty, is_stop
+from ballbot_ros.messages.devices import INPUT_READERS
 from ballbot_ros.messages.topics import (
     CLOCK,
     GYRO_IMU,
@@ -41,9 +40,9 @@ from ballbot_ros.parameters import (
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.simulation.closed_loop import ClosedLoop
 from ballbot_ros.simulation.lockstep import Run
-from ballbot_ros.simulation.outcome import Outcome
 from ballbot_ros.simulation.participants import Objection
-from ballbot_ros.teleop.arbiter import JOY
+from ballbot_ros.simulation.run_actions import Outcome
+from ballbot_ros.teleop.sticks import JOY
 from ballbot_ros.timing import FIRST_TICK_NS, TICK_NS
 
 SCENARIO = Scenario(

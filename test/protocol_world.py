@@ -21,15 +21,11 @@ from types import MappingProxyType
 from robot_world import Brick
 
 from ballbot_ros.engine.plant import Plant
-from ballbot_ros.messages.controller_messages import ControllerMessages
-from ballbot_ros.messages.conversions import decode_duty, encode_sticks
-from ballbot_ros.messages.devices import DEVICE_MESSAGES
-from ballbot_ros.messages.inputs import INPUT_READERS
-from ballbot_ros.messages.motor_stop import is_stop
-from ballbot_ros.messages.plant_messages import PlantMessages
+from ballbot_ros.messages.conversions import decode_duty, encode_sticks, is_stop
+from ballbot_ros.messages.devices import DEVICE_MESSAGES, INPUT_READERS
 from ballbot_ros.messages.raw import same_content, stamp_of
-from ballbot_ros.messages.run_summary import run_status
-from ballbot_ros.messages.run_topics import RUN_TOPICS
+from ballbot_ros.messages.run_messages import ControllerMessages, PlantMessages
+from ballbot_ros.messages.run_reports import run_status
 from ballbot_ros.messages.topics import (
     BATTERY_STATE,
     CLOCK,
@@ -43,6 +39,7 @@ from ballbot_ros.messages.topics import (
     ROLL_CALL,
     RUN,
     RUN_STATUS,
+    RUN_TOPICS,
     periodic_topics,
 )
 from ballbot_ros.parameters import (
@@ -55,8 +52,8 @@ from ballbot_ros.parameters import (
     PlantParameters,
 )
 from ballbot_ros.simulation import run_actions as do
-from ballbot_ros.simulation.arrival_order import ArrivalOrder
-from ballbot_ros.simulation.lockstep import Run
+from ballbot_ros.simulation.liveness import Observation, ThreadTime
+from ballbot_ros.simulation.lockstep import DEPTH, Run
 from ballbot_ros.simulation.lockstep_master import LockstepMaster
 from ballbot_ros.simulation.participants import (
     Announcement,
@@ -65,13 +62,11 @@ from ballbot_ros.simulation.participants import (
     Participant,
     RunMember,
 )
-from ballbot_ros.simulation.recording_gate import Stream
+from ballbot_ros.simulation.recording_order import ArrivalOrder, Stream
 from ballbot_ros.simulation.run_recording import RunRecording
 from ballbot_ros.simulation.run_setup import RunSetup
-from ballbot_ros.simulation.sample_history import DEPTH
-from ballbot_ros.simulation.silence_timer import Observation, ThreadTime
 from ballbot_ros.simulation.strangers import Publisher
-from ballbot_ros.teleop.arbiter import Arbiter, GivenAnswers
+from ballbot_ros.teleop.sticks import Arbiter, GivenAnswers
 from ballbot_ros.timing import RESEND_S, SLOW_PERIOD_NS
 from ballbot_ros.world.world import World
 

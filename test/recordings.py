@@ -1,7 +1,7 @@
 """Changed copies of recordings."""
 
-from ballbot_ros.recording.encoding import encoder
 from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.recording.schemas import encoder
 from ballbot_ros.recording.writer import RecordingWriter
 
 

@@ -15,7 +15,7 @@ from ballbot_ros.plant.integration import (
     equations_of,
 )
 from ballbot_ros.plant.model import PhysicalParameters, mass_matrix
-from ballbot_ros.scenario.signal import Segment, StickSignal
+from ballbot_ros.scenario.scenario import Segment, StickSignal
 from ballbot_ros.simulation.closed_loop import ClosedLoop
 
 START_NS = 1_000_000_000

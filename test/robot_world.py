@@ -11,11 +11,10 @@ from functools import partial
 
 from lockstep_world import DRIVERS, ROLES, LockstepWorld, data_of
 
-from ballbot_ros.brick.battery_monitor import battery_mv
+from ballbot_ros.brick.sensors import battery_mv
 from ballbot_ros.controllers.document.program import ControlProgram
 from ballbot_ros.controllers.document.tasks import task_timings
-from ballbot_ros.messages.devices import DEVICE_MESSAGES
-from ballbot_ros.messages.inputs import INPUT_READERS, device_inputs
+from ballbot_ros.messages.devices import DEVICE_MESSAGES, INPUT_READERS, device_inputs
 from ballbot_ros.messages.topics import (
     BATTERY_STATE,
     GAMEPAD_JOY,

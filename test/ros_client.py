@@ -11,7 +11,7 @@ from std_msgs.msg import Header
 
 from ballbot_ros.messages.conversions import fill_header, stamp_ns
 from ballbot_ros.messages.topics import DIAGNOSTICS, PLANT_IMU
-from ballbot_ros.nodes.topic_publisher import reliable_qos, requested_qos
+from ballbot_ros.nodes.endpoints import reliable_qos, requested_qos
 
 
 def header(stamp_ns, frame_id=''):

@@ -2,7 +2,7 @@
 
 from ballbot_ros.parameters.assignment import plain_value
 from ballbot_ros.run.processes import Processes
-from ballbot_ros.simulation.outcome import Outcome
+from ballbot_ros.simulation.run_actions import Outcome
 from ballbot_ros.studies.job import job_of
 from ballbot_ros.studies.rerun import rerun_spec
 from ballbot_ros.studies.study_data import Row

@@ -1,6 +1,6 @@
 """Encoded texts, the simplest messages to write."""
 
-from ballbot_ros.recording.encoding import encoder, new_message
+from ballbot_ros.recording.schemas import encoder, new_message
 
 STRING = 'std_msgs/msg/String'
 

@@ -13,9 +13,9 @@ from typing import Any, NamedTuple, TypeAlias, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.brick.battery_monitor import battery_mv
+from ballbot_ros.brick.sensors import battery_mv
 from ballbot_ros.controllers.document import axis
-from ballbot_ros.controllers.document.constants import ProgramConstants, Single
+from ballbot_ros.controllers.document.axis import ProgramConstants, Single
 from ballbot_ros.controllers.document.program import max_motor_voltage
 from ballbot_ros.engine.devices import ENCODER_DEVICE, GYRO_DEVICE, AnyDevice, longest_delay
 from ballbot_ros.engine.plant import Plant

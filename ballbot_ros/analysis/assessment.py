@@ -7,12 +7,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ballbot_ros.analysis.metrics import HALF_TICK_S, Judgement, judge, measure, number
+from ballbot_ros.analysis.metrics import (
+    HALF_TICK_S,
+    ExpectationVerdict,
+    Judgement,
+    Verdict,
+    judge,
+    measure,
+    number,
+)
 from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.analysis.run_metrics import RUN_METRICS
-from ballbot_ros.analysis.verdict import ExpectationVerdict, Verdict
 from ballbot_ros.parameters import GyroParameters, PlantParameters
-from ballbot_ros.simulation.parameter_changes import changes_text
+from ballbot_ros.simulation.run_actions import changes_text
 from ballbot_ros.world.clearance import NO_WALLS, Walls
 from ballbot_ros.world.exports import floor_map_of
 from ballbot_ros.world.floor_map import CELL_M

@@ -18,14 +18,18 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.analysis.announced_parameters import AnnouncedParameters
-from ballbot_ros.analysis.recorded_pushes import PushPairs
-from ballbot_ros.analysis.recorded_runs import RecordedRun, RunFinder, samples_in
+from ballbot_ros.analysis.recorded_runs import (
+    AnnouncedParameters,
+    RecordedRun,
+    RunFinder,
+    samples_in,
+)
+from ballbot_ros.analysis.recorded_scenario import PushPairs
 from ballbot_ros.analysis.robot_topics import RobotTopics, robot_topics
 from ballbot_ros.brick.brick import Tone
 from ballbot_ros.messages.conversions import ball_position, body_rates, pitch_angles, tone_of
 from ballbot_ros.messages.message_types import DiagnosticStatus, OccupancyGridMessage
-from ballbot_ros.messages.parameter_events import decode_parameter_event
+from ballbot_ros.messages.run_reports import decode_parameter_event
 from ballbot_ros.messages.topics import (
     ACCEPTED_PUSH,
     BATTERY_STATE,

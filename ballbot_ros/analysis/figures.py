@@ -24,7 +24,7 @@ from ballbot_ros.analysis.drawing import (
 from ballbot_ros.analysis.interval import Interval, IntervalKind
 from ballbot_ros.analysis.style import BLUE, WIDTH, Line, new_figure
 from ballbot_ros.analysis.table import track_columns
-from ballbot_ros.scenario.signal import Segment
+from ballbot_ros.scenario.scenario import Segment
 from ballbot_ros.simulation.trajectory import Trajectory
 from ballbot_ros.world.exports import OccupancyGrid
 from ballbot_ros.world.floor_map import FloorMap

@@ -13,8 +13,34 @@ from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.scenario.metrics import METRICS, Motion
 from ballbot_ros.scenario.scenario import Expectation, Measure
 from ballbot_ros.simulation.trajectory import Trajectory
+from ballbot_ros.text_enum import TextEnum
 from ballbot_ros.timing import TICK_S
 from ballbot_ros.world.clearance import NO_WALLS, Walls
+
+
+class Verdict(TextEnum):
+    """Verdict on a run, as shown in reports, tables and JSON."""
+
+    PASSED = 'passed'
+    NOT_MET = 'expectations not met'
+    FAILED = 'failed'
+    STOPPED = 'stopped'
+    CHANGED = 'changed'
+    """All expectations are met, but somebody set parameters during the run."""
+    INCOMPLETE = 'incomplete'
+    """The recording lacks a part of the run."""
+    NOT_JUDGED = 'not judged'
+    """The recording lacks the data that the expectations need."""
+
+
+class ExpectationVerdict(TextEnum):
+    """Verdict on an expectation in a recorded run."""
+
+    MET = 'met'
+    NOT_MET = 'not met'
+    NOT_JUDGED = 'not judged'
+    """The recording lacks the data that the expectation needs."""
+
 
 HALF_TICK_S = TICK_S / 2.0
 """Tolerance for times of ticks, which are rounded, unlike stamps in whole nanoseconds [s]."""

@@ -7,7 +7,7 @@ import io
 import re
 import sys
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.controllers.loading import (
     GROUP,
     MAIN,
+    OUR_PACKAGE,
     ControllerCode,
     LoadedController,
     find_code,
@@ -28,9 +29,10 @@ from ballbot_ros.controllers.loading import (
 )
 from ballbot_ros.errors import one_line, printable
 from ballbot_ros.files import write_temporary
-from ballbot_ros.recording.attachments import CONTROLLER_INFO, CONTROLLER_SOURCES
+from ballbot_ros.parameters import DOCUMENTS_PROGRAM
 from ballbot_ros.recording.reader import AttachedFile
-from ballbot_ros.simulation.participants import SOURCE_HASH
+from ballbot_ros.recording.rosbag2 import CONTROLLER_INFO, CONTROLLER_SOURCES
+from ballbot_ros.simulation.participants import SOURCE_HASH, Participant
 from ballbot_ros.yaml_document import parse_data
 
 SHOWN_HASH = 12
@@ -226,3 +228,55 @@ def load_attached(
     file = scratch / name
     write_temporary(file, files[name].data)
     return load(find_code(f'{file}:{identity.class_name}'))
+
+
+PYTHON = 'python'
+
+
+@dataclass(frozen=True)
+class ReplayedController:
+    """The control program that stands in for a recorded one.
+
+    Both are values of the parameter `implementation`; a foreign recorded controller has its
+    announced name. The reason says why they differ; empty if they don't, or if one was requested.
+    A controller that is not portable may compute other duties on another machine.
+    """
+
+    recorded: str
+    replayed: str
+    reason: str = ''
+    is_portable: bool = True
+
+
+def choose_controller(
+    participant: Participant | None,
+    attached: str,
+    requested: str | None,
+    missing_tool: Callable[[str], str],
+) -> ReplayedController:
+    """Return the program for a replay of the document's: the requested, or else the recorded one.
+
+    Python replaces an implementation that can't run here, since the two are proven bit-identical.
+    `participant` is the run's controller as announced, if known; `attached` is the parameter
+    `implementation` in the attached parameters. `missing_tool` returns the tool that an
+    implementation lacks on this machine; '' for none.
+    """
+    parameters: dict[str, object] = dict(participant.parameters) if participant else {}
+    recorded = str(parameters.get('implementation', attached))
+    reason = ''
+    if participant and participant.is_foreign:
+        recorded = participant.implementation
+        reason = (
+            f'its controller {recorded!r} is not part of {OUR_PACKAGE}, whose own controller '
+            'replays it'
+        )
+    elif recorded not in DOCUMENTS_PROGRAM:
+        reason = f'this version does not know its controller {recorded!r}; {PYTHON} replays it'
+    elif missing := missing_tool(recorded):
+        reason = (
+            f'its controller {recorded!r} cannot run here: {missing}; {PYTHON}, which is proven '
+            'equal, replays it'
+        )
+    if requested:
+        return ReplayedController(recorded, requested)
+    return ReplayedController(recorded, PYTHON if reason else recorded, reason)

@@ -8,26 +8,27 @@ from itertools import chain
 from pathlib import Path
 from typing import NamedTuple
 
-from ballbot_ros.analysis.divergence import Divergence
-from ballbot_ros.analysis.message_comparison import MessageComparator, MessageDifference
+from ballbot_ros.analysis.message_comparison import Divergence, MessageComparator, MessageDifference
 from ballbot_ros.analysis.recorded_controller import (
     ControllerIdentity,
+    ReplayedController,
+    choose_controller,
     decode_controller,
     find_recorded,
     identity_of,
     load_attached,
 )
-from ballbot_ros.analysis.recorded_inputs import RunInputs, read_inputs
 from ballbot_ros.analysis.recorded_runs import RecordedRun
 from ballbot_ros.analysis.replay import (
     ALL_TOPICS,
     CONTROLLER_TOPICS,
     ReplayedTick,
+    RunInputs,
     compare_events,
+    read_inputs,
     replay_controller,
     replay_run,
 )
-from ballbot_ros.analysis.replayed_controller import ReplayedController, choose_controller
 from ballbot_ros.codegen.implementation import missing_tool_for, require_implementation
 from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.controllers.loading import OUR_PACKAGE, public_reference
@@ -48,13 +49,13 @@ from ballbot_ros.parameters import (
 )
 from ballbot_ros.parameters.assignment import assign
 from ballbot_ros.parameters.files import read_parameter_file
-from ballbot_ros.recording.attachments import CONTROLLER_INFO, PARAMETERS
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.recording.rosbag2 import CONTROLLER_INFO, PARAMETERS
 from ballbot_ros.simulation.closed_loop import Tick
 from ballbot_ros.simulation.participants import Participant
 from ballbot_ros.timing import SECOND_NS, TICK_NS, TICK_S
-from ballbot_ros.world.library import is_file_name
+from ballbot_ros.world.floor_map import is_file_name
 
 CONTEXT_TICKS = 2
 """Ticks shown before and after a difference."""

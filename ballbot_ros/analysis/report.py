@@ -20,15 +20,15 @@ from ballbot_ros.analysis.loop_summary import (
     neglected,
     predictions,
 )
+from ballbot_ros.analysis.metrics import ExpectationVerdict
 from ballbot_ros.analysis.observations import observations
 from ballbot_ros.analysis.page import number_text, render_template, write_folder
-from ballbot_ros.analysis.recorded_pushes import outside_pushes
+from ballbot_ros.analysis.recorded_scenario import outside_pushes
 from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.analysis.run_figures import RenderedFigure, draw_figures, figure_contents
 from ballbot_ros.analysis.run_metrics import RUN_METRICS
 from ballbot_ros.analysis.spectrum import render_spectrum
 from ballbot_ros.analysis.table import csv_text
-from ballbot_ros.analysis.verdict import ExpectationVerdict
 from ballbot_ros.errors import printable
 from ballbot_ros.parameters import (
     CONTROLLER,
@@ -38,8 +38,7 @@ from ballbot_ros.parameters import (
     parameters_of,
     value_text,
 )
-from ballbot_ros.scenario.metric_registry import label
-from ballbot_ros.scenario.metrics import METRICS
+from ballbot_ros.scenario.metrics import METRICS, label
 
 _MARKS = {
     ExpectationVerdict.MET: '✓ ',
@@ -98,8 +97,8 @@ def loop_of(run: RunData) -> LoopSection | None:
         return None
     # Imported only here: python-control takes two seconds.
     from ballbot_ros.analysis.loop_figure import render_loop
+    from ballbot_ros.design.linear_model import DesignError
     from ballbot_ros.design.loop_analysis import analyse_ideal, analyse_sampled
-    from ballbot_ros.design.state_feedback import DesignError
 
     parameters = run.attached.parameters
     try:

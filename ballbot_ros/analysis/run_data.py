@@ -20,9 +20,13 @@ from ballbot_ros.analysis.extraction import (
     extract,
 )
 from ballbot_ros.analysis.interval import Interval, IntervalKind
-from ballbot_ros.analysis.recorded_attachments import RecordedAttachments, read_attachments
-from ballbot_ros.analysis.recorded_pushes import RecordedPush, recorded_pushes
 from ballbot_ros.analysis.recorded_runs import RecordedRun
+from ballbot_ros.analysis.recorded_scenario import (
+    RecordedAttachments,
+    RecordedPush,
+    read_attachments,
+    recorded_pushes,
+)
 from ballbot_ros.brick.brick import Tone
 from ballbot_ros.controllers.interface import OperatingState
 from ballbot_ros.errors import one_line
@@ -40,8 +44,7 @@ from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.writer import RUN_OUTCOME
 from ballbot_ros.scenario.metrics import Floats
 from ballbot_ros.scenario.scenario import Scenario
-from ballbot_ros.simulation.outcome import Outcome
-from ballbot_ros.simulation.parameter_changes import ParameterChange
+from ballbot_ros.simulation.run_actions import Outcome, ParameterChange
 from ballbot_ros.simulation.trajectory import Trajectory
 from ballbot_ros.timing import SECOND_NS, TICK_NS, TICK_S
 from ballbot_ros.world.exports import OccupancyGrid

@@ -23,7 +23,7 @@ from ballbot_ros.messages.topics import (
     PLANT_ODOM,
 )
 from ballbot_ros.parameters import CONTROLLER, PLANT, ControllerParameters
-from ballbot_ros.scenario.metric_registry import MetricRegistry
+from ballbot_ros.scenario.metrics import MetricRegistry
 from ballbot_ros.timing import RESEND_S, TICK_NS
 
 RUN_METRICS = MetricRegistry[RunData]()

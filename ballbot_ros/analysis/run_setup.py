@@ -9,11 +9,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ballbot_ros.analysis.recorded_pushes import RecordedPush
+from ballbot_ros.analysis.recorded_scenario import RecordedPush
 from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.errors import printable
 from ballbot_ros.parameters import CONTROLLER, NODES, ParameterSet, parameters_of, value_text
-from ballbot_ros.recording.attachments import PARAMETERS, SCENARIO, VERSIONS
+from ballbot_ros.recording.rosbag2 import PARAMETERS, SCENARIO, VERSIONS
 
 ABSENT = '–'
 """Stands for what a run does not have."""

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.analysis.balancing import Balancing
 from ballbot_ros.analysis.drawing import draw_line, frame_curves, legend_above
+from ballbot_ros.analysis.limit_cycle import Balancing
 from ballbot_ros.analysis.loop_summary import Prediction
 from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.analysis.run_figures import RenderedFigure

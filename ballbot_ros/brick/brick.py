@@ -2,13 +2,45 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from ballbot_ros.brick.bluetooth import LogPacket
-from ballbot_ros.brick.lcd import status_page
-from ballbot_ros.brick.units import NO_DATA_CM
+from ballbot_ros.brick.sensors import NO_DATA_CM
+
+COLUMNS = 16
+ROWS = 8
+
+
+def status_page(
+    name: str,
+    *,
+    systick_ms: int,
+    battery_mv: int,
+    revolutions: Sequence[int],
+    adc: Sequence[int],
+    bluetooth_connected: bool,
+    sonar_cm: int,
+) -> str:
+    """Return the page: eight lines of sixteen characters.
+
+    Below the program's `name` it shows the time in s, the battery in 0.1 V, motors A, B, C [deg],
+    ports S1 ... S4, whether Bluetooth is connected, and the program's last reading of the sonar
+    [cm], which is -1 before its first request.
+    """
+    lines = (
+        name,
+        f'TIME:{systick_ms // 1000}',
+        f'BATT:{battery_mv // 100}',
+        f'REV: {revolutions[0]}{revolutions[1]:>6}',
+        f'     {revolutions[2]}',
+        f'ADC: {adc[0]}{adc[1]:>5}',
+        f'     {adc[2]}{adc[3]:>5}',
+        f'BT/DST: {bluetooth_connected:d}{sonar_cm:>5}',
+    )
+    return '\n'.join(line[:COLUMNS].ljust(COLUMNS) for line in lines)
+
 
 UINT32_MASK = 0xFFFFFFFF
 
@@ -23,7 +55,7 @@ class DeviceInputs(NamedTuple):
     revolutions : tuple of int
         Motors B (plane x) and C (plane y) [deg].
     sonar_cm : int or None
-        Port S3 [cm]; :data:`~ballbot_ros.brick.units.NO_DATA_CM` if the sensor does not answer.
+        Port S3 [cm]; :data:`~ballbot_ros.brick.sensors.NO_DATA_CM` if the sensor does not answer.
     battery_mv : int or None
         Battery voltage [mV].
     sticks : tuple of int or None

@@ -9,11 +9,9 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from ballbot_ros.cli.path_types import PATH
+from ballbot_ros.cli.options import PATH, Choice
 from ballbot_ros.cli.progress import ProgressLines, stderr_console
-from ballbot_ros.cli.value_types import Choice
-from ballbot_ros.codegen.application import STACK_BYTES, write_application
-from ballbot_ros.codegen.c_parameters import parameter_hash
+from ballbot_ros.codegen.application import STACK_BYTES, parameter_hash, write_application
 from ballbot_ros.codegen.errors import CodegenError
 from ballbot_ros.codegen.folder_check import BuiltApplication, ProgramCost, read_folder_parameters
 from ballbot_ros.codegen.measure import (

@@ -13,7 +13,7 @@ import click
 from rich.console import Console
 from rich.table import Table
 
-from ballbot_ros.cli.path_types import PATH, RECORDING
+from ballbot_ros.cli.options import PATH, RECORDING
 
 if TYPE_CHECKING:
     from ballbot_ros.analysis.comparison import ComparedRun, Comparison, MetricComparison
@@ -54,7 +54,7 @@ def command(
     """
     # Imported only here: it takes half a second.
     from ballbot_ros.analysis import comparison
-    from ballbot_ros.analysis.conditions import parse_condition
+    from ballbot_ros.analysis.comparison import parse_condition
     from ballbot_ros.analysis.page import ReportError, check_folder
     from ballbot_ros.analysis.report import MEANINGS
     from ballbot_ros.cli.recordings import read_and_assess

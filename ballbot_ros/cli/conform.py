@@ -12,7 +12,7 @@ import click
 from rich.console import Console
 from rich.text import Text
 
-from ballbot_ros.cli.value_types import Choice
+from ballbot_ros.cli.options import Choice
 from ballbot_ros.parameters import ROLES
 from ballbot_ros.standard_streams import stdout_to_stderr
 

@@ -22,6 +22,13 @@ from ballbot_ros.analysis.loop_summary import (
     single_poles,
 )
 from ballbot_ros.controllers.loading import public_reference
+from ballbot_ros.design.linear_model import (
+    PUBLISHED_GAIN,
+    DesignError,
+    ServoDesign,
+    degree_state_space,
+    design_servo,
+)
 from ballbot_ros.design.loop_analysis import (
     LoopAnalysis,
     SampleAnalysis,
@@ -31,8 +38,6 @@ from ballbot_ros.design.loop_analysis import (
 )
 from ballbot_ros.design.margins import Limit, Margins
 from ballbot_ros.design.sampled_loop import LoopDelays
-from ballbot_ros.design.servo import PUBLISHED_GAIN, ServoDesign, degree_state_space, design_servo
-from ballbot_ros.design.state_feedback import DesignError
 from ballbot_ros.parameters import (
     DOCUMENTS_PROGRAM,
     ControllerParameters,

@@ -9,8 +9,7 @@ from rich.console import Console
 from rich.text import Text
 
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.run.machine_checks import CHECKS
-from ballbot_ros.run.optional_checks import NEEDED_FOR, OPTIONAL_CHECKS
+from ballbot_ros.run.machine_checks import CHECKS, NEEDED_FOR, OPTIONAL_CHECKS
 
 
 def run_checks() -> int:

@@ -7,20 +7,20 @@ from pathlib import Path
 import click
 
 from ballbot_ros.cli.options import (
+    NEW_FILE,
+    PATH,
     controller_option,
     no_browser_option,
     no_wait_option,
     page_options,
     set_option,
 )
-from ballbot_ros.cli.page_opening import PageObserver, PageOpening
-from ballbot_ros.cli.path_types import NEW_FILE, PATH
 from ballbot_ros.cli.progress import Progress
+from ballbot_ros.cli.web_page import PageObserver, PageOpening
 from ballbot_ros.own_command import next_steps
 from ballbot_ros.run.observer import RunObserver
 from ballbot_ros.run.requirements import require_rclpy
-from ballbot_ros.teleop.key_press import can_read_keys
-from ballbot_ros.teleop.terminal import keyboard_unavailable_reason
+from ballbot_ros.teleop.terminal import can_read_keys, keyboard_unavailable_reason
 
 
 @click.command('drive')
@@ -69,7 +69,7 @@ def command(
     Runs in real time until q, Ctrl-C or SIGTERM.
     """
     if list_devices:
-        from ballbot_ros.teleop import device_list
+        from ballbot_ros.teleop import gamepad as device_list
 
         device_list.list_devices()
         return 0

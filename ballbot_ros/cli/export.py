@@ -8,16 +8,14 @@ from pathlib import Path
 import click
 from rich.console import Console
 
-from ballbot_ros.cli.file_progress import file_progress
-from ballbot_ros.cli.options import split_at_commas
-from ballbot_ros.cli.path_types import PATH, RECORDING
-from ballbot_ros.cli.value_types import Choice
+from ballbot_ros.cli.options import PATH, RECORDING, Choice, split_at_commas
+from ballbot_ros.cli.recordings import file_progress
 from ballbot_ros.messages.column_hints import column_hints
 from ballbot_ros.messages.topics import OPERATING_STATE
+from ballbot_ros.recording.columns import load_pyarrow
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.export import Exporter
 from ballbot_ros.recording.reader import RecordingReader
-from ballbot_ros.recording.tables import load_pyarrow
 from ballbot_ros.timing import TICK_NS
 
 

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from ballbot_ros.cli.file_progress import file_progress
-from ballbot_ros.cli.options import split_at_commas
-from ballbot_ros.cli.path_types import NEW_FILE, PATH, RECORDING
+from ballbot_ros.cli.options import NEW_FILE, PATH, RECORDING, split_at_commas
+from ballbot_ros.cli.recordings import file_progress
 from ballbot_ros.cli.written_file import command_line, heading, write_file
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.parameters import PLANT, ParameterSet, Value
@@ -187,8 +186,7 @@ def _of_plant(parameters: ParameterSet) -> dict[str, Value]:
 
 def _read(path: Path, number: int | None, known: Mapping[str, Value], truth: bool) -> Experiment:
     from ballbot_ros.analysis.run_data import read_run
-    from ballbot_ros.identification.logged_experiment import logged_experiment
-    from ballbot_ros.identification.recorded_experiment import recorded_experiment
+    from ballbot_ros.identification.experiment import logged_experiment, recorded_experiment
 
     if _is_log(path):
         if truth:

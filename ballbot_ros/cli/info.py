@@ -12,17 +12,16 @@ import click
 from rich.console import Console
 
 from ballbot_ros.analysis.recorded_controller import ControllerIdentity, decode_controller
-from ballbot_ros.analysis.recorded_pushes import external_push, outside_pushes, outside_pushes_in
-from ballbot_ros.cli.file_progress import file_progress
-from ballbot_ros.cli.path_types import RECORDING
+from ballbot_ros.analysis.recorded_scenario import external_push, outside_pushes, outside_pushes_in
+from ballbot_ros.cli.options import RECORDING
+from ballbot_ros.cli.recordings import file_progress
 from ballbot_ros.errors import printable
 from ballbot_ros.messages.topics import RUN
 from ballbot_ros.own_command import own_command
 from ballbot_ros.progress import ProgressCallback
-from ballbot_ros.recording.attachments import PARAMETERS, SCENARIO, VERSIONS
 from ballbot_ros.recording.overview import read_topics
 from ballbot_ros.recording.reader import AttachedFile, RecordingReader
-from ballbot_ros.recording.rosbag2 import METADATA_NAME
+from ballbot_ros.recording.rosbag2 import METADATA_NAME, PARAMETERS, SCENARIO, VERSIONS
 from ballbot_ros.recording.writer import RUN_OUTCOME
 from ballbot_ros.yaml_document import parse_data
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from ballbot_ros.analysis.data_log import write_data_log
-from ballbot_ros.cli.path_types import NEW_FILE, RECORDING
+from ballbot_ros.cli.options import NEW_FILE, RECORDING
 from ballbot_ros.recording.reader import RecordingReader
 
 

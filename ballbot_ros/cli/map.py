@@ -9,10 +9,9 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from ballbot_ros.cli.path_types import NEW_FILE
+from ballbot_ros.cli.options import NEW_FILE
 from ballbot_ros.world.exports import write_files
-from ballbot_ros.world.floor_map import CELL_M, LINE, FloorMap
-from ballbot_ros.world.library import load_map
+from ballbot_ros.world.floor_map import CELL_M, LINE, FloorMap, load_map
 
 
 @click.command('map')

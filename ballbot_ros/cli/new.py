@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from ballbot_ros.cli.path_types import PATH
+from ballbot_ros.cli.options import PATH
 from ballbot_ros.controllers.new_package import SCENARIO, write_package
 from ballbot_ros.own_command import own_command, program
 

@@ -1,12 +1,81 @@
-"""Options shared by several commands."""
+"""Options, and types of their values, that several commands share."""
 
 from __future__ import annotations
 
+import math
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
 import click
 
-from ballbot_ros.cli.page_opening import PageOptions
-from ballbot_ros.cli.value_types import Choice
+from ballbot_ros.cli.web_page import PageOptions
 from ballbot_ros.run.processes import Processes
+from ballbot_ros.suggestions import did_you_mean
+
+
+class _Path(click.Path):
+    """A path; rejects an empty word, as of an unset variable, which a Path takes for ``.``.
+
+    If an argument can only mean a folder, it is rejected, too, and the message says what is
+    `wanted`.
+    """
+
+    def __init__(
+        self, is_folder: Callable[[str], bool] = lambda value: False, wanted: str = ''
+    ) -> None:
+        super().__init__(path_type=Path)
+        self._is_folder, self._wanted = is_folder, wanted
+
+    def convert(
+        self,
+        value: str | os.PathLike[str],
+        param: click.Parameter | None,
+        ctx: click.Context | None,
+    ) -> str | bytes | os.PathLike[str]:
+        word = str(value)
+        if not word:
+            self.fail('names nothing', param, ctx)
+        if self._is_folder(word):
+            self.fail(f'{word}: is a folder; name {self._wanted}', param, ctx)
+        return super().convert(value, param, ctx)
+
+
+PATH = _Path()
+"""A file to read, or a folder."""
+
+RECORDING = _Path(lambda value: not Path(value).name, 'a recording')
+"""A recording to read. Output files are named after it, so it must have a name."""
+
+NEW_FILE = _Path(lambda value: value.endswith('/'), 'a file to write')
+"""A file to write. ``x/`` means a folder, but a Path would drop the slash."""
+
+
+class Choice(click.Choice[str]):
+    """One of several words; a misspelt one gets a suggestion."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """Return the word."""
+        try:
+            return super().convert(value, param, ctx)
+        except click.BadParameter as error:
+            hint = did_you_mean(str(value), map(str, self.choices))
+            self.fail(error.message.removesuffix('.') + hint, param, ctx)
+
+
+class FloatRange(click.FloatRange):
+    """A number within a range; unlike click's type, it refuses NaN."""
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        """Return the number."""
+        number: float = super().convert(value, param, ctx)
+        if math.isnan(number):
+            self.fail(f'{value!r} is not a number', param, ctx)
+        return number
+
 
 set_option = click.option(
     '--set',

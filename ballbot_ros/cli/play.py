@@ -14,11 +14,10 @@ from pathlib import Path
 
 import click
 
-from ballbot_ros.cli.options import split_at_commas
-from ballbot_ros.cli.path_types import RECORDING
+from ballbot_ros.cli.options import RECORDING, split_at_commas
 from ballbot_ros.nodes.middleware import stay_local
 from ballbot_ros.parameters import PLAYER, ParameterSet, PlayerParameters
-from ballbot_ros.recording.playback_keys import terminal_action
+from ballbot_ros.recording.playback import terminal_action
 from ballbot_ros.run.requirements import require_rclpy
 
 KEYS_S = 0.05

@@ -12,12 +12,11 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from ballbot_ros.analysis.divergence import Divergence
-from ballbot_ros.analysis.recorded_controller import NOT_PORTABLE
+from ballbot_ros.analysis.message_comparison import Divergence
+from ballbot_ros.analysis.recorded_controller import NOT_PORTABLE, ReplayedController
 from ballbot_ros.analysis.recording_replay import RecordingReplay, ReplayResult
 from ballbot_ros.analysis.replay import ReplayedTick
-from ballbot_ros.analysis.replayed_controller import ReplayedController
-from ballbot_ros.cli.path_types import RECORDING
+from ballbot_ros.cli.options import RECORDING
 from ballbot_ros.cli.progress import Progress
 from ballbot_ros.files import temporary_folder
 from ballbot_ros.recording.reader import RecordingReader

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from ballbot_ros.cli.path_types import PATH, RECORDING
+from ballbot_ros.cli.options import PATH, RECORDING
 
 
 @click.command('report')
@@ -33,7 +33,7 @@ def command(recording: Path, output: Path | None, number: int | None, as_json: b
     """
     # Imported only here: it takes half a second.
     from ballbot_ros.analysis.page import check_folder
-    from ballbot_ros.analysis.recorded_pushes import outside_pushes
+    from ballbot_ros.analysis.recorded_scenario import outside_pushes
     from ballbot_ros.analysis.report import banner, write_report
     from ballbot_ros.cli.recordings import read_and_assess
 

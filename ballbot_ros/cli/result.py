@@ -12,13 +12,17 @@ from rich.text import Text
 
 from ballbot_ros.analysis.metrics import Judgement, number, with_judgements
 from ballbot_ros.analysis.recorded_controller import ControllerIdentity
-from ballbot_ros.analysis.recorded_pushes import RecordedPush, outside_pushes
+from ballbot_ros.analysis.recorded_scenario import RecordedPush, outside_pushes
+from ballbot_ros.cli.progress import Progress
 from ballbot_ros.errors import short_text
 from ballbot_ros.own_command import next_steps
 from ballbot_ros.parameters import ControllerParameters, GyroParameters
+from ballbot_ros.run.execution import execute
+from ballbot_ros.run.node_process import ForkClient
 from ballbot_ros.run.result import RunResult
-from ballbot_ros.run.spec import RunSpec
-from ballbot_ros.scenario.metric_registry import label as metric_label
+from ballbot_ros.run.spec import RunOptions, RunSpec
+from ballbot_ros.scenario.metrics import label as metric_label
+from ballbot_ros.standard_streams import stdout_to_stderr
 
 
 def print_json(spec: RunSpec, result: RunResult) -> None:
@@ -140,3 +144,29 @@ def _add_metric(
         if judgement.expectation.window:
             words = f'{words}, {judgement.expectation.window}'
     table.add_row(words, shown, expected, mark)
+
+
+def load_run(reference: str, options: RunOptions) -> RunSpec:
+    """Return the run of a scenario, given by name or file."""
+    with stdout_to_stderr():  # a controller may print while its class is loaded
+        return RunSpec.of_scenario(reference, options)
+
+
+def print_result(spec: RunSpec, result: RunResult, *, as_json: bool) -> None:
+    """Print the result of a run."""
+    (print_json if as_json else print_table)(spec, result)
+
+
+def run_and_print(
+    reference: str, options: RunOptions, client: ForkClient | None, *, as_json: bool
+) -> int:
+    """Run a scenario, given by name or file, print its result, return the exit status.
+
+    `client` forks the nodes that are separate processes.
+    """
+    spec = load_run(reference, options)
+    with Progress(spec.name, spec.plant.duration) as progress, stdout_to_stderr():
+        result = execute(spec, progress, client=client)
+        progress.release(result.reason)
+    print_result(spec, result, as_json=as_json)
+    return result.exit_status

@@ -8,6 +8,9 @@ from pathlib import Path
 import click
 
 from ballbot_ros.cli.options import (
+    PATH,
+    Choice,
+    FloatRange,
     controller_option,
     no_browser_option,
     no_wait_option,
@@ -15,10 +18,8 @@ from ballbot_ros.cli.options import (
     processes_option,
     set_option,
 )
-from ballbot_ros.cli.path_types import PATH
-from ballbot_ros.cli.value_types import Choice, FloatRange
 from ballbot_ros.parameters import ROLES
-from ballbot_ros.run.fork_client import ForkClient
+from ballbot_ros.run.node_process import ForkClient
 from ballbot_ros.run.processes import Processes
 from ballbot_ros.stop_request import DeferredSignals
 
@@ -90,7 +91,7 @@ def command(
     # Start the fork server first: it imports the nodes while this process imports what it needs.
     with ForkClient() if arrangement is Processes.SEPARATE else nullcontext() as client:
         with DeferredSignals():
-            from ballbot_ros.cli.scenario_run import run_and_print
+            from ballbot_ros.cli.result import run_and_print
             from ballbot_ros.run.requirements import require_rclpy
             from ballbot_ros.run.spec import RunOptions
 

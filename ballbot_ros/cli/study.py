@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from ballbot_ros.cli.options import processes_option
-from ballbot_ros.cli.path_types import PATH
+from ballbot_ros.cli.options import PATH, processes_option
 from ballbot_ros.run.processes import Processes
 from ballbot_ros.suggestions import similar
 
@@ -49,7 +48,7 @@ def command(context: click.Context) -> None:
 
 
 def _list_studies() -> None:
-    from ballbot_ros.studies.library import read_study, study_names
+    from ballbot_ros.studies.reader import read_study, study_names
 
     names = study_names()
     width = max(map(len, names))
@@ -88,12 +87,11 @@ def run(
     finished one is not run again. Exit status: 0 if all runs are done, whether they passed or not;
     2 for a mistake in the arguments; 130 after Ctrl-C.
     """
-    from ballbot_ros.cli.study_output import print_json, print_summary
-    from ballbot_ros.cli.study_progress import StudyProgress
+    from ballbot_ros.cli.study_output import StudyProgress, print_json, print_summary
     from ballbot_ros.standard_streams import stdout_to_stderr
     from ballbot_ros.studies.execution import LocalWorkers, folder_of, run_study
     from ballbot_ros.studies.job import job_of
-    from ballbot_ros.studies.library import read_study
+    from ballbot_ros.studies.reader import read_study
     from ballbot_ros.studies.sampling import Sampler
     from ballbot_ros.studies.study import grid_shape
     from ballbot_ros.studies.study_data import StudyData
@@ -192,7 +190,7 @@ def report(folder: Path, output: Path | None) -> int:
     Exit status: 0 if the report was written; 2 for invalid arguments or a folder without results.
     """
     from ballbot_ros.studies.report import study_report
-    from ballbot_ros.studies.report_folder import check_output
+    from ballbot_ros.studies.report_page import check_output
     from ballbot_ros.studies.study_data import StudyData
 
     data = StudyData.open(folder)
@@ -207,7 +205,7 @@ def _execute(spec: RunSpec, expected: str, as_json: bool) -> int:
     from ballbot_ros.cli.progress import Progress
     from ballbot_ros.cli.result import print_json, print_table
     from ballbot_ros.run.execution import execute
-    from ballbot_ros.simulation.outcome import Outcome
+    from ballbot_ros.simulation.run_actions import Outcome
     from ballbot_ros.standard_streams import stdout_to_stderr
 
     with Progress(spec.name, spec.plant.duration) as progress, stdout_to_stderr():

@@ -7,9 +7,8 @@ from pathlib import Path
 
 import click
 
-from ballbot_ros.cli.options import no_browser_option
-from ballbot_ros.cli.path_types import RECORDING
-from ballbot_ros.cli.web_browser import open_browser
+from ballbot_ros.cli.options import RECORDING, no_browser_option
+from ballbot_ros.cli.web_page import open_browser
 from ballbot_ros.stop_request import DeferredSignals, StopRequest
 from ballbot_ros.viewer.address import NEXT_FREE, address_line, network_warning, require_viser
 

@@ -8,29 +8,25 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from ballbot_ros.analysis.verdict import Verdict
-from ballbot_ros.cli.page_opening import PageOpening, PageOptions
+from ballbot_ros.analysis.metrics import Verdict
 from ballbot_ros.cli.progress import Progress, stderr_console
-from ballbot_ros.cli.result import result_json
-from ballbot_ros.cli.scenario_run import load_run, print_result
+from ballbot_ros.cli.result import load_run, print_result, result_json
+from ballbot_ros.cli.web_page import PageOpening, PageOptions
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.files import temporary_folder
 from ballbot_ros.nodes.supervisor import Supervisor
 from ballbot_ros.parameters import VIEWER, ParameterSet, ViewerParameters
 from ballbot_ros.parameters.files import write_parameter_file
 from ballbot_ros.run.execution import execute
-from ballbot_ros.run.fork_client import ForkClient
-from ballbot_ros.run.node_process import NodeProcess, stop_all
-from ballbot_ros.run.node_thread import NodeThread
-from ballbot_ros.run.observer import RunObserver
+from ballbot_ros.run.node_process import ForkClient, NodeProcess, stop_all
+from ballbot_ros.run.observer import RunObserver, StartObserver
+from ballbot_ros.run.one_process import NodeThread, ros
 from ballbot_ros.run.requirements import require_viewer
 from ballbot_ros.run.result import RunResult
-from ballbot_ros.run.ros_context import ros
 from ballbot_ros.run.spec import RunOptions, RunSpec
-from ballbot_ros.run.start_observer import StartObserver
 from ballbot_ros.standard_streams import stdout_to_stderr
 from ballbot_ros.stop_request import StopRequest
-from ballbot_ros.teleop.key_press import KeyPress, can_read_keys
+from ballbot_ros.teleop.terminal import KeyPress, can_read_keys
 
 POLL_S = 0.05
 

@@ -2,21 +2,143 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import random
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
+from ballbot_ros.brick.brick import UINT32_MASK, DeviceInputs, DeviceOutputs
+from ballbot_ros.brick.sensors import NO_DATA_CM, NO_ECHO_CM
 from ballbot_ros.codegen.application import PARAMETER_FILE, read_tasks
-from ballbot_ros.codegen.back_to_back import EquivalenceResult, compare
-from ballbot_ros.codegen.brick_process import Answer, BrickProcess
-from ballbot_ros.codegen.compiled_program import CompiledProgram
+from ballbot_ros.codegen.compiled_program import Answer, BrickProcess, CompiledProgram
 from ballbot_ros.codegen.errors import CodegenError
 from ballbot_ros.codegen.measure import Memory, count_instructions, measure_memory
-from ballbot_ros.codegen.steps import InputSequence
+from ballbot_ros.codegen.state_variables import members, named_values, state_bytes
 from ballbot_ros.codegen.toolchain import Target, build
+from ballbot_ros.controllers.document.program import ControlProgram
+from ballbot_ros.controllers.document.tasks import TS1_MS
 from ballbot_ros.parameters import ControllerParameters, ParameterSet
 from ballbot_ros.parameters.files import read_parameter_file
+from ballbot_ros.timing import BATTERY_PERIOD_NS, MILLISECOND_NS, SLOW_PERIOD_NS
+
+_OFFSET = 600
+_SONAR_MS = SLOW_PERIOD_NS // MILLISECOND_NS
+_BATTERY_MS = BATTERY_PERIOD_NS // MILLISECOND_NS
+_MAX_INT32 = 2**31 - 1
+
+
+class ProgramInput(NamedTuple):
+    """Inputs of a control program at one tick."""
+
+    elapsed_ms: int
+    systick_ms: int
+    inputs: DeviceInputs
+
+
+class InputSequence(NamedTuple):
+    """Inputs of consecutive ticks, with a name."""
+
+    name: str
+    steps: Sequence[ProgramInput]
+
+
+def random_steps(seed: int, ticks: int, *, out_of_range: bool) -> Iterator[ProgramInput]:
+    """Yield random inputs that depend on `seed` alone.
+
+    The sonar and the battery deliver at their own rates, stick packets arrive at random ticks. The
+    system time starts anywhere, often shortly before it wraps around. Readings stay near balance
+    or, if `out_of_range`, jump over the full ranges of their types, beyond those of the devices.
+    """
+    draw = random.Random(seed)
+    start = draw.choice((1000, draw.randrange(2**32), 2**32 - draw.randrange(4 * ticks + 4)))
+    gyro = [_OFFSET, _OFFSET]
+    revolutions = [0, 0]
+    battery = 8003
+    for tick in range(ticks):
+        elapsed = tick * TS1_MS
+        for plane in (0, 1):
+            gyro[plane] = _OFFSET + round(draw.gauss(0.0, 2.0))
+            revolutions[plane] += round(draw.gauss(0.0, 3.0))
+            if out_of_range and draw.random() < 0.1:
+                gyro[plane] = draw.choice((0, 1023, 65535, draw.randrange(1024)))
+            if out_of_range and draw.random() < 0.05:
+                limit = draw.choice((100, 2000, _MAX_INT32))
+                revolutions[plane] = draw.randint(-limit, limit)
+            revolutions[plane] = max(-_MAX_INT32, min(_MAX_INT32, revolutions[plane]))
+        if out_of_range and draw.random() < 0.02:
+            battery = draw.choice((0, 573, 574, 65535, draw.randrange(65536)))
+        inputs = DeviceInputs(
+            gyro=(gyro[0], gyro[1]),
+            revolutions=(revolutions[0], revolutions[1]),
+            sonar_cm=_distance(draw) if elapsed % _SONAR_MS == 0 else None,
+            battery_mv=battery if elapsed % _BATTERY_MS == 0 else None,
+            sticks=_sticks(draw, out_of_range) if draw.random() < 0.2 else None,
+        )
+        yield ProgramInput(elapsed, (start + elapsed) & UINT32_MASK, inputs)
+
+
+def _distance(draw: random.Random) -> int:
+    return draw.choice((NO_ECHO_CM, NO_ECHO_CM, NO_DATA_CM, 0, draw.randrange(NO_ECHO_CM)))
+
+
+def _sticks(draw: random.Random, out_of_range: bool) -> tuple[int, int]:
+    low, high = (-128, 127) if out_of_range else (-100, 100)
+    return draw.choice((low, 0, high, draw.randint(low, high))), draw.randint(low, high)
+
+
+class EquivalenceResult(NamedTuple):
+    """The number of compared ticks, and the first difference as text; '' if there is none."""
+
+    ticks: int
+    difference: str = ''
+
+
+def compare(
+    parameters: ControllerParameters, compiled: CompiledProgram, steps: Iterable[ProgramInput]
+) -> EquivalenceResult:
+    """Run both programs, the compiled one newly created, on the same inputs until they differ.
+
+    Duties, log packets, tones, display pages and every bit of the shared data are compared after
+    each tick.
+
+    Raises
+    ------
+    CodegenError
+        If the compiled program has ended.
+    """
+    python = ControlProgram(parameters)
+    ticks = 0
+    # Suppress warnings: a battery far below its range gives a motor voltage of zero, so infinities
+    # are part of the test.
+    with np.errstate(all='ignore'):
+        for step in steps:
+            expected = python.tick(*step)
+            outputs = compiled.tick(*step)
+            ticks += 1
+            state = state_bytes(python)
+            if outputs != expected or members(compiled.state) != state:
+                return EquivalenceResult(
+                    ticks, _difference(step, expected, outputs, state, compiled)
+                )
+    return EquivalenceResult(ticks)
+
+
+def _difference(
+    step: ProgramInput,
+    expected: DeviceOutputs,
+    outputs: DeviceOutputs,
+    state: bytes,
+    compiled: CompiledProgram,
+) -> str:
+    """Return the first difference in the order of computation: data, then outputs."""
+    wanted = {**named_values(state), **asdict(expected)}
+    got = {**named_values(compiled.state), **asdict(outputs)}
+    # Compare the values as text: zeros of different sign are equal as numbers.
+    name = next(name for name in wanted if repr(wanted[name]) != repr(got[name]))
+    return f'at {step.elapsed_ms} ms {name} is {got[name]!r} in C and {wanted[name]!r} in Python'
 
 
 @dataclass(frozen=True)

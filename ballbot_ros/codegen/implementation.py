@@ -191,8 +191,7 @@ def _controller(parameters: ControllerParameters, loaded: LoadedController) -> I
 
 def _compiled(parameters: ControllerParameters) -> Callable[[], Program]:
     from ballbot_ros.codegen.application import read_tasks, write_application
-    from ballbot_ros.codegen.brick_process import BrickProcess
-    from ballbot_ros.codegen.compiled_program import CompiledProgram
+    from ballbot_ros.codegen.compiled_program import BrickProcess, CompiledProgram
     from ballbot_ros.codegen.toolchain import TARGETS, build
     from ballbot_ros.files import temporary_folder
 

@@ -6,14 +6,13 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
 
-from ballbot_ros.conformance.bench import Bench, Offer
+from ballbot_ros.conformance.contract import Bench, Offer, TickMessages
 from ballbot_ros.conformance.node_under_test import (
     ANSWER_S,
     BreachError,
     NodeUnderTest,
     seconds,
 )
-from ballbot_ros.conformance.nominal_run import TickMessages
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.messages.raw import same_content, stamp_of
 from ballbot_ros.messages.topics import (

@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterator
 from itertools import dropwhile
 
-from ballbot_ros.conformance.bench import Bench
-from ballbot_ros.conformance.contract import CONTRACTS
-from ballbot_ros.conformance.nominal_run import TickMessages, nominal_run
+from ballbot_ros.conformance.contract import CONTRACTS, Bench, TickMessages, nominal_run
 from ballbot_ros.messages.conversions import encode_header
 from ballbot_ros.messages.participation import decode_announcement, encode_run_status
 from ballbot_ros.messages.raw import stamp_of

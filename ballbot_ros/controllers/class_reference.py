@@ -14,8 +14,13 @@ import numpy as np
 
 from ballbot_ros.controllers.controller import Controller
 from ballbot_ros.controllers.errors import ControllerError
-from ballbot_ros.controllers.loading import MAIN, ControllerCode, LoadedController, controller_of
-from ballbot_ros.controllers.source import Source
+from ballbot_ros.controllers.loading import (
+    MAIN,
+    ControllerCode,
+    LoadedController,
+    Source,
+    controller_of,
+)
 from ballbot_ros.errors import one_line
 from ballbot_ros.parameters import ControllerParameters
 

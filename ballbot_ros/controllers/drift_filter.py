@@ -12,10 +12,11 @@ from ballbot_ros.controllers.document.axis import (
     TS1_PERIOD,
     Axis,
     Constants,
+    ProgramConstants,
+    Single,
     constants_of,
     control,
 )
-from ballbot_ros.controllers.document.constants import ProgramConstants, Single
 from ballbot_ros.controllers.driving import DrivingController, PlaneController, PlaneInputs
 from ballbot_ros.controllers.interface import Estimates
 from ballbot_ros.parameters import ControllerParameters, quantity

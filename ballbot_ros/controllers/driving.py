@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, ClassVar, NamedTuple, Protocol
 
-from ballbot_ros.brick.units import NO_ECHO_CM
+from ballbot_ros.brick.sensors import NO_ECHO_CM
 from ballbot_ros.controllers.controller import Controller, Duty, P, Readings
 from ballbot_ros.controllers.document.program import logged
 from ballbot_ros.controllers.document.tasks import LCD_MS, PROGRAM_NAME

@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Sequence
 from typing import ClassVar, NamedTuple
 
-from ballbot_ros.brick.units import quantise
+from ballbot_ros.brick.sensors import quantise
 from ballbot_ros.controllers.controller import MAX_DUTY, NO_READINGS, Controller, Duty, P, Readings
 from ballbot_ros.controllers.driving import commanded_rate
 from ballbot_ros.controllers.interface import OperatingState

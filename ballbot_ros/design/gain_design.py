@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize
 
-from ballbot_ros.design.covariance import steady_covariance
-from ballbot_ros.design.linear_model import STATES
+from ballbot_ros.design.linear_model import STATES, DesignError, design_servo, require_weights
 from ballbot_ros.design.loop_analysis import ROUNDING, STEADY, sorted_poles
+from ballbot_ros.design.margins import steady_covariance
 from ballbot_ros.design.sampled_loop import (
     DUTY,
     ENCODER_ERROR,
@@ -26,8 +26,6 @@ from ballbot_ros.design.sampled_loop import (
     LoopDelays,
     SampledLoop,
 )
-from ballbot_ros.design.servo import design_servo
-from ballbot_ros.design.state_feedback import DesignError, require_weights
 from ballbot_ros.parameters import CONTROLLER, ParameterSet, PlantParameters
 from ballbot_ros.plant.actuator import max_voltage
 from ballbot_ros.plant.model import Matrix, PhysicalParameters

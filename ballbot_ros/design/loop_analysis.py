@@ -12,9 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import bisect
 
-from ballbot_ros.design.covariance import steady_covariance
 from ballbot_ros.design.linear_model import ideal_loop
-from ballbot_ros.design.margins import Limit, LoopResponse, Margins
+from ballbot_ros.design.margins import Limit, LoopResponse, Margins, steady_covariance
 from ballbot_ros.design.sampled_loop import ENCODER_ERROR, GYRO_ERROR, LoopDelays, SampledLoop
 from ballbot_ros.parameters import ParameterSet
 from ballbot_ros.timing import TICK_S

@@ -20,14 +20,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import expm
 
-from ballbot_ros.brick.battery_monitor import battery_mv
-from ballbot_ros.brick.dead_time import mean_delay
+from ballbot_ros.brick.sensors import battery_mv, mean_delay
 from ballbot_ros.controllers.document import axis
-from ballbot_ros.controllers.document.constants import ProgramConstants, Single
+from ballbot_ros.controllers.document.axis import ProgramConstants, Single
 from ballbot_ros.controllers.document.program import max_motor_voltage
 from ballbot_ros.controllers.loading import public_reference
-from ballbot_ros.design.linear_model import STATES
-from ballbot_ros.design.state_feedback import DesignError
+from ballbot_ros.design.linear_model import STATES, DesignError
 from ballbot_ros.parameters import (
     DOCUMENTS_PROGRAM,
     ControllerParameters,

@@ -8,28 +8,118 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Generic, NamedTuple, TypeAlias, TypeVar
+from functools import cache, lru_cache
+from types import SimpleNamespace
+from typing import (
+    Any,
+    Generic,
+    Literal,
+    NamedTuple,
+    TypeAlias,
+    TypeVar,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 import numpy as np
 
-from ballbot_ros.brick.dead_time import drawn_delay
-from ballbot_ros.brick.encoder import encoder_reading
-from ballbot_ros.brick.gyro import GyroConstants as PlaneGyro
-from ballbot_ros.brick.gyro import gyro_reading
-from ballbot_ros.brick.noise import Key, device_number, noise_key
-from ballbot_ros.brick.sonar import sonar_reading
-from ballbot_ros.engine.noise import normal_pair, uniform_pair
-from ballbot_ros.engine.numbers import choice, numbers_of
+from ballbot_ros.brick.noise import Key, device_number, noise_bits, noise_key
+from ballbot_ros.brick.sensors import GyroConstants as PlaneGyro
+from ballbot_ros.brick.sensors import drawn_delay, encoder_reading, gyro_reading, sonar_reading
+from ballbot_ros.numerics.compiler_hints import compiled_as
+from ballbot_ros.numerics.random_numbers import normal, uniform
 from ballbot_ros.parameters import (
     DeviceParameters,
     EncoderParameters,
     GyroParameters,
+    NodeParameters,
     SonarParameters,
 )
 from ballbot_ros.plant.ground_truth import GroundTruth, MeasuredState, Pair
 from ballbot_ros.timing import SLOW_PERIOD_NS, STEP_NS, TICK_NS
 from ballbot_ros.world.floor_map import CELL_M, map_point
 from ballbot_ros.world.sonar_beam import nearest_echo, sides_of
+
+
+@cache
+def choice(cls: type, name: str, value: str) -> int:
+    """Return the number that stands for a value of a choice of a dataclass."""
+    return get_args(get_type_hints(cls)[name]).index(value)
+
+
+@cache
+def _choices(cls: type) -> dict[str, tuple[Any, ...]]:
+    words = {
+        name: get_args(kind)
+        for name, kind in get_type_hints(cls).items()
+        if get_origin(kind) is Literal
+    }
+    return {name: each for name, each in words.items() if isinstance(each[0], str)}
+
+
+def numbers_of(parameters: NodeParameters) -> SimpleNamespace:
+    """Return the parameters of a node by their names, choices as in :func:`choice`."""
+    values = SimpleNamespace(**parameters.values())
+    cls: Any = type(parameters)
+    for name, words in _choices(cls).items():
+        setattr(values, name, words.index(getattr(values, name)))
+    return values
+
+
+_BLOCK = 256
+_KEPT_BLOCKS = 64
+_WORD = 0xFFFFFFFF
+_HALF = 32
+
+Numbers = tuple[float, float]
+
+
+def one_uniform_pair(key: Key, device: Any, index: int) -> Numbers:
+    """Return what :func:`uniform_pair` does, without a block."""
+    one, other = _bits(key, device, index)
+    return uniform(one), uniform(other)
+
+
+def one_normal_pair(key: Key, device: Any, index: int) -> Numbers:
+    """Return what :func:`normal_pair` does, without a block."""
+    one, other = _bits(key, device, index)
+    return normal(one), normal(other)
+
+
+@compiled_as(one_uniform_pair)
+def uniform_pair(key: Key, device: Any, index: int) -> Numbers:
+    """Return the two uniform numbers of sample `index` of a device, within [0, 1)."""
+    return _uniform_block(key, device, index // _BLOCK)[index % _BLOCK]
+
+
+@compiled_as(one_normal_pair)
+def normal_pair(key: Key, device: Any, index: int) -> Numbers:
+    """Return the two standard normal numbers of sample `index` of a device."""
+    return _normal_block(key, device, index // _BLOCK)[index % _BLOCK]
+
+
+def _bits(key: Key, device: Any, index: int) -> tuple[Any, Any]:
+    low, high = noise_bits(np.uint64(index & _WORD), np.uint64(index >> _HALF), device, key)
+    return np.int64(low), np.int64(high)
+
+
+@lru_cache(_KEPT_BLOCKS)
+def _uniform_block(key: Key, device: Any, block: int) -> list[Numbers]:
+    return [(uniform(one), uniform(other)) for one, other in _bits_of_block(key, device, block)]
+
+
+@lru_cache(_KEPT_BLOCKS)
+def _normal_block(key: Key, device: Any, block: int) -> list[Numbers]:
+    return [(normal(one), normal(other)) for one, other in _bits_of_block(key, device, block)]
+
+
+def _bits_of_block(key: Key, device: Any, block: int) -> list[tuple[int, int]]:
+    first = block * _BLOCK
+    low = np.arange(first & _WORD, (first & _WORD) + _BLOCK, dtype=np.uint64)
+    one, other = noise_bits(low, np.uint64(first >> _HALF), device, key)
+    return list(zip(one.tolist(), other.tolist(), strict=True))
+
 
 GYRO, GYRO_DRIFT, SONAR = (device_number(name) for name in ('gyro', 'gyro drift', 'sonar'))
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 from typing import Any, NamedTuple
 
-from ballbot_ros.engine.numbers import numbers_of
+from ballbot_ros.engine.devices import numbers_of
 from ballbot_ros.engine.plant_tick import (
     NEVER_NS,
     STEP_VALUES,

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from ballbot_ros.brick.dead_time import drawn_delay
 from ballbot_ros.brick.noise import Key, device_number, noise_key
-from ballbot_ros.engine.noise import uniform_pair
-from ballbot_ros.engine.numbers import choice
+from ballbot_ros.brick.sensors import drawn_delay
+from ballbot_ros.engine.devices import choice, uniform_pair
 from ballbot_ros.numerics.compiler_hints import inlined
 from ballbot_ros.parameters import PlantParameters
-from ballbot_ros.plant.actuator import motor_current, motor_voltage, supply_current
-from ballbot_ros.plant.battery import capacity_slope, discharge
+from ballbot_ros.plant.actuator import (
+    capacity_slope,
+    discharge,
+    motor_current,
+    motor_voltage,
+    supply_current,
+)
 from ballbot_ros.plant.ground_truth import Pair
 from ballbot_ros.plant.integration import (
     Equations,
@@ -82,7 +86,7 @@ class PlantConstants(NamedTuple):
     is_draining : bool
         Whether the battery drains.
     idle_current, full_volts, charge_slope, battery_ohms : float
-        As in :func:`~ballbot_ros.plant.battery.discharge`.
+        As in :func:`~ballbot_ros.plant.actuator.discharge`.
     stops_at_hit : bool
         Whether a wall hit ends the run.
     half_u, half_v : float
@@ -429,7 +433,7 @@ def plant_constants(p: Any, start_ns: int) -> PlantConstants:
     Parameters
     ----------
     p : row or namespace
-        The parameters, see :func:`~ballbot_ros.engine.numbers.numbers_of`.
+        The parameters, see :func:`~ballbot_ros.engine.devices.numbers_of`.
     start_ns : int
         Sim time of the first tick.
     """

@@ -10,11 +10,10 @@ except ImportError as error:
         f'gymnasium not found ({error}): install it with `pip install "ballbot_ros[gym]"`'
     ) from None
 
-from ballbot_ros.environments.balance import BalanceEnv
-from ballbot_ros.environments.drive import DriveEnv
 from ballbot_ros.environments.environment import BallbotEnv
+from ballbot_ros.environments.episode import EnvironmentState
 from ballbot_ros.environments.errors import EnvironmentConfigurationError
-from ballbot_ros.environments.state import EnvironmentState
+from ballbot_ros.environments.tasks import BalanceEnv, DriveEnv
 
 __all__ = [
     'BalanceEnv',

@@ -13,29 +13,32 @@ from numpy.typing import NDArray
 
 from ballbot_ros.controllers.controller import Duty
 from ballbot_ros.controllers.policy import duty_of
-from ballbot_ros.environments.commands import Commands, checked_commands
 from ballbot_ros.environments.configuration import (
+    Commands,
     check_hold,
     check_step,
+    checked_commands,
     fingerprint,
     parameters_of_environment,
     steps_of,
 )
-from ballbot_ros.environments.episode import Episode
-from ballbot_ros.environments.errors import EnvironmentConfigurationError
-from ballbot_ros.environments.quantities import (
+from ballbot_ros.environments.episode import (
+    EnvironmentState,
+    Episode,
+    EpisodeState,
     Floats,
     Quantity,
+    Start,
     box,
     device_quantities,
     state_of,
     state_quantities,
 )
-from ballbot_ros.environments.state import EnvironmentState, EpisodeState, Start
+from ballbot_ros.environments.errors import EnvironmentConfigurationError
 from ballbot_ros.errors import short_repr
 from ballbot_ros.parameters import GYRO, PLANT, ControllerParameters, PlantParameters, parameters_of
 from ballbot_ros.parameters.assignment import Parameters, plain_value
-from ballbot_ros.simulation.robot import Robot
+from ballbot_ros.simulation.closed_loop import Robot
 from ballbot_ros.timing import TICK_MS
 from ballbot_ros.viewer.errors import importing
 

@@ -20,8 +20,12 @@ from scipy.optimize import least_squares
 from scipy.stats import t as student
 
 from ballbot_ros.identification.arrays import Floats
-from ballbot_ros.identification.experiment import Channel, with_values
-from ballbot_ros.identification.rounding import ROUNDING_DEVIATION, expected_rounding
+from ballbot_ros.identification.experiment import (
+    ROUNDING_DEVIATION,
+    Channel,
+    expected_rounding,
+    with_values,
+)
 from ballbot_ros.identification.segment_model import SegmentModel
 from ballbot_ros.parameters import PlantParameters
 

@@ -4,22 +4,25 @@
 ``decode_…`` reads one. The other functions read a message object of any library that uses the ROS
 field names. Signs follow docs/frames.md: plane x is a rotation about +y and a motion along +x of
 ``map``; plane y is a rotation about +x and a motion along -y.
+
+A run that does not complete ends with a motor stop, from the plant and from the controller if they
+are still alive. Its frame_id distinguishes it from the answers to ticks, whose frame_id is empty.
 """
 
 from __future__ import annotations
 
 import math
+import struct
 from functools import cache, lru_cache
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ballbot_ros.brick.battery_monitor import battery_mv
 from ballbot_ros.brick.bluetooth import LogPacket
 from ballbot_ros.brick.brick import Tone
-from ballbot_ros.brick.units import RADIANS_PER_DEGREE, quantise
+from ballbot_ros.brick.sensors import RADIANS_PER_DEGREE, battery_mv, quantise
 from ballbot_ros.controllers.interface import PlaneEstimates
-from ballbot_ros.messages.layout import MessageLayout, elements
 from ballbot_ros.messages.message_types import (
     Bytes,
     Header,
@@ -34,6 +37,7 @@ from ballbot_ros.messages.message_types import (
     Vector3Stamped,
     WrenchStamped,
 )
+from ballbot_ros.messages.raw import MessageLayout, elements
 from ballbot_ros.messages.topics import (
     BATTERY_STATE,
     BLUETOOTH_TX,
@@ -53,8 +57,9 @@ from ballbot_ros.messages.topics import (
 )
 from ballbot_ros.numerics.elementary import sine_cosine
 from ballbot_ros.plant.ground_truth import GroundTruth, Pair, Push
-from ballbot_ros.recording.encoding import encoder, new_message
-from ballbot_ros.teleop.arbiter import SCENARIO
+from ballbot_ros.recording.batch import Batch, Rows
+from ballbot_ros.recording.schemas import encoder, new_message
+from ballbot_ros.teleop.sticks import SCENARIO
 from ballbot_ros.timing import SECOND_NS
 
 if TYPE_CHECKING:
@@ -419,3 +424,27 @@ def _encode_data(type_name: str, data: object) -> bytes:
     message = new_message(type_name)
     message.data = data
     return _encoder(type_name)(message)
+
+
+FRAME_ID = 'stop'
+
+_LAYOUT = MessageLayout(MOTOR_DUTY.type_name, constants={'header.frame_id': FRAME_ID})
+
+# In CDR, the frame_id follows four bytes of encoding and a stamp of eight bytes.
+_BEGIN = 12
+_ENCODED = struct.pack(f'<I{len(FRAME_ID) + 1}s', len(FRAME_ID) + 1, FRAME_ID.encode())
+
+
+def encode_stop(stamp_ns: int) -> bytes:
+    """Return a motor stop: from `stamp_ns` on the motors are off."""
+    return _LAYOUT.encode(stamp_ns)
+
+
+def is_stop(data: bytes) -> bool:
+    """Return whether a serialised ``motor_duty`` is a motor stop."""
+    return data[_BEGIN : _BEGIN + len(_ENCODED)] == _ENCODED
+
+
+def are_stops(batch: Batch, rows: Rows) -> NDArray[np.bool_]:
+    """Return which of some recorded ``motor_duty`` are motor stops."""
+    return batch.match_bytes(rows, _BEGIN, _ENCODED)

@@ -2,17 +2,21 @@
 
 The functions that encode and decode messages are like those of
 :mod:`ballbot_ros.messages.conversions`.
+
+A message has no fixed layout, since the number of steps depends on the drivers of the run.
 """
 
 from __future__ import annotations
 
 import math
+import struct
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from typing import Any, Generic, NamedTuple, TypeAlias
 
-from ballbot_ros.brick.units import (
+from ballbot_ros.brick.brick import DeviceInputs
+from ballbot_ros.brick.sensors import (
     NO_DATA_CM,
     NO_ECHO_CM,
     degrees_to_radians,
@@ -34,12 +38,16 @@ from ballbot_ros.messages.conversions import (
     MOTOR_NAMES,
     NOT_PROVIDED,
     decode_ball_position,
+    decode_battery_mv,
     decode_body_rates,
     decode_motor_angles,
+    decode_sticks,
+    fill_header,
 )
-from ballbot_ros.messages.layout import MessageLayout, elements
-from ballbot_ros.messages.steps import decode_step
+from ballbot_ros.messages.raw import MessageLayout, decoder, elements
 from ballbot_ros.messages.topics import (
+    BATTERY_STATE,
+    GAMEPAD_JOY,
     GYRO_IMU,
     JOINT_STATES,
     PLANT_IMU,
@@ -49,6 +57,63 @@ from ballbot_ros.messages.topics import (
     SONAR_RANGE,
     Topic,
 )
+from ballbot_ros.plant.ground_truth import GroundTruth, MeasuredState
+from ballbot_ros.recording.schemas import encoder, new_message
+
+STEP_FIELDS = ('motor_x', 'motor_y', 'angular_velocity_y', 'angular_velocity_x', 'x', 'y')
+"""Of planes x and y in turn; units and signs are those of ``plant/joint_states``, ``plant/imu`` and
+``plant/odom``."""
+
+_STEP = struct.Struct(f'<{len(STEP_FIELDS)}d')
+_FIELD = 'sensor_msgs/msg/PointField'
+
+# Only a graph with dead time needs them.
+_encoder, _decoder = cache(encoder), cache(decoder)
+
+
+def encode_steps(truth: GroundTruth) -> bytes:
+    """Return ``plant/steps``: a point for each step, the oldest first, that of the stamp last."""
+    message = new_message(PLANT_STEPS.type_name)
+    fill_header(message.header, truth.stamp_ns, 'map')
+    message.fields = _fields()
+    message.height, message.width = 1, len(truth.steps)
+    message.point_step, message.row_step = _STEP.size, _STEP.size * len(truth.steps)
+    message.data = b''.join(
+        _STEP.pack(*angles, *rates, x, -y) for angles, rates, (x, y) in truth.steps
+    )
+    message.is_dense = True
+    return _encoder(PLANT_STEPS.type_name)(message)
+
+
+def decode_step(data: bytes, age: int) -> MeasuredState:
+    """Return the step of ``plant/steps`` that is `age` steps older than the stamp.
+
+    It raises ValueError if the message has other fields, or no such step.
+    """
+    message = _decoder(PLANT_STEPS.type_name)(data)
+    if _layout(message.fields) != _layout(_fields()) or message.point_step != _STEP.size:
+        raise ValueError(f'the fields are not {", ".join(STEP_FIELDS)}')
+    offset = len(message.data) - (age + 1) * _STEP.size
+    if offset < 0:
+        raise ValueError(f'it has no step that is {age} steps old')
+    motor_x, motor_y, rate_x, rate_y, x, y = _STEP.unpack_from(message.data, offset)
+    return MeasuredState((motor_x, motor_y), (rate_x, rate_y), (x, -y))
+
+
+@cache
+def _fields() -> list[Any]:
+    fields = []
+    for number, name in enumerate(STEP_FIELDS):
+        field = new_message(_FIELD)
+        field.name, field.count, field.datatype = name, 1, field.FLOAT64
+        field.offset = number * _STEP.size // len(STEP_FIELDS)
+        fields.append(field)
+    return fields
+
+
+def _layout(fields: list[Any]) -> list[tuple[str, int, int]]:
+    return [(each.name, each.offset, each.datatype) for each in fields]
+
 
 ULTRASOUND = 0
 _COUNTS = 2**31
@@ -200,3 +265,31 @@ DEVICE_MESSAGES: tuple[AnyDeviceMessages, ...] = (
         decode_sonar,
     ),
 )
+
+
+@dataclass(frozen=True)
+class _Input:
+    """A topic, the device input that it fills, and the function that reads its messages."""
+
+    topic: Topic
+    field: str
+    read: Callable[[bytes], Any]
+
+
+_CONTROLLER_INPUTS = (
+    *(_Input(each.sample, each.device.field, each.reading) for each in DEVICE_MESSAGES),
+    _Input(GAMEPAD_JOY, 'sticks', decode_sticks),
+    _Input(BATTERY_STATE, 'battery_mv', decode_battery_mv),
+)
+_TOPIC_OF = {each.field: each.topic for each in _CONTROLLER_INPUTS}
+_TOPICS = tuple(_TOPIC_OF[field] for field in DeviceInputs._fields)
+
+INPUT_READERS: dict[Topic, Callable[[bytes], Any]] = {
+    each.topic: each.read for each in _CONTROLLER_INPUTS
+}
+"""For each topic, the function that reads its messages."""
+
+
+def device_inputs(sample: Callable[[Topic], Any]) -> DeviceInputs:
+    """Return the inputs of a tick; `sample` gives the sample of a topic, None if it has none."""
+    return DeviceInputs._make([sample(topic) for topic in _TOPICS])

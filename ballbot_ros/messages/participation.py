@@ -12,10 +12,10 @@ from typing import TypeVar
 from ballbot_ros.messages.message_types import DiagnosticStatus
 from ballbot_ros.messages.raw import decoder
 from ballbot_ros.messages.topics import PARTICIPANTS
-from ballbot_ros.recording.attachments import OUTCOME_KEYS
-from ballbot_ros.recording.encoding import encoder, new_message
-from ballbot_ros.simulation.outcome import Outcome
+from ballbot_ros.recording.rosbag2 import OUTCOME_KEYS
+from ballbot_ros.recording.schemas import encoder, new_message
 from ballbot_ros.simulation.participants import Announcement, Membership, Objection, Participant
+from ballbot_ros.simulation.run_actions import Outcome
 from ballbot_ros.simulation.run_recording import RunStatus
 from ballbot_ros.timing import SECOND_NS
 

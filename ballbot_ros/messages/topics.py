@@ -5,6 +5,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any, NamedTuple
 
+from ballbot_ros.messages.raw import has_stamp, same_content
 from ballbot_ros.parameters import (
     CONTROLLER,
     NODES,
@@ -18,6 +19,7 @@ from ballbot_ros.parameters import (
     GyroParameters,
     SonarParameters,
 )
+from ballbot_ros.simulation.run_participants import RunTopics
 from ballbot_ros.timing import BATTERY_PERIOD_NS, TICK_NS
 
 HISTORY = 128
@@ -187,3 +189,16 @@ def find_message_class(type_name: str) -> Any | None:
     # Without a package, the import is a relative one, which raises TypeError.
     except (ImportError, AttributeError, ValueError, TypeError):
         return None
+
+
+RUN_TOPICS = RunTopics(
+    clock=CLOCK.name,
+    duty=MOTOR_DUTY.name,
+    push=PUSH.name,
+    ack=RECORDER_ACK.name,
+    participants=PARTICIPANTS.name,
+    owners={topic.name: roles for topic, roles in LOCKSTEP_PUBLISHERS.items()},
+    stamped=frozenset(topic.name for topic in LOCKSTEP_PUBLISHERS if has_stamp(topic.type_name)),
+    periodic=frozenset(topic.name for topic in LOCKSTEP_PUBLISHERS if topic.period_ns),
+    is_same_duty=same_content(MOTOR_DUTY.type_name),
+)

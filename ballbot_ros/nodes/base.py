@@ -22,11 +22,11 @@ from ballbot_ros.messages.conversions import fill_time
 from ballbot_ros.messages.raw import decoder
 from ballbot_ros.messages.topics import DIAGNOSTICS, UNRECORDED, Topic
 from ballbot_ros.nodes.end_guard import guarded_end
+from ballbot_ros.nodes.endpoints import TopicPublisher, flush, requested_qos
 from ballbot_ros.nodes.intra_process import IntraProcess, intra_process
 from ballbot_ros.nodes.middleware import prepare_middleware
 from ballbot_ros.nodes.node_parameters import P, ParameterNode
 from ballbot_ros.nodes.processes import END_WITH_PARENT, end_with_parent
-from ballbot_ros.nodes.topic_publisher import TopicPublisher, flush, requested_qos
 from ballbot_ros.stop_request import StopRequest
 
 DIAGNOSTICS_PERIOD_S = 1.0

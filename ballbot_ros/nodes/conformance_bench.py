@@ -13,13 +13,17 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rclpy.subscription import Subscription
 
-from ballbot_ros.conformance.bench import Offer
-from ballbot_ros.conformance.contract import CONTRACTS
+from ballbot_ros.conformance.contract import CONTRACTS, Offer
 from ballbot_ros.errors import BallbotError, one_line
 from ballbot_ros.messages.topics import HISTORY, PARTICIPANTS, TOPICS, Topic
-from ballbot_ros.nodes.inbox import drain, hidden_node, raw_subscription
+from ballbot_ros.nodes.endpoints import (
+    TopicPublisher,
+    drain,
+    hidden_node,
+    raw_subscription,
+    reliable_qos,
+)
 from ballbot_ros.nodes.processes import exit_description
-from ballbot_ros.nodes.topic_publisher import TopicPublisher, reliable_qos
 from ballbot_ros.stop_request import StopRequest
 
 POLL_S = 2e-4

@@ -7,9 +7,12 @@ import time
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
-from rclpy.clock import ClockType
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
 from rclpy.time import Time
+from rclpy.timer import Timer
 
+from ballbot_ros.brick.schedule import TaskTiming
 from ballbot_ros.codegen.implementation import (
     Implementation,
     implementation_for,
@@ -18,9 +21,9 @@ from ballbot_ros.codegen.implementation import (
 )
 from ballbot_ros.controllers.controller import every_tick
 from ballbot_ros.controllers.errors import ControllerError
-from ballbot_ros.messages.controller_messages import ControllerMessages
-from ballbot_ros.messages.inputs import INPUT_READERS, device_inputs
+from ballbot_ros.messages.devices import INPUT_READERS, device_inputs
 from ballbot_ros.messages.raw import same_content, stamp_of
+from ballbot_ros.messages.run_messages import ControllerMessages
 from ballbot_ros.messages.topics import (
     BATTERY_STATE,
     CLOCK,
@@ -33,7 +36,6 @@ from ballbot_ros.messages.topics import (
 )
 from ballbot_ros.nodes.base import NO_SAMPLE, BallbotNode, run_node
 from ballbot_ros.nodes.participation import Participation
-from ballbot_ros.nodes.task_timers import TaskTimers
 from ballbot_ros.parameters import (
     CONTROLLER,
     DOCUMENTS_PROGRAM,
@@ -41,12 +43,75 @@ from ballbot_ros.parameters import (
     Parameter,
     ParameterError,
 )
-from ballbot_ros.simulation.free_running_ticks import FreeRunningTicks
-from ballbot_ros.simulation.lockstep import LockstepTicks, Run, SampleReaction
+from ballbot_ros.simulation.free_running import FreeRunningTicks
+from ballbot_ros.simulation.lockstep import DEPTH, LockstepTicks, Run, SampleReaction
 from ballbot_ros.simulation.participants import SOURCE_HASH, TUNABLE, Objection
-from ballbot_ros.simulation.sample_history import DEPTH
 from ballbot_ros.simulation.task_releases import DueTick
 from ballbot_ros.timing import MILLISECOND_NS, SECOND_NS, TICK_NS
+
+
+class TaskTimers:
+    """A timer for each periodic task.
+
+    Parameters
+    ----------
+    on_timer : callable
+        Called with the name of a task when its timer fires.
+    ticking : str
+        The task whose timer makes the ticks, and so runs before the first one; '' in lockstep,
+        where all timers start with the first tick, and :meth:`poll` calls the callbacks instead of
+        the node's executor.
+    """
+
+    def __init__(
+        self, node: Node, clock: Clock, on_timer: Callable[[str], None], ticking: str
+    ) -> None:
+        self._node, self._clock, self._on_timer, self._ticking = node, clock, on_timer, ticking
+        self._is_polled = not ticking
+        self._timers: dict[str, Timer] = {}
+
+    def set(self, tasks: Iterable[TaskTiming]) -> None:
+        """Replace the timers by those of other tasks."""
+        for timer in self._timers.values():
+            timer.destroy() if self._is_polled else self._node.destroy_timer(timer)
+        self._timers = {
+            name: self._create(name, period_ms) for name, _, period_ms in tasks if period_ms
+        }
+
+    def _create(self, task: str, period_ms: int) -> Timer:
+        if self._is_polled:
+            group = self._node.default_callback_group
+            return Timer(
+                self._callback(task), group, period_ms * MILLISECOND_NS, self._clock,
+                context=self._node.context, autostart=False,
+            )  # fmt: skip
+        return self._node.create_timer(
+            period_ms * 1e-3,
+            self._callback(task),
+            clock=self._clock,
+            autostart=task == self._ticking,
+        )
+
+    def _callback(self, task: str) -> Callable[[], None]:
+        return lambda: self._on_timer(task)
+
+    def poll(self) -> None:
+        """Call the callbacks of the timers that are due."""
+        for timer in list(self._timers.values()):
+            if timer.is_ready():
+                timer.handle.call_timer()
+                timer.callback()
+
+    def stop(self) -> None:
+        """Stop the timers, which are not in phase with a new run; its ticks restart them."""
+        for name, timer in self._timers.items():
+            if name != self._ticking:
+                timer.cancel()
+
+    def restart(self, tasks: Iterable[str]) -> None:
+        """Restart the timers of some tasks, which then fire one period from now."""
+        for task in tasks:
+            self._timers[task].reset()
 
 
 class Controller(BallbotNode[ControllerParameters]):

@@ -3,8 +3,8 @@
 Importing rclpy and the messages takes longer than everything else until the first tick, and every
 node needs the same. This process never initialises rclpy, so its forks start like new processes.
 
-It serves the command that started it; :class:`ballbot_ros.run.fork_client.ForkClient` describes the
-messages.
+It serves the command that started it; the messages are described by
+:class:`ballbot_ros.run.node_process.ForkClient`.
 """
 
 from __future__ import annotations

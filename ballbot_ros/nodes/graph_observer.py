@@ -14,10 +14,9 @@ from std_msgs.msg import Header
 
 from ballbot_ros.messages.raw import stamp_of
 from ballbot_ros.messages.topics import Topic
-from ballbot_ros.nodes.inbox import drain, hidden_node, raw_subscription
+from ballbot_ros.nodes.endpoints import drain, hidden_node, raw_subscription
 from ballbot_ros.nodes.middleware import is_local
-from ballbot_ros.nodes.participant_ports import living_participants
-from ballbot_ros.nodes.presence import present_nodes
+from ballbot_ros.nodes.presence import living_participants, present_nodes
 from ballbot_ros.simulation.participants import LocalNode
 from ballbot_ros.simulation.strangers import Publisher
 

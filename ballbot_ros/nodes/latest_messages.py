@@ -39,14 +39,11 @@ from ballbot_ros.messages.topics import (
     SONAR_RANGE,
     Topic,
 )
-from ballbot_ros.nodes.inbox import drain, hidden_node, raw_subscription
-from ballbot_ros.nodes.topic_publisher import requested_qos
+from ballbot_ros.nodes.endpoints import drain, hidden_node, raw_subscription, requested_qos
 from ballbot_ros.parameters import PLANT
 from ballbot_ros.timing import SECOND_NS
-from ballbot_ros.viewer.acting_force import ForceEvent, acting_force
 from ballbot_ros.viewer.session import Session, decode_session
-from ballbot_ros.viewer.shown_run import ShownRun
-from ballbot_ros.viewer.snapshot import UNKNOWN, Snapshot
+from ballbot_ros.viewer.snapshot import UNKNOWN, ForceEvent, ShownRun, Snapshot, acting_force
 
 _OUT_OF_CONTROL = (OperatingState.CALIBRATION, OperatingState.OUT_OF_CONTROL)
 """States in which the controller's estimates mean nothing."""

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from ballbot_ros.errors import BallbotError, one_line
 from ballbot_ros.files import make_folder
-from ballbot_ros.nodes.participant_ports import living_participants
+from ballbot_ros.nodes.presence import living_participants
 from ballbot_ros.nodes.processes import END_WITH_PARENT
 from ballbot_ros.share import share_directory
 

@@ -23,7 +23,7 @@ from ballbot_ros.nodes.presence import Presence
 from ballbot_ros.parameters import PATHS, NodeParameters, Value
 from ballbot_ros.simulation.lockstep import Run
 from ballbot_ros.simulation.participants import MAP_HASH, Objection, Participant, RunMember
-from ballbot_ros.world.library import read_map_file
+from ballbot_ros.world.floor_map import read_map_file
 
 
 def participant_of(node: AnyNode) -> Participant:

@@ -6,44 +6,274 @@ import sys
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import NoReturn
 
 import rclpy
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from std_srvs.srv import SetBool, Trigger
 
 from ballbot_ros.engine.plant import Plant
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.messages.run_summary import summary_json, summary_words
-from ballbot_ros.messages.run_topics import RUN_TOPICS
+from ballbot_ros.messages.conversions import (
+    decode_duty,
+    encode_header,
+    is_stop,
+    push_forces,
+    stamp_ns,
+    time_ns,
+)
+from ballbot_ros.messages.message_types import Header, WrenchStamped
+from ballbot_ros.messages.participation import (
+    decode_announcement,
+    encode_announcement,
+    encode_run_status,
+)
+from ballbot_ros.messages.raw import stamp_of
+from ballbot_ros.messages.run_messages import PlantMessages
+from ballbot_ros.messages.run_reports import (
+    decode_parameter_event,
+    run_status,
+    summary_json,
+    summary_words,
+)
 from ballbot_ros.messages.topics import (
     CLOCK,
     DIAGNOSTICS,
+    HISTORY,
     LOCKSTEP_PUBLISHERS,
+    MAP,
     MOTOR_DUTY,
+    PARAMETER_EVENTS,
+    PARTICIPANTS,
     PLANT_IMU,
     PLANT_JOINT_STATES,
     PLANT_ODOM,
+    PUSH,
+    RECORDER_ACK,
+    ROLL_CALL,
+    RUN,
     RUN_STATUS,
+    RUN_TOPICS,
     UNRECORDED,
     WALL_HIT,
+    Topic,
 )
 from ballbot_ros.nodes.base import BallbotNode, run_node
-from ballbot_ros.nodes.domain_lock import DomainLock
 from ballbot_ros.nodes.graph_observer import GraphObserver
 from ballbot_ros.nodes.heartbeat import HEARTBEAT_S, Heartbeat, HeartbeatSender
-from ballbot_ros.nodes.one_shot import OneShotTimer
 from ballbot_ros.nodes.participation import participant_of, with_parameters
-from ballbot_ros.nodes.plant_actions import PlantActions
-from ballbot_ros.nodes.plant_events import PlantEvents
+from ballbot_ros.nodes.presence import DomainLock
 from ballbot_ros.nodes.processes import LocalProcessObserver
-from ballbot_ros.parameters import PlantParameters
+from ballbot_ros.parameters import PLANT, PlantParameters
 from ballbot_ros.scenario.library import scenario_of
-from ballbot_ros.simulation.free_running_master import FreeRunningMaster
+from ballbot_ros.simulation import run_actions as do
+from ballbot_ros.simulation.free_running import FreeRunningMaster
+from ballbot_ros.simulation.lockstep import DEPTH
 from ballbot_ros.simulation.lockstep_master import LockstepMaster
+from ballbot_ros.simulation.participants import Announcement
 from ballbot_ros.simulation.run_actions import Actions
 from ballbot_ros.simulation.run_master import RunMaster
 from ballbot_ros.simulation.run_setup import RunSetup
 from ballbot_ros.simulation.trajectory import TrajectoryLog, save_trajectory
 from ballbot_ros.timing import RESEND_S, SECOND_NS, TICK_S
 from ballbot_ros.world.world import World
+
+
+class OneShotTimer:
+    """Calls back once after each :meth:`start`, on the wall clock."""
+
+    def __init__(self, node: Node, callback: Callable[[], None]) -> None:
+        self._callback = callback
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._timer = node.create_timer(1.0, self._fire, clock=steady, autostart=False)
+
+    def start(self, delay_s: float) -> None:
+        """Call back in `delay_s` [s]; this replaces a pending call."""
+        self._timer.timer_period_ns = max(1, round(delay_s * 1e9))
+        self._timer.reset()
+
+    def cancel(self) -> None:
+        """Cancel the pending call."""
+        self._timer.cancel()
+
+    def _fire(self) -> None:
+        self._timer.cancel()
+        self._callback()
+
+
+class PlantActions:
+    """Executes the master's actions in the plant's node."""
+
+    def __init__(self, node: PlantSim, wake: OneShotTimer) -> None:
+        self._node, self._wake = node, wake
+        self._messages = PlantMessages(lambda topic: node.output(topic).send)
+        self._participants = node.output(PARTICIPANTS)
+        self._status = node.output(RUN_STATUS)
+        self._roll_call = node.output(ROLL_CALL)
+
+    def carry_out(self, actions: do.Actions) -> None:
+        """Carry out actions in their order."""
+        for action in actions:
+            self._carry_out(action)
+
+    def _carry_out(self, action: do.Action) -> None:
+        node, messages = self._node, self._messages
+        match action:
+            case do.PublishTruth(truth, wall_hit, is_resend):
+                messages.truth(truth, wall_hit=wall_hit, is_resend=is_resend)
+                messages.send_unrecorded(truth)
+                node.count_sample(truth.stamp_ns)
+            case do.WakeIn(delay_s):
+                self._wake.start(delay_s)
+            case do.CancelWake():
+                self._wake.cancel()
+            case do.ResendToDrivers(truth):
+                messages.send_to_drivers(truth)
+                messages.send_unrecorded(truth)
+            case do.CallRoll(run, plant):
+                self._roll_call.publish(encode_header(run.start_ns, run.name))
+                self._participants.publish(encode_announcement(Announcement(plant, run.name)))
+            case do.AnnounceRun(run):
+                messages.announce(run.start_ns, run.name)
+            case do.PublishStatus():
+                self._status.publish(encode_run_status(run_status(action)))
+            case do.ClearMap():
+                node.drop_latched(MAP)
+            case do.BeginRun(start_ns, world, ball_radius):
+                messages.ball_radius = ball_radius
+                messages.begin(start_ns, world)
+            case do.PublishPush(push, number):
+                messages.push(push, number)
+            case do.StopMotors(last_ns):
+                messages.stop_motors(last_ns)
+            case do.Log():
+                self._log(action)
+            case do.Warn(text):
+                node.warn(text)
+            case do.ClearWarning():
+                node.clear_warning()
+            case do.RaiseError(text):
+                node.report_error(text)
+            case do.ClearError():
+                node.clear_error()
+            case do.Report():
+                node.report()
+            case do.EndRun():
+                self._end(action)
+            case _:
+                _refuse(action)
+
+    def _log(self, action: do.Log) -> None:
+        logger = self._node.get_logger()
+        if action.severity is do.Severity.INFO:
+            logger.info(action.text)
+        elif action.is_throttled:
+            logger.warning(action.text, throttle_duration_sec=1.0)
+        else:
+            logger.warning(action.text)
+
+    def _end(self, action: do.EndRun) -> None:
+        self._node.finish()
+        if action.summary.reason:
+            self._node.fail(action.summary.reason)
+        else:
+            self._node.report()
+        self._node.exit_status = action.exit_status
+
+
+def _refuse(action: NoReturn) -> NoReturn:
+    # The type of the argument lets mypy find an action that is not handled.
+    raise NotImplementedError(action)
+
+
+class PlantEvents:
+    """Subscriptions and services of the plant's node.
+
+    The services are ``plant_sim/reset``, ``plant_sim/start``, ``plant_sim/pause`` and
+    ``plant_sim/step``. They are named after the role, so they keep their names if the node is
+    renamed.
+    """
+
+    def __init__(self, node: PlantSim) -> None:
+        self._node, self._master = node, node.master
+        # Deep enough to receive each of several duties of one tick.
+        depth = DEPTH if self._master.is_lockstep else 1
+        node.subscribe(MOTOR_DUTY, self._on_duty, depth=depth, raw=True)
+        node.subscribe(RECORDER_ACK, self._on_ack)
+        node.subscribe(PUSH, self._on_push, depth=10)
+        node.subscribe(PARAMETER_EVENTS, self._on_retuned, depth=HISTORY, raw=True)
+        node.subscribe(PARTICIPANTS, self._on_announcement, depth=HISTORY, raw=True)
+        for topic in (RUN, ROLL_CALL):
+            node.subscribe(topic, self._run_callback(topic), depth=HISTORY)
+        for name, kind, callback in (
+            ('reset', Trigger, self._reset),
+            ('start', Trigger, self._start),
+            ('pause', SetBool, self._pause),
+            ('step', Trigger, self._step),
+        ):
+            node.create_service(kind, f'{PLANT}/{name}', callback)
+
+    def _on_duty(self, data: bytes) -> None:
+        try:
+            stamp_ns = stamp_of(data)
+        except ValueError as error:
+            self._node.warn_malformed(MOTOR_DUTY, error)
+            return
+        try:
+            duty = decode_duty(data)
+        except ValueError:
+            duty = None
+        self._node.dispatch(self._master.on_duty, stamp_ns, duty, data, is_stop=is_stop(data))
+
+    def _on_ack(self, header: Header) -> None:
+        self._node.dispatch(self._master.on_ack, time_ns(header.stamp))
+
+    def _on_push(self, message: WrenchStamped) -> None:
+        self._node.dispatch(self._master.on_push, stamp_ns(message), *push_forces(message))
+
+    def _on_retuned(self, data: bytes) -> None:
+        try:
+            values = decode_parameter_event(data)
+            self._node.dispatch(self._master.on_retuned, stamp_of(data), values)
+        except ValueError as error:
+            self._node.warn_malformed(PARAMETER_EVENTS, error)
+
+    def _on_announcement(self, data: bytes) -> None:
+        try:
+            announcement = decode_announcement(data)
+        except ValueError as error:
+            self._node.warn_malformed(PARTICIPANTS, error)
+            self._node.dispatch(self._master.on_unreadable_announcement)
+            return
+        self._node.dispatch(self._master.on_announcement, announcement)
+
+    def _run_callback(self, topic: Topic) -> Callable[[Header], None]:
+        return lambda header: self._node.dispatch(self._master.on_run, header.frame_id, topic.name)
+
+    def _reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._node.dispatch(self._master.reset)
+        response.success = True
+        response.message = 'a new run begins'
+        return response
+
+    def _start(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success = self._master.pause.awaits_start
+        response.message = 'started' if response.success else 'the run is not paused at its start'
+        self._node.dispatch(self._master.start)
+        return response
+
+    def _pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        self._node.dispatch(self._master.set_paused, is_paused=request.data)
+        response.success = True
+        response.message = 'paused' if request.data else 'running'
+        return response
+
+    def _step(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success = self._master.pause.is_paused
+        response.message = 'one tick' if response.success else 'pause the plant first'
+        self._node.dispatch(self._master.step)
+        return response
 
 
 class PlantSim(BallbotNode[PlantParameters]):

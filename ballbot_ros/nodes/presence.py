@@ -1,14 +1,95 @@
-"""Shows the participants of runs to all processes of this machine, before they are discovered."""
+"""Who is in a ROS domain on this machine: its plant, and its participants.
+
+Each participant of a domain has a number, which determines its ports (RTPS 2.5, 9.6.2.3).
+"""
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import os
 import re
 import socket
 from pathlib import Path
 
+from ballbot_ros.errors import BallbotError
 from ballbot_ros.simulation.participants import LocalNode
+
+LOCK_FD_ENV = 'BALLBOT_DOMAIN_LOCK'
+"""Environment variable: file descriptor of a lock inherited from the starting process."""
+
+
+class DomainLock:
+    """Lock held for the lifetime of a plant; the system releases it however the plant ends.
+
+    It detects plants of any user on this machine at once; plants on other machines are found by
+    discovery, which takes time. A process that starts a plant takes the lock first and passes it
+    on, so that no other plant can start in between.
+
+    It is a Unix socket with an abstract name. Such a name has no place in the file system, so it
+    does not depend on environment variables and no file can be in its way. Its scope is the network
+    namespace, which is also that of the middleware's ports.
+
+    Attributes
+    ----------
+    file : int
+        Descriptor of the socket.
+
+    Raises
+    ------
+    BallbotError
+        If another plant or player holds the lock.
+    """
+
+    def __init__(self, domain: int) -> None:
+        if inherited_fd := os.environ.get(LOCK_FD_ENV):
+            self.file = int(inherited_fd)
+            return
+        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as name:
+            try:
+                name.bind(f'\0ballbot_ros_plant_{domain}')
+            except OSError as error:
+                if error.errno != errno.EADDRINUSE:
+                    raise
+                raise BallbotError(
+                    f'another plant or player is running in ROS domain {domain}: wait for its end, '
+                    'or set ROS_DOMAIN_ID to another number'
+                ) from None
+            self.file = name.detach()
+
+    def __enter__(self) -> DomainLock:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.release()
+
+    def release(self) -> None:
+        """Release the domain for another plant."""
+        os.close(self.file)
+
+
+PORT_BASE, PORTS_PER_DOMAIN, PORTS_PER_PARTICIPANT = 7400, 250, 2
+DISCOVERY_PORT, USER_PORT = 10, 11
+"""Offsets of a participant's own ports from the base port of its domain."""
+
+
+def bound_udp_ports() -> set[int]:
+    """Return the UDP ports (IPv4) that processes on this machine have bound."""
+    lines = Path('/proc/net/udp').read_text().splitlines()[1:]
+    return {int(line.split()[1].rpartition(':')[2], 16) for line in lines}
+
+
+def living_participants(domain: int) -> list[int]:
+    """Return the numbers of a domain's participants on this machine.
+
+    A participant binds two ports. Other programs may be assigned one of them beyond domain 101.
+    """
+    bound = bound_udp_ports()
+    base = PORT_BASE + PORTS_PER_DOMAIN * domain
+    firsts = range(base + DISCOVERY_PORT, base + PORTS_PER_DOMAIN, PORTS_PER_PARTICIPANT)
+    to_user = USER_PORT - DISCOVERY_PORT
+    return [number for number, port in enumerate(firsts) if {port, port + to_user} <= bound]
+
 
 _NAME = 'ballbot_ros_participant_{domain}_{namespace}_{role}_{process}_{instance}'
 
@@ -16,7 +97,7 @@ _NAME = 'ballbot_ros_participant_{domain}_{namespace}_{role}_{process}_{instance
 class Presence:
     """Shows that a participant lives; the system removes it however its process ends.
 
-    Like :class:`~ballbot_ros.nodes.domain_lock.DomainLock` it is a Unix socket with an abstract
+    Like :class:`~ballbot_ros.nodes.presence.DomainLock` it is a Unix socket with an abstract
     name.
     """
 

@@ -8,8 +8,8 @@ import time
 from contextlib import suppress
 
 from ballbot_ros.messages.conversions import map_grid, stamp_ns
-from ballbot_ros.messages.outputs import Send
 from ballbot_ros.messages.raw import stamp_of
+from ballbot_ros.messages.run_messages import Send
 from ballbot_ros.messages.topics import (
     HISTORY,
     LCD,
@@ -27,9 +27,8 @@ from ballbot_ros.messages.topics import (
     message_class,
 )
 from ballbot_ros.nodes.base import BallbotNode, run_node
-from ballbot_ros.nodes.inbox import drain, raw_subscription
+from ballbot_ros.nodes.endpoints import drain, raw_subscription, requested_qos
 from ballbot_ros.nodes.latest_messages import LatestMessages
-from ballbot_ros.nodes.topic_publisher import requested_qos
 from ballbot_ros.parameters import Dimensions, VisualizerParameters
 from ballbot_ros.viewer.derived_messages import DerivedMessages
 from ballbot_ros.viewer.markers import RobotMarkers

@@ -9,11 +9,30 @@ from std_srvs.srv import Trigger
 
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.messages.topics import SESSION
-from ballbot_ros.nodes.base import BallbotNode
-from ballbot_ros.nodes.start_request import StartRequest
-from ballbot_ros.parameters import SUPERVISOR, SupervisorParameters
+from ballbot_ros.nodes.base import AnyNode, BallbotNode
+from ballbot_ros.parameters import PLANT, SUPERVISOR, SupervisorParameters
 from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.viewer.session import encode_session
+
+SEND_PERIOD_S = 0.1
+
+
+class StartRequest:
+    """Sends a request as soon as the plant can receive it."""
+
+    def __init__(self, node: AnyNode) -> None:
+        self._client = node.create_client(Trigger, f'{PLANT}/start')
+        self._is_requested = False
+        node.create_wall_timer(SEND_PERIOD_S, self._send)
+
+    def request(self) -> None:
+        """Request the start; may be called from any thread."""
+        self._is_requested = True
+
+    def _send(self) -> None:
+        if self._is_requested and self._client.service_is_ready():
+            self._is_requested = False
+            self._client.call_async(Trigger.Request())
 
 
 class Supervisor(BallbotNode[SupervisorParameters]):

@@ -5,18 +5,40 @@ from __future__ import annotations
 import signal
 import time
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING
 
 from std_srvs.srv import Trigger
 
-from ballbot_ros.nodes.base import BallbotNode
+from ballbot_ros.messages.topics import OPERATING_STATE, PLANT_IMU, PLANT_ODOM, RUN, SONAR_RANGE
+from ballbot_ros.nodes.base import AnyNode, BallbotNode
+from ballbot_ros.nodes.latest_messages import LatestMessages
 from ballbot_ros.parameters import PLANT, GamepadParameters
-from ballbot_ros.teleop.arbiter import KEYBOARD, Arbiter, Command
-from ballbot_ros.teleop.keyboard import KeyboardSticks
-from ballbot_ros.teleop.terminal import Terminal
+from ballbot_ros.teleop.sticks import KEYBOARD, Arbiter, Command
+from ballbot_ros.teleop.terminal import KeyboardSticks, Terminal
+from ballbot_ros.viewer.run_activity import RealTimeFactor, drive_status
+from ballbot_ros.viewer.snapshot import Snapshot
 
-if TYPE_CHECKING:  # importing it takes a while, and only a terminal needs it
-    from ballbot_ros.nodes.robot_status import RobotStatus
+_TOPICS = (PLANT_IMU, PLANT_ODOM, SONAR_RANGE, OPERATING_STATE, RUN)
+
+
+class RobotStatus:
+    """Reads the topics of the robot whenever its lines are requested."""
+
+    def __init__(self, node: AnyNode) -> None:
+        self._newest = LatestMessages(node, _TOPICS)
+        self._snapshot: Snapshot | None = None
+        self._factor = RealTimeFactor()
+
+    def lines(self) -> Mapping[str, str]:
+        """Return names and texts."""
+        self._snapshot, _ = self._newest.take()
+        factor = 0.0
+        if self._snapshot:
+            factor = self._factor.update(time.monotonic(), self._snapshot.time)
+        return drive_status(self._snapshot, factor)
+
+    def close(self) -> None:
+        """Remove the subscriptions."""
+        self._newest.close()
 
 
 class TeleopTerminal:

@@ -6,14 +6,19 @@ import sys
 import time
 from collections.abc import Collection
 from dataclasses import fields
+from itertools import islice
+
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
 
 from ballbot_ros.messages.conversions import encode_joy, map_grid, stamp_ns, tone_of
 from ballbot_ros.messages.message_types import OccupancyGridMessage
-from ballbot_ros.messages.plant_report import PlantReport
+from ballbot_ros.messages.run_reports import PlantReport, decode_plant_report
 from ballbot_ros.messages.topics import (
     ACCEPTED_PUSH,
     BATTERY_STATE,
     CONTROLLER_STATE,
+    DIAGNOSTICS,
     GAMEPAD_JOY,
     LCD,
     MAP,
@@ -29,28 +34,41 @@ from ballbot_ros.messages.topics import (
     Topic,
 )
 from ballbot_ros.nodes.base import BallbotNode, run_node
+from ballbot_ros.nodes.endpoints import drain, raw_subscription
 from ballbot_ros.nodes.latest_messages import LatestMessages, snapshot_of
-from ballbot_ros.nodes.plant_reports import PlantReports
-from ballbot_ros.nodes.start_request import StartRequest
-from ballbot_ros.nodes.tuning_requests import TuningRequests
-from ballbot_ros.nodes.viewer_requests import ViewerRequests
+from ballbot_ros.nodes.supervisor import StartRequest
+from ballbot_ros.nodes.viewer_requests import TuningRequests, ViewerRequests
 from ballbot_ros.parameters import Dimensions, PlantParameters, ViewerParameters
 from ballbot_ros.plant.ground_truth import Pair
 from ballbot_ros.scenario.library import scenario_names
 from ballbot_ros.timing import SECOND_NS
 from ballbot_ros.viewer.address import address_line, network_warning, require_viser
+from ballbot_ros.viewer.live_controls import PageSticks, carry_out
 from ballbot_ros.viewer.overlay import Hold
-from ballbot_ros.viewer.page_sticks import PageSticks
-from ballbot_ros.viewer.plot_kinds import offered_kinds, plot_data
-from ballbot_ros.viewer.real_time_factor import RealTimeFactor
-from ballbot_ros.viewer.run_activity import REPORT, RunActivity
+from ballbot_ros.viewer.plots import offered_kinds, plot_data
+from ballbot_ros.viewer.run_activity import REPORT, RealTimeFactor, RunActivity
 from ballbot_ros.viewer.run_report import RunReport
 from ballbot_ros.viewer.snapshot import LIVE_SIGNALS, History, Snapshot
-from ballbot_ros.viewer.transport import carry_out
 from ballbot_ros.world.errors import WorldError
 from ballbot_ros.world.exports import floor_map_of
-from ballbot_ros.world.floor_map import FloorMap
-from ballbot_ros.world.library import load_map
+from ballbot_ros.world.floor_map import FloorMap, load_map
+
+_DEPTH = 50
+
+
+class PlantReports:
+    """The plant's reports on a topic that all nodes share, read through a hidden node."""
+
+    def __init__(self, inbox: Node) -> None:
+        self._subscription = raw_subscription(inbox, DIAGNOSTICS, QoSProfile(depth=_DEPTH))
+
+    def take(self) -> list[PlantReport]:
+        """Return the reports that have arrived since the last call, oldest first."""
+        # Read no more messages than can be waiting: other nodes may publish faster than this.
+        arrived = islice(drain(self._subscription), _DEPTH)
+        reports = (decode_plant_report(data) for data, _ in arrived)
+        return [report for report in reports if report is not None]
+
 
 _SHOWN = (
     PLANT_IMU, PLANT_ODOM, MOTOR_DUTY, CONTROLLER_STATE, GAMEPAD_JOY, SONAR_RANGE,
@@ -76,12 +94,11 @@ class Viewer(BallbotNode[ViewerParameters]):
         super().__init__(ViewerParameters, parameters)
         require_viser()
         # Imported only here: viser takes a second.
-        from ballbot_ros.viewer.arrows import ForceArrow
-        from ballbot_ros.viewer.drag import DragPush
-        from ballbot_ros.viewer.live_controls import LiveControls
+        from ballbot_ros.viewer.live_controls import DragPush, LiveControls
         from ballbot_ros.viewer.page import UPDATE_S, Page
         from ballbot_ros.viewer.panel import PERIOD, Panel
         from ballbot_ros.viewer.plots import Plots
+        from ballbot_ros.viewer.scene_objects import ForceArrow
         from ballbot_ros.viewer.tuning_sliders import TuningSliders
 
         host, port = self.parameters.host, self.parameters.port

@@ -6,11 +6,13 @@ The values are read from a message, or from many at once: from a record array, i
 
 from __future__ import annotations
 
+import csv
 import json
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,9 +26,9 @@ Get = Callable[[Any], Any]
 Read = Callable[[Any], Any]
 """Returns the value of a message, or the values of a record array as an array."""
 
-Path = tuple[str, ...]
-Leaf = tuple[Path, str, Read]
-"""Path of field names to a value, its unit, and the function that reads it from a message."""
+FieldPath = tuple[str, ...]
+Leaf = tuple[FieldPath, str, Read]
+"""FieldPath of field names to a value, its unit, and the function that reads it from a message."""
 
 _UNITS: dict[str, dict[str, str]] = {
     'geometry_msgs/msg/Pose': {'position': 'm'},
@@ -213,7 +215,7 @@ def _shape(message: Any) -> Any:
     return _names(message), *(len(getattr(message, name)) for name in lists)
 
 
-def _leaves(value: Any, path: Path, unit: str, get: Get) -> list[Leaf]:
+def _leaves(value: Any, path: FieldPath, unit: str, get: Get) -> list[Leaf]:
     """Return all parts of `value` that become columns; `get` finds `value` in a message."""
     type_name = _type_name(value)
     if type_name in _TIMES:
@@ -250,7 +252,7 @@ def _part(value: Any, name: str) -> Any:
     return value[name] if isinstance(value, np.ndarray) else getattr(value, name)
 
 
-def _elements(names: Iterable[str], path: Path, unit: str, get: Get) -> list[Leaf]:
+def _elements(names: Iterable[str], path: FieldPath, unit: str, get: Get) -> list[Leaf]:
     def element(number: int) -> Read:
         return lambda message: _plain(get(message).T[number])
 
@@ -297,3 +299,93 @@ def _nested(value: Any) -> Any:
     if _type_name(value):
         return {name: _nested(getattr(value, name)) for name in _fields(value)}
     return _plain(value)
+
+
+CELLS_AT_ONCE = 2**21
+"""Size of the row groups of all tables; each character of a text counts as a cell."""
+
+
+class CsvTable:
+    """A CSV file with a header line; numbers have the shortest form that reads back exactly."""
+
+    def __init__(self, path: Path, columns: Sequence[tuple[str, type]], tables: int = 1) -> None:
+        self._file = path.open('x', newline='', encoding='utf-8')
+        self._writer = csv.writer(self._file)
+        self._writer.writerow([name for name, _ in columns])
+
+    def add(self, row: Sequence[Value | None]) -> None:
+        """Add a row; None becomes an empty cell."""
+        self._writer.writerow(row)
+
+    def close(self) -> None:
+        """Finish the file."""
+        self._file.close()
+
+
+class ParquetTable:
+    """A Parquet file, written in row groups: one of several `tables` that are open."""
+
+    def __init__(self, path: Path, columns: Sequence[tuple[str, type]], tables: int = 1) -> None:
+        self._arrow = load_pyarrow()
+        types = {
+            float: self._arrow.float64(),
+            int: self._arrow.int64(),
+            bool: self._arrow.bool_(),
+            str: self._arrow.string(),
+        }
+        self._schema = self._arrow.schema([(name, types[kind]) for name, kind in columns])
+        self._path = path
+        self._texts = [number for number, (_, kind) in enumerate(columns) if kind is str]
+        self._rows: list[Sequence[Value | None]] = []
+        self._cells, self._most_cells = 0, CELLS_AT_ONCE // tables
+        self._file = path.open('xb')
+        self._writer = self._arrow.parquet.ParquetWriter(self._file, self._schema)
+
+    def add(self, row: Sequence[Value | None]) -> None:
+        """Add a row; None becomes null."""
+        self._rows.append(row)
+        self._cells += len(row) + sum(len(str(row[number])) for number in self._texts)
+        if self._cells >= self._most_cells:
+            self._write()
+
+    def close(self) -> None:
+        """Finish the file."""
+        self._write()
+        self._writer.close()
+        self._file.close()
+
+    def _write(self) -> None:
+        columns = zip(*self._rows, strict=True) if self._rows else ([] for _ in self._schema)
+        try:
+            arrays = [
+                self._arrow.array(column, type=each.type)
+                for column, each in zip(columns, self._schema, strict=True)
+            ]
+        except (OverflowError, ValueError) as error:  # for example, an integer beyond 63 bits
+            raise RecordingError(f'{self._path}: {" ".join(str(error).split())}') from None
+        self._writer.write_table(self._arrow.Table.from_arrays(arrays, schema=self._schema))
+        self._rows.clear()
+        self._cells = 0
+
+
+def load_pyarrow() -> Any:
+    """Return pyarrow.
+
+    Raises
+    ------
+    RecordingError
+        If it is not installed.
+    """
+    try:
+        import pyarrow
+        import pyarrow.parquet
+    except ImportError:
+        raise RecordingError(
+            'pyarrow not found: install it with `pip install "ballbot_ros[parquet]"`, '
+            'or use --to csv'
+        ) from None
+    return pyarrow
+
+
+Table = CsvTable | ParquetTable
+FORMATS: dict[str, type[Table]] = {'csv': CsvTable, 'parquet': ParquetTable}

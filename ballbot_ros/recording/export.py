@@ -10,10 +10,16 @@ from pathlib import Path
 from typing import Any
 
 from ballbot_ros.progress import ProgressCallback
-from ballbot_ros.recording.columns import OWN_STAMP, ColumnHints, TopicColumns, Value
+from ballbot_ros.recording.columns import (
+    FORMATS,
+    OWN_STAMP,
+    ColumnHints,
+    Table,
+    TopicColumns,
+    Value,
+)
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
-from ballbot_ros.recording.tables import FORMATS, Table
 
 JOINED = 'joined'
 """Name of the joined table."""

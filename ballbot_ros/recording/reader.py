@@ -34,12 +34,10 @@ from zstandard import ZstdError
 
 from ballbot_ros.errors import printable
 from ballbot_ros.files import open_regular
-from ballbot_ros.recording.batch import Batch, RawMessage, Rows
-from ballbot_ros.recording.batch_layout import BatchLayout
+from ballbot_ros.recording.batch import Batch, BatchLayout, RawMessage, Rows
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.mcap_records import MESSAGE, LimitedReader, LimitError
-from ballbot_ros.recording.qos import QosProfile
-from ballbot_ros.recording.rosbag2 import DERIVED, TimeRange, parse_offered_qos
+from ballbot_ros.recording.rosbag2 import DERIVED, QosProfile, TimeRange, parse_offered_qos
 from ballbot_ros.recording.schemas import recorded_typestore
 from ballbot_ros.recording.writer import INCOMPLETE, is_locked
 from ballbot_ros.suggestions import did_you_mean

@@ -1,16 +1,98 @@
-"""The YAML metadata that rosbag2 of ROS 2 Jazzy writes to an MCAP file."""
+"""What describes a recording: quality of service, attachments, metadata of rosbag2."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from functools import lru_cache
+from pathlib import PurePath
 from typing import Any, NamedTuple
 
 import yaml
 
-from ballbot_ros.recording.qos import QosProfile
 from ballbot_ros.yaml_document import parse_data
+
+INFINITE = 2**63 - 1
+"""An infinite duration [ns]."""
+
+
+@dataclass(frozen=True)
+class QosProfile:
+    """The QoS offered by a publisher, with the names and the order of rosbag2.
+
+    Attributes
+    ----------
+    history : str
+        ``keep_last``, ``keep_all``, ``system_default``, or ``unknown`` if discovery does not report
+        it.
+    depth : int
+        Number of messages kept; 0 if unknown.
+    reliability : str
+        ``reliable``, ``best_effort``, ...
+    durability : str
+        ``transient_local``, ``volatile``, ...
+    deadline, lifespan, liveliness_lease_duration : int
+        Durations [ns]; 0 if left to the middleware, or `INFINITE`.
+    liveliness : str
+        ``automatic``, ``manual_by_topic``, ...
+    avoid_ros_namespace_conventions : bool
+        Whether the topic's name is passed to the middleware unchanged.
+    """
+
+    history: str
+    depth: int
+    reliability: str
+    durability: str
+    deadline: int = INFINITE
+    lifespan: int = INFINITE
+    liveliness: str = 'automatic'
+    liveliness_lease_duration: int = INFINITE
+    avoid_ros_namespace_conventions: bool = False
+
+    @classmethod
+    def from_rclpy(cls, profile: Any) -> QosProfile:
+        """Convert an ``rclpy.qos.QoSProfile``, such as ``TopicEndpointInfo.qos_profile``."""
+        return cls(
+            history=profile.history.name.lower(),
+            depth=profile.depth,
+            reliability=profile.reliability.name.lower(),
+            durability=profile.durability.name.lower(),
+            deadline=profile.deadline.nanoseconds,
+            lifespan=profile.lifespan.nanoseconds,
+            liveliness=profile.liveliness.name.lower(),
+            liveliness_lease_duration=profile.liveliness_lease_duration.nanoseconds,
+            avoid_ros_namespace_conventions=profile.avoid_ros_namespace_conventions,
+        )
+
+
+RELIABLE_LATCHED = QosProfile('keep_last', 128, 'reliable', 'transient_local')
+"""The QoS offered by every publisher of the graph."""
+
+
+SCENARIO, PARAMETERS, VERSIONS = 'scenario.yaml', 'parameters.yaml', 'versions.yaml'
+
+OUTCOME_KEYS = ('outcome', 'reason', 'ticks', 'duty_sha256')
+"""Keys of the outcome of a run."""
+
+MAPS = ('map.png', 'map.bmp')
+"""Possible names of the attached map image, one per format; without a map there is none."""
+
+CONTROLLER_INFO = 'controller.yaml'
+"""Name of the file that identifies a controller other than the document's."""
+
+CONTROLLER_SOURCES = ('controller.py', 'controller.zip')
+"""Possible names of the attached code of a controller."""
+
+_MEDIA_TYPES = {
+    '.yaml': 'application/yaml', '.png': 'image/png', '.bmp': 'image/bmp',
+    '.py': 'text/x-python', '.zip': 'application/zip',
+}  # fmt: skip
+
+
+def media_type(name: str) -> str:
+    """Return the media type of a file from the ending of its name."""
+    return _MEDIA_TYPES.get(PurePath(name).suffix.lower(), 'application/octet-stream')
+
 
 METADATA_NAME = 'rosbag2'
 """Name of the MCAP metadata record."""

@@ -11,13 +11,14 @@ from pathlib import Path
 from mcap.records import Channel, Schema
 from mcap.well_known import MessageEncoding, Profile, SchemaEncoding
 
-from ballbot_ros.recording.attachments import OUTCOME_KEYS
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.mcap_writer import McapWriter
-from ballbot_ros.recording.qos import RELIABLE_LATCHED, QosProfile
 from ballbot_ros.recording.rosbag2 import (
     DERIVED,
     METADATA_NAME,
+    OUTCOME_KEYS,
+    RELIABLE_LATCHED,
+    QosProfile,
     RecordedTopic,
     TimeRange,
     offered_qos_profiles,

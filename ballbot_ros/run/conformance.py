@@ -9,9 +9,9 @@ from uuid import uuid4
 from ballbot_ros.conformance import examination
 from ballbot_ros.conformance.examination import Row
 from ballbot_ros.nodes.conformance_bench import ConformanceBench
-from ballbot_ros.nodes.domain_lock import DomainLock
 from ballbot_ros.nodes.middleware import require_discovery, ros_domain
-from ballbot_ros.run.ros_context import ros
+from ballbot_ros.nodes.presence import DomainLock
+from ballbot_ros.run.one_process import ros
 from ballbot_ros.stop_request import StopRequest
 
 

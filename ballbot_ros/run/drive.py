@@ -11,7 +11,7 @@ from typing import NamedTuple
 from ballbot_ros.codegen.implementation import compose_controller
 from ballbot_ros.files import temporary_folder
 from ballbot_ros.nodes.gamepad_teleop import GamepadTeleop
-from ballbot_ros.nodes.start_request import StartRequest
+from ballbot_ros.nodes.supervisor import StartRequest
 from ballbot_ros.parameters import (
     CONTROLLER,
     GAMEPAD,
@@ -24,20 +24,18 @@ from ballbot_ros.parameters import (
     PlantParameters,
 )
 from ballbot_ros.parameters.assignment import assign
-from ballbot_ros.run.fork_client import ForkClient
 from ballbot_ros.run.graph import graph_parameters
-from ballbot_ros.run.node_thread import NodeThread
-from ballbot_ros.run.observer import RunObserver
+from ballbot_ros.run.node_process import ForkClient
+from ballbot_ros.run.observer import RunObserver, StartObserver
+from ballbot_ros.run.one_process import NodeThread, ros
 from ballbot_ros.run.output_folder import output_files
 from ballbot_ros.run.requirements import require_viewer
-from ballbot_ros.run.ros_context import ros
 from ballbot_ros.run.separate_processes import run_nodes
 from ballbot_ros.run.spec import RunSpec, check_reserved_parameters, resolve_map
-from ballbot_ros.run.start_observer import StartObserver
 from ballbot_ros.scenario.library import load_profile
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.stop_request import StopRequest
-from ballbot_ros.teleop.key_press import KeyPress
+from ballbot_ros.teleop.terminal import KeyPress
 
 NAME = 'drive'
 """Name of the recording."""

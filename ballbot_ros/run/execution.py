@@ -9,18 +9,18 @@ from pathlib import Path
 
 from ballbot_ros.analysis.figures import draw_motion
 from ballbot_ros.analysis.metrics import judge, measure
-from ballbot_ros.analysis.recorded_pushes import scheduled_pushes
+from ballbot_ros.analysis.recorded_scenario import scheduled_pushes
 from ballbot_ros.analysis.style import png_of
 from ballbot_ros.files import temporary_folder
 from ballbot_ros.nodes.middleware import require_middleware
-from ballbot_ros.run.fork_client import ForkClient
+from ballbot_ros.run.node_process import ForkClient
 from ballbot_ros.run.observer import LogObserver, RunObserver
 from ballbot_ros.run.output_folder import output_files
 from ballbot_ros.run.processes import Processes
 from ballbot_ros.run.requirements import OR_NONE, require_rclpy
 from ballbot_ros.run.result import RunResult
 from ballbot_ros.run.spec import RunSpec
-from ballbot_ros.simulation.outcome import Outcome
+from ballbot_ros.simulation.run_actions import Outcome
 from ballbot_ros.stop_request import DeferredSignals
 from ballbot_ros.world.clearance import NO_WALLS
 from ballbot_ros.world.world import World

@@ -36,7 +36,7 @@ from ballbot_ros.run.observer import LogObserver
 from ballbot_ros.run.offline import run_offline
 from ballbot_ros.run.processes import Processes
 from ballbot_ros.run.spec import RunOptions, RunSpec
-from ballbot_ros.simulation.outcome import Outcome
+from ballbot_ros.simulation.run_actions import Outcome
 
 if TYPE_CHECKING:
     import control

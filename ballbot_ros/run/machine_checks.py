@@ -1,4 +1,4 @@
-"""Checks of this machine: Python, files, arithmetic, ROS, ports, disk."""
+"""Checks of this machine: what every command needs, and what only some need."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping
 from importlib.util import find_spec
 from pathlib import Path
 
+from ballbot_ros.codegen.toolchain import ARM, HOST, Target, missing_tool
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.nodes.discovery_probe import LIMIT_S
 from ballbot_ros.nodes.middleware import (
@@ -24,11 +25,15 @@ from ballbot_ros.nodes.middleware import (
     require_middleware,
     ros_domain,
 )
-from ballbot_ros.nodes.participant_ports import PORT_BASE, PORTS_PER_DOMAIN
+from ballbot_ros.nodes.presence import PORT_BASE, PORTS_PER_DOMAIN
 from ballbot_ros.nodes.processes import END_WITH_PARENT
+from ballbot_ros.parameters import ParameterSet, ViewerParameters
 from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.share import share_directory
 from ballbot_ros.simulation.golden import arithmetic_sha256, duty_sha256, load_golden
+from ballbot_ros.teleop.gamepad import describe, wait_for_devices
+from ballbot_ros.viewer.address import check_address, require_viser
+from ballbot_ros.viewer.browser import browser_program
 
 MIN_PYTHON = (3, 10)
 MIN_FREE_BYTES = 200e6
@@ -163,3 +168,47 @@ CHECKS: Mapping[str, Callable[[], str]] = {
     'disk': _disk,
 }
 """Checks by name. Each returns its findings, or raises BallbotError with what to do."""
+
+
+def _viewer() -> str:
+    require_viser()
+    parameters = ParameterSet().of(ViewerParameters)
+    check_address(parameters.host, parameters.port)
+    return f'{parameters.host} can serve the page'
+
+
+def _gamepads() -> str:
+    # Imported only here: it needs an optional package.
+    from ballbot_ros.teleop.gamepad import SdlBackend
+
+    backend = SdlBackend()
+    backend.start()
+    try:
+        return ', '.join(describe(wait_for_devices(backend)))
+    finally:
+        backend.stop()
+
+
+def _compiler(target: Target) -> str:
+    if reason := missing_tool(target):
+        raise BallbotError(reason)
+    return ' and '.join(dict.fromkeys(tool.command for tool in target.tools))
+
+
+OPTIONAL_CHECKS: Mapping[str, Callable[[], str]] = {
+    'viewer': _viewer,
+    'browser': browser_program,
+    'gamepads': _gamepads,
+    'C': lambda: _compiler(HOST),
+    'ARM': lambda: _compiler(ARM),
+}
+"""Checks by name. Each returns its findings, or raises BallbotError with what to do."""
+
+NEEDED_FOR: Mapping[str, str] = {
+    'viewer': 'run --viewer, drive --viewer, view',
+    'browser': 'render',
+    'gamepads': 'drive',
+    'C': 'codegen --check, --controller c',
+    'ARM': 'codegen --check, --controller arm',
+}
+"""The commands that need what a check finds."""

@@ -5,6 +5,8 @@ from __future__ import annotations
 import logging
 from typing import Protocol
 
+from ballbot_ros.teleop.terminal import KeyPress
+
 
 class RunObserver(Protocol):
     """Receives the progress of a run, and notices about it."""
@@ -30,3 +32,17 @@ class LogObserver:
     def notice(self, text: str) -> None:
         """Log the line."""
         self._log.warning(text)
+
+
+class StartObserver:
+    """Passes on what it is told; once the run has started, no longer waits for a key."""
+
+    def __init__(self, observer: RunObserver, key_press: KeyPress) -> None:
+        self._observer, self._key_press = observer, key_press
+        self.notice = observer.notice
+
+    def update(self, elapsed_s: float) -> None:
+        """Show the sim time since the start [s]."""
+        if elapsed_s:
+            self._key_press.close()
+        self._observer.update(elapsed_s)

@@ -7,11 +7,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ballbot_ros.analysis.metrics import Judgement
-from ballbot_ros.analysis.recorded_pushes import RecordedPush, external_push
-from ballbot_ros.analysis.verdict import Verdict
-from ballbot_ros.simulation.outcome import Outcome
-from ballbot_ros.simulation.parameter_changes import ParameterChange, changes_text
+from ballbot_ros.analysis.metrics import Judgement, Verdict
+from ballbot_ros.analysis.recorded_scenario import RecordedPush, external_push
+from ballbot_ros.simulation.run_actions import Outcome, ParameterChange, changes_text
 from ballbot_ros.simulation.trajectory import Trajectory
 
 

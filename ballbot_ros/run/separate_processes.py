@@ -10,8 +10,7 @@ from functools import partial
 from pathlib import Path
 
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.nodes.domain_lock import LOCK_FD_ENV, DomainLock
-from ballbot_ros.nodes.heartbeat import HEARTBEAT_FD_ENV
+from ballbot_ros.nodes.heartbeat import HEARTBEAT_FD_ENV, HeartbeatPipe
 from ballbot_ros.nodes.middleware import (
     prepare_middleware,
     require_discovery,
@@ -19,21 +18,83 @@ from ballbot_ros.nodes.middleware import (
     ros_domain,
     stay_local,
 )
-from ballbot_ros.nodes.processes import started_nodes_variable
+from ballbot_ros.nodes.presence import LOCK_FD_ENV, DomainLock
+from ballbot_ros.nodes.processes import started_nodes_variable, threads_by_process
 from ballbot_ros.parameters import ALL_NODES, NODES, PLANT, RECORDER, ParameterSet
 from ballbot_ros.parameters.files import write_parameter_file
-from ballbot_ros.run.fork_client import ForkClient
 from ballbot_ros.run.graph import call_for_external, graph_parameters
-from ballbot_ros.run.node_process import NodeProcess, stop_all
+from ballbot_ros.run.node_process import ForkClient, NodeProcess, stop_all
 from ballbot_ros.run.observer import RunObserver
-from ballbot_ros.run.plant_monitor import PlantMonitor
 from ballbot_ros.run.requirements import OR_NONE, ros_not_found
 from ballbot_ros.run.result import RunResult
 from ballbot_ros.run.spec import RunSpec
-from ballbot_ros.simulation.outcome import Outcome
+from ballbot_ros.simulation.liveness import SilenceTimer, Threads
+from ballbot_ros.simulation.run_actions import Outcome
 from ballbot_ros.simulation.trajectory import load_trajectory
 from ballbot_ros.stop_request import StopRequest
 from ballbot_ros.timing import FIRST_TICK_NS, SECOND_NS
+
+PLANT_SILENCE_S = 2.3
+"""Silence after which the plant counts as hung [s]. Time in which the machine is too busy to run it
+does not count."""
+
+PLANT_BUSY_S = 30.0
+"""The same before the plant's first heartbeat, while its process starts, and after the end of its
+run, while it saves the result."""
+
+
+class PlantWatchdog:
+    """Distinguishes a plant that hangs from one that is starved; heard of at `heard_s` [s]."""
+
+    def __init__(self, now_s: float) -> None:
+        self.heard_s = now_s
+        self._limit_s = PLANT_BUSY_S
+        self._has_ended = False
+        self._timer = SilenceTimer()
+
+    def feed(self, now_s: float, *, has_ended: bool = False) -> None:
+        """Note a sign of life of the plant, and whether it reports the end of the run."""
+        self.heard_s = now_s
+        self._has_ended = self._has_ended or has_ended
+        self._limit_s = PLANT_BUSY_S if self._has_ended else PLANT_SILENCE_S
+
+    def is_hung(self, now_s: float, process: int, threads: Mapping[int, Threads]) -> bool:
+        """Return whether the plant, which runs as `process`, has been silent for too long."""
+        self._timer.update(self.heard_s, now_s, threads)
+        return self._timer.silence_s(process) > self._limit_s
+
+
+class PlantMonitor:
+    """Sim time and the plant's signs of life; before the first tick, `now_ns` is 0.
+
+    Attributes
+    ----------
+    pipe : HeartbeatPipe
+    now_ns : int
+    """
+
+    def __init__(self) -> None:
+        self.pipe = HeartbeatPipe()
+        self.now_ns = 0
+        self._watchdog = PlantWatchdog(time.monotonic())
+
+    def __enter__(self) -> PlantMonitor:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.pipe.close()
+
+    def poll(self) -> None:
+        """Process what has arrived since the last poll."""
+        if beat := self.pipe.newest():
+            self.now_ns = beat.now_ns
+            self._watchdog.feed(time.monotonic(), has_ended=beat.has_ended)
+
+    def plant_hangs(self, process: int) -> bool:
+        """Return whether the plant, which runs as `process`, hangs."""
+        threads = threads_by_process([process])
+        return self._watchdog.is_hung(time.monotonic(), process, threads)
+
 
 POLL_S = 0.05
 

@@ -33,7 +33,7 @@ from ballbot_ros.scenario.library import load_profile, load_scenario
 from ballbot_ros.scenario.reader import IDEAL
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.timing import TICK_S
-from ballbot_ros.world.library import is_file_name
+from ballbot_ros.world.floor_map import is_file_name
 from ballbot_ros.world.world import World
 
 

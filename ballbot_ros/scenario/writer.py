@@ -13,8 +13,7 @@ from ballbot_ros.parameters import (
     ParameterSet,
     PlantParameters,
 )
-from ballbot_ros.scenario.scenario import Expectation, Scenario, ScheduledPush
-from ballbot_ros.scenario.signal import Segment, StickSignal
+from ballbot_ros.scenario.scenario import Expectation, Scenario, ScheduledPush, Segment, StickSignal
 from ballbot_ros.yaml_document import parse_value
 
 _EVERY_NODE = '/**'

@@ -11,12 +11,12 @@ from collections.abc import Collection
 from ballbot_ros.parameters import CONTROLLER, RECORDER
 from ballbot_ros.plant.ground_truth import GroundTruth
 from ballbot_ros.simulation import run_actions as do
-from ballbot_ros.simulation.outcome import Outcome
+from ballbot_ros.simulation.lockstep import SampleHistory, SampleStatus
 from ballbot_ros.simulation.participants import Objection
-from ballbot_ros.simulation.recorder_flow import RecorderFlow
+from ballbot_ros.simulation.recording_order import RecorderFlow
 from ballbot_ros.simulation.roster import wrong_stamp_text
+from ballbot_ros.simulation.run_actions import Outcome
 from ballbot_ros.simulation.run_master import STARTUP_WARN_S, Phase, RunMaster
-from ballbot_ros.simulation.sample_history import SampleHistory, SampleStatus
 from ballbot_ros.timing import MAX_LEAD_TICKS, RESEND_S, SECOND_NS
 
 WARN_S = 0.3

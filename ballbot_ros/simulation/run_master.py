@@ -18,13 +18,10 @@ from ballbot_ros.plant.ground_truth import Pair, Push
 from ballbot_ros.simulation import run_actions as do
 from ballbot_ros.simulation.liveness import ProcessObserver
 from ballbot_ros.simulation.lockstep import Run
-from ballbot_ros.simulation.outcome import Outcome
-from ballbot_ros.simulation.pacer import Pacer
-from ballbot_ros.simulation.parameter_changes import ParameterChange
+from ballbot_ros.simulation.pacer import Pacer, PauseControl
 from ballbot_ros.simulation.participants import Announcement
-from ballbot_ros.simulation.pause_control import PauseControl
 from ballbot_ros.simulation.roster import Readiness, ReadinessState
-from ballbot_ros.simulation.run_actions import Action, Actions, RunSummary
+from ballbot_ros.simulation.run_actions import Action, Actions, Outcome, ParameterChange, RunSummary
 from ballbot_ros.simulation.run_participants import Graph, RunParticipants, RunTopics
 from ballbot_ros.simulation.run_setup import RunSetup
 from ballbot_ros.simulation.trajectory import TrajectoryLog

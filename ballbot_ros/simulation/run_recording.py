@@ -6,9 +6,8 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 
 from ballbot_ros.simulation.lockstep import Run
-from ballbot_ros.simulation.outcome import Outcome
-from ballbot_ros.simulation.recorded_ticks import RecordedTicks
-from ballbot_ros.simulation.recording_gate import RecordingGate, Stream, Writer
+from ballbot_ros.simulation.recording_order import RecordedTicks, RecordingGate, Stream, Writer
+from ballbot_ros.simulation.run_actions import Outcome
 
 
 @dataclass(frozen=True)

@@ -19,9 +19,8 @@ import ballbot_ros.studies.worker_task
 from ballbot_ros.errors import one_line
 from ballbot_ros.studies.errors import StudyError
 from ballbot_ros.studies.execution import StudyObserver, WorkersOfJob
-from ballbot_ros.studies.job import Job
+from ballbot_ros.studies.job import Job, PackedJob
 from ballbot_ros.studies.manifest import PartSummary
-from ballbot_ros.studies.packed_job import PackedJob
 from ballbot_ros.studies.part_file import EncodedPart
 from ballbot_ros.studies.runs import Samples
 from ballbot_ros.studies.worker_task import Answer

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.scenario.metric_registry import label
-from ballbot_ros.scenario.metrics import METRICS, wall_clearance_m
+from ballbot_ros.scenario.metrics import METRICS, label, wall_clearance_m
 from ballbot_ros.scenario.scenario import Expectation, Measure
 from ballbot_ros.text_enum import TextEnum
 

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from ballbot_ros.parameters import Parameter, TakesEffect
 from ballbot_ros.plant.ground_truth import FORCE_LIMIT
 from ballbot_ros.scenario.reader import STICK_LIMIT, TIME_LIMIT
-from ballbot_ros.scenario.scenario import Scenario, push_fault
-from ballbot_ros.scenario.signal import Segment, StickSignal, segment_fault
+from ballbot_ros.scenario.scenario import Scenario, Segment, StickSignal, push_fault, segment_fault
 from ballbot_ros.studies.errors import StudyError
 
 PUSH, STICK = 'push', 'stick'

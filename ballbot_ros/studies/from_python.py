@@ -19,7 +19,7 @@ from ballbot_ros.files import temporary_folder
 from ballbot_ros.parameters.assignment import plain_value
 from ballbot_ros.studies.execution import QuietObserver, run_study
 from ballbot_ros.studies.job import job_of
-from ballbot_ros.studies.library import read_study
+from ballbot_ros.studies.reader import read_study
 from ballbot_ros.studies.sampling import Sampler
 from ballbot_ros.studies.study_data import StudyData
 

@@ -7,13 +7,24 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from threading import Lock
+from typing import NamedTuple
+from uuid import uuid4
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot_ros.controllers.loading import find_code, is_file_reference
+from ballbot_ros.parameters import (
+    CONTROLLER,
+    DOCUMENTS_PROGRAM,
+    PLANT,
+    ControllerParameters,
+    ParameterSet,
+)
 from ballbot_ros.run.spec import RunSpec
 from ballbot_ros.scenario.scenario import Expectation, Measure
 from ballbot_ros.studies.columns import Column, ColumnKind, MeasureColumn
+from ballbot_ros.studies.errors import StudyError
 from ballbot_ros.studies.manifest import PartSummary, StudyRecord
 from ballbot_ros.studies.part_file import EncodedPart, PartRows, encode_part, store_part
 from ballbot_ros.studies.rerun import parameter_text, scenario_text
@@ -28,7 +39,7 @@ from ballbot_ros.studies.runs import (
 )
 from ballbot_ros.studies.study import Study
 from ballbot_ros.studies.variables import SEED
-from ballbot_ros.world.library import read_map_file
+from ballbot_ros.world.floor_map import map_path, read_map_file
 
 COMPILED_PART_S, ORDINARY_PART_S = 50_000.0, 500.0
 """Sim time of the runs of a part [s]: some seconds of work on a core."""
@@ -171,3 +182,87 @@ def _simulator(job: Job) -> Simulator:
             _simulators.clear()
             _simulators[identity] = simulator_for(job.spec, job.measures)
         return _simulators[identity]
+
+
+class PackedFile(NamedTuple):
+    """A file: its name without folders, and its content."""
+
+    name: str
+    data: bytes
+
+    def unpack(self, folder: Path) -> Path:
+        """Write the file below a folder, unless it is there; StudyError if it can't be written."""
+        path = folder / hashlib.sha256(self.data).hexdigest() / self.name
+        if path.exists():
+            return path
+        # Other threads may do the same, and read the file as soon as it has its name.
+        temporary = path.with_name(f'.{uuid4().hex}')
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            temporary.write_bytes(self.data)
+            temporary.replace(path)
+        except OSError as error:
+            raise StudyError(f'{path}: {error.strerror}') from None
+        return path
+
+
+@dataclass(frozen=True)
+class PackedJob:
+    """A job that any machine can do.
+
+    Attributes
+    ----------
+    job : Job
+        Its folder and the paths of its files are meaningless elsewhere.
+    map : PackedFile or None
+        The map. Shipped ones are packed, too: the hash of the package's code leaves them out.
+    controller : PackedFile or None
+        The file of a controller.
+    controller_sha256 : str
+        Hash of the controller's code; '' for the document's program.
+    """
+
+    job: Job
+    map: PackedFile | None
+    controller: PackedFile | None
+    controller_sha256: str
+
+    @classmethod
+    def of(cls, job: Job) -> PackedJob:
+        """Read the files of a job; BallbotError if one can't be read."""
+        packed_map = controller = None
+        sha256 = ''
+        if name := job.spec.plant.map:
+            packed_map = PackedFile(map_path(name).name, read_map_file(name))
+        reference = _controller_of(job)
+        if reference not in DOCUMENTS_PROGRAM:
+            code = find_code(reference)
+            sha256 = code.source.sha256
+            if is_file_reference(reference):
+                controller = PackedFile(code.path.name, code.source.data)
+        return cls(replace(job, folder=Path()), packed_map, controller, sha256)
+
+    def unpack(self, folder: Path) -> Job:
+        """Write the files below a folder, and return the job with their paths.
+
+        Raises
+        ------
+        BallbotError
+            If a file can't be written, or an installed controller has other code here.
+        """
+        parameters = ParameterSet()
+        parameters.update(self.job.spec.parameters)
+        if self.map:
+            parameters.set(PLANT, 'map', str(self.map.unpack(folder)))
+        reference = _controller_of(self.job)
+        if self.controller:
+            class_name = reference.rpartition(':')[2]
+            reference = f'{self.controller.unpack(folder)}:{class_name}'
+            parameters.set(CONTROLLER, 'implementation', reference)
+        if self.controller_sha256 and find_code(reference).source.sha256 != self.controller_sha256:
+            raise StudyError(f'its controller {reference} has other code')
+        return replace(self.job, spec=replace(self.job.spec, parameters=parameters))
+
+
+def _controller_of(job: Job) -> str:
+    return job.spec.parameters.of(ControllerParameters).implementation

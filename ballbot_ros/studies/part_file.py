@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from ballbot_ros.errors import one_line
 from ballbot_ros.files import read_bytes
-from ballbot_ros.simulation.outcome import Outcome
+from ballbot_ros.simulation.run_actions import Outcome
 from ballbot_ros.studies.columns import AFTER, NUMBER, SEED, TICKS, Column, ColumnKind
 from ballbot_ros.studies.errors import StudyError
 from ballbot_ros.studies.manifest import PartSummary, StudyRecord

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Hashable, Mapping
 from dataclasses import replace
 from math import prod
+from pathlib import Path
 from typing import ClassVar
 
 from ballbot_ros.controllers.loading import resolve_reference
@@ -14,12 +15,12 @@ from ballbot_ros.parameters import CONTROLLER, PLANT, ParameterSet, PlantParamet
 from ballbot_ros.parameters.files import leaves
 from ballbot_ros.run.processes import Processes
 from ballbot_ros.run.spec import RunOptions, RunSpec
-from ballbot_ros.scenario.document_reader import window_fault
 from ballbot_ros.scenario.library import load_profile, load_scenario, scenario_names
 from ballbot_ros.scenario.metrics import METRICS
+from ballbot_ros.scenario.reader import window_fault
 from ballbot_ros.scenario.scenario import Expectation
-from ballbot_ros.studies.distribution_reader import GRID, LIST, DistributionReader
-from ballbot_ros.studies.distributions import Levels
+from ballbot_ros.share import share_directory
+from ballbot_ros.studies.distributions import GRID, LIST, DistributionReader, Levels
 from ballbot_ros.studies.errors import StudyError
 from ballbot_ros.studies.events import check_extremes
 from ballbot_ros.studies.rows import robot_parameter
@@ -33,8 +34,9 @@ from ballbot_ros.studies.variables import (
     fixed_identities,
     identity,
 )
+from ballbot_ros.suggestions import did_you_mean
 from ballbot_ros.timing import TICK_S
-from ballbot_ros.world.library import is_file_name
+from ballbot_ros.world.floor_map import is_file_name
 from ballbot_ros.yaml_document import YamlDocument
 
 STUDY_KEYS = {
@@ -331,3 +333,39 @@ def _shortest(plant: PlantParameters, variables: tuple[Variable, ...]) -> PlantP
         elif each.name == _HOLD_TIME:
             plant = replace(plant, hold_time=float(each.distribution.ends[1]))
     return plant
+
+
+_FOLDER = 'config/studies'
+
+
+def study_names() -> list[str]:
+    """Return the names of the shipped studies."""
+    return sorted(path.stem for path in (share_directory() / _FOLDER).glob('*.yaml'))
+
+
+def read_study(reference: str, *, runs: int | None = None, seed: int | None = None) -> Study:
+    """Read a shipped study by its name, or a file by its path.
+
+    Parameters
+    ----------
+    runs : int or None
+        Number of runs in place of the file's; for a grid about this number, by other levels.
+    seed : int or None
+        Seed of the samples in place of the file's.
+
+    Raises
+    ------
+    BallbotError
+        The message is one line that names file, line, key, and what is allowed.
+    """
+    if reference in study_names():
+        path = share_directory() / _FOLDER / f'{reference}.yaml'
+    elif reference.endswith(('.yaml', '.yml')) or '/' in reference:
+        path = Path(reference)
+    else:
+        raise StudyError(
+            f'unknown study {reference!r}{did_you_mean(reference, study_names())}; '
+            f'shipped: {", ".join(study_names())} '
+            '(for your own study, give the path of its file, ending in .yaml)'
+        )
+    return StudyReader(YamlDocument(path), runs, seed).study()

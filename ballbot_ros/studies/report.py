@@ -13,11 +13,10 @@ from ballbot_ros.studies.columns import PASSED
 from ballbot_ros.studies.errors import StudyError
 from ballbot_ros.studies.manifest import StudyRecord
 from ballbot_ros.studies.maps import map_bins
-from ballbot_ros.studies.report_folder import StudyReport
-from ballbot_ros.studies.report_page import Findings
+from ballbot_ros.studies.report_page import Findings, StudyReport
 from ballbot_ros.studies.sensitivity import MAX_SAMPLE, Sensitivity, analyse
+from ballbot_ros.studies.study import StudyText
 from ballbot_ros.studies.study_data import StudyData
-from ballbot_ros.studies.study_text import StudyText
 from ballbot_ros.studies.survey import Survey, tally
 
 MAPPED_VARIABLES = 4

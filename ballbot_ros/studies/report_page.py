@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import re
+import shutil
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import islice
@@ -13,7 +15,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.analysis.page import number_text, render_template
+from ballbot_ros.analysis.page import (
+    ReportError,
+    check_folder,
+    number_text,
+    render_template,
+    write_folder,
+)
 from ballbot_ros.analysis.run_figures import RenderedFigure
 from ballbot_ros.analysis.style import png_of
 from ballbot_ros.analysis.table import Table, csv_of
@@ -25,18 +33,85 @@ from ballbot_ros.studies.charts import Histogram, ShareChart, draw_sensitivity, 
 from ballbot_ros.studies.columns import MeasureColumn
 from ballbot_ros.studies.events import is_event
 from ballbot_ros.studies.manifest import StudyRecord
-from ballbot_ros.studies.maps import PassMap
-from ballbot_ros.studies.report_folder import StudyReport
+from ballbot_ros.studies.maps import PassMap, Prediction, predict, usual_values
 from ballbot_ros.studies.rerun import study_parameters
 from ballbot_ros.studies.runs import with_values
 from ballbot_ros.studies.sensitivity import MIN_SAMPLE, SLICES, Sensitivity
+from ballbot_ros.studies.study import StudyText
 from ballbot_ros.studies.study_data import QUANTILES, Row, StudyData, StudySummary
-from ballbot_ros.studies.study_text import StudyText
 from ballbot_ros.studies.survey import Survey, Tallies
-from ballbot_ros.studies.theory import Prediction, predict, usual_values
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+REPORT = 'report'
+"""Name of the report's folder in that of its study."""
+
+_SUFFIXES = {'.html', '.png', '.csv'}
+
+
+@dataclass(frozen=True)
+class StudyReport:
+    """A report, ready to be written.
+
+    Attributes
+    ----------
+    page : str
+        The HTML.
+    figures : list of RenderedFigure
+    files : mapping of str to bytes
+        Other files, by name.
+    """
+
+    page: str
+    figures: list[RenderedFigure]
+    files: Mapping[str, bytes]
+
+    def write(self, folder: Path) -> None:
+        """Write it into a folder, which is new, empty, or has an earlier report of a study.
+
+        Raises
+        ------
+        ReportError
+            If the folder can't be written.
+        """
+        _remove_report(folder)
+        write_folder(folder, self.page, self.figures, self.files)
+
+
+def check_output(study: Path, output: Path | None) -> Path:
+    """Return the folder of the report of a study, by default in the folder of the study.
+
+    Raises
+    ------
+    ReportError
+        If it has files that are not those of an earlier report, or can't be written.
+    """
+    folder = output or study / REPORT
+    if not _is_report(folder):
+        check_folder(folder)
+    existing = next(each for each in (folder, *folder.absolute().parents) if each.exists())
+    if not existing.is_dir():
+        raise ReportError(f'{existing}: not a folder; choose another --output')
+    if not os.access(existing, os.W_OK | os.X_OK):
+        raise ReportError(f'{existing}: Permission denied; choose another --output')
+    return folder
+
+
+def _is_report(folder: Path) -> bool:
+    """Return whether a folder has a page, and nothing but the files of a report."""
+    if not (folder / 'index.html').is_file():
+        return False
+    return all(each.is_file() and each.suffix in _SUFFIXES for each in folder.iterdir())
+
+
+def _remove_report(folder: Path) -> None:
+    if _is_report(folder):
+        try:
+            shutil.rmtree(folder)
+        except OSError as error:
+            raise ReportError(f'{folder}: {error.strerror}') from None
+
 
 FAILED_SHOWN = 10
 

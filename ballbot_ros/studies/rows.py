@@ -11,8 +11,8 @@ from typing import Any, Literal, cast, get_args, get_origin, get_type_hints
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.controllers.document.constants import ProgramConstants, Single
-from ballbot_ros.engine.numbers import choice
+from ballbot_ros.controllers.document.axis import ProgramConstants, Single
+from ballbot_ros.engine.devices import choice
 from ballbot_ros.parameters import (
     ALL_NODES,
     ControllerParameters,

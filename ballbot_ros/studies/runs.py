@@ -17,7 +17,7 @@ from ballbot_ros.analysis.metrics import measure_one
 from ballbot_ros.codegen.implementation import compose_controller, implementation_for
 from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.engine.compilation import can_compile, compiled_and_kept
-from ballbot_ros.engine.run import END, Events, Floor, Log
+from ballbot_ros.engine.run import END, Events, Floor, Log, simulate_run
 from ballbot_ros.parameters import (
     PLANT,
     ControllerParameters,
@@ -31,13 +31,11 @@ from ballbot_ros.parameters.assignment import assign_values, plain_values
 from ballbot_ros.run.spec import RunSpec
 from ballbot_ros.run.tick_timer import TickTimer
 from ballbot_ros.scenario.metrics import METRICS, wall_clearance_m
-from ballbot_ros.scenario.scenario import Measure, Scenario
-from ballbot_ros.scenario.signal import StickSignal
+from ballbot_ros.scenario.scenario import Measure, Scenario, StickSignal
 from ballbot_ros.simulation.closed_loop import ClosedLoop
 from ballbot_ros.simulation.trajectory import TrajectoryLog
 from ballbot_ros.studies.errors import StudyError
 from ballbot_ros.studies.events import event_part, scenarios_of
-from ballbot_ros.studies.kernel import simulate_runs
 from ballbot_ros.studies.measurement import measure_runs
 from ballbot_ros.studies.rows import RobotRows, Rows, program_rows, whole_values
 from ballbot_ros.studies.variables import DURATION
@@ -45,6 +43,36 @@ from ballbot_ros.timing import FIRST_TICK_NS, SECOND_NS, TICK_NS
 from ballbot_ros.world.clearance import NO_WALLS, Walls, walls_around
 from ballbot_ros.world.errors import WorldError
 from ballbot_ros.world.world import World, half_cells, is_blocked
+
+
+def simulate_runs(
+    plants: Any,
+    gyros: Any,
+    encoders: Any,
+    sonars: Any,
+    programs: Any,
+    floor: Any,
+    events: Any,
+    log: Any,
+    ends: Any,
+) -> None:
+    """Simulate a run for each row of the tables.
+
+    The arrays of `events` and `log` have one dimension more, the first: that of the runs. If it
+    has a length of one, all runs have the same events.
+    """
+    for run in range(len(plants)):
+        own = run if len(events.vertical) > 1 else 0
+        at = Events(
+            events.push_times[own].copy(), events.push_forces[own].copy(),
+            events.vertical[own], events.horizontal[own],
+        )  # fmt: skip
+        to = Log(log.position[run], log.psi[run], log.duty[run])
+        simulate_run(
+            plants[run], gyros[run], encoders[run], sonars[run], programs[run], floor, at, to,
+            ends[run],
+        )  # fmt: skip
+
 
 _LOG_BYTES = 2**20
 """Size of the log of the runs that are simulated together: it stays in the processor's cache."""

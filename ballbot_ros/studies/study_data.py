@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ballbot_ros.analysis.proportion import ProportionInterval, wilson_interval
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.simulation.outcome import Outcome
+from ballbot_ros.simulation.run_actions import Outcome
 from ballbot_ros.studies.columns import (
     DUTY_SHA256,
     FALLEN,

@@ -50,8 +50,8 @@ def _difference(required: Mapping[str, str]) -> str:
 
 
 def _do(payload: bytes, folder: Path) -> Answer:
+    from ballbot_ros.studies.execution import WorkerProcess
     from ballbot_ros.studies.runs import is_compiled
-    from ballbot_ros.studies.worker_process import WorkerProcess
 
     packed, part, samples = pickle.loads(payload)
     job = packed.unpack(folder)

@@ -3,27 +3,172 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import os
+import re
+import select
 import sys
 import termios
 import time
+import tty
+from collections import deque
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from threading import Thread
+from threading import Lock, Thread
 from typing import TYPE_CHECKING, Any
 
+from ballbot_ros.brick.sensors import quantise
 from ballbot_ros.teleop.errors import TeleopError
-from ballbot_ros.teleop.keyboard import KeyboardSticks
-from ballbot_ros.teleop.passing_messages import PassingMessages
 from ballbot_ros.teleop.sticks import Sticks
 
 if TYPE_CHECKING:
     from prompt_toolkit.application import Application
 
+STDIN = 0
+
+
+def can_read_keys() -> bool:
+    """Return whether standard input is a terminal, and this process in its foreground."""
+    try:
+        return os.tcgetpgrp(STDIN) == os.getpgrp()
+    except OSError:
+        return False
+
+
+class KeyPress:
+    """Calls `on_key` on its own thread when a key is pressed for the first time.
+
+    Until then or until it is closed, the terminal shows no keys that are typed; Ctrl-C remains.
+    Nothing happens without a terminal.
+    """
+
+    def __init__(self, on_key: Callable[[], None]) -> None:
+        self._on_key = on_key
+        self._lock = Lock()
+        self._modes: list[Any] | None = None
+        self._end, self._end_side = os.pipe()
+        self._thread = Thread(target=self._wait, name='key press', daemon=True)
+        if can_read_keys():
+            self._modes = termios.tcgetattr(STDIN)
+            # Not the default, which would drop a key that was pressed a moment before.
+            tty.setcbreak(STDIN, termios.TCSADRAIN)
+            self._thread.start()
+
+    def _wait(self) -> None:
+        readable, _, _ = select.select([STDIN, self._end], [], [])
+        if self._end in readable:
+            return
+        with suppress(OSError):  # the terminal has disappeared
+            if os.read(STDIN, 1024):
+                self._on_key()
+        self._restore()
+
+    def _restore(self) -> None:
+        with self._lock, suppress(termios.error):
+            if self._modes is not None:
+                termios.tcsetattr(STDIN, termios.TCSADRAIN, self._modes)
+            self._modes = None
+
+    def close(self) -> None:
+        """Stop waiting, and restore the terminal."""
+        if self._end_side < 0:
+            return
+        os.close(self._end_side)
+        self._end_side = -1
+        if self._thread.is_alive():
+            self._thread.join()
+        os.close(self._end)
+        self._restore()
+
+
+HELD_S = 0.5
+"""Time for which a key counts as held after its last repetition."""
+
+SPEED_STEP_PERCENT = 10
+
+_ARROWS = {'up': (0, -1), 'down': (0, 1), 'left': (1, -1), 'right': (1, 1)}
+"""The stick that each arrow moves, and its sign."""
+
+
+class KeyboardSticks:
+    """The sticks that the arrow keys move, by `speed_percent` of a full stick (``gp_max``).
+
+    Arrows for different sticks combine to a diagonal while both count as held. All times are from
+    one monotonic clock [s].
+    """
+
+    def __init__(self, full: int) -> None:
+        self.full = full
+        self.speed_percent = 50
+        self._signs = [0, 0]
+        self._until = [-math.inf, -math.inf]
+
+    @property
+    def holds(self) -> bool:
+        """Whether the current direction is held without a key."""
+        return math.inf in self._until
+
+    def arrow(self, name: str, now_s: float) -> None:
+        """Process an arrow key: ``up``, ``down``, ``left`` or ``right``."""
+        if self.holds:
+            self.stop()
+        stick, sign = _ARROWS[name]
+        self._signs[stick], self._until[stick] = sign, now_s + HELD_S
+
+    def hold(self, now_s: float) -> None:
+        """Hold the current direction until the next arrow or :meth:`stop`."""
+        self._until = [math.inf if now_s <= until else until for until in self._until]
+
+    def stop(self) -> None:
+        """Return the sticks to neutral."""
+        self._signs = [0, 0]
+        self._until = [-math.inf, -math.inf]
+
+    def change_speed(self, steps: int) -> None:
+        """Change the share of the full stick for a key by `steps`, within one step ... full."""
+        speed = self.speed_percent + steps * SPEED_STEP_PERCENT
+        self.speed_percent = min(100, max(SPEED_STEP_PERCENT, speed))
+
+    def sticks(self, now_s: float) -> Sticks:
+        """Return the sticks at `now_s`."""
+        value = quantise(self.full * self.speed_percent / 100)
+        vertical, horizontal = (
+            sign * value if now_s <= until else 0
+            for sign, until in zip(self._signs, self._until, strict=True)
+        )
+        return vertical, horizontal
+
+
+_INFO = re.compile(r'\[INFO\] \[[^]]*\] \[([^]]*)\]: (.*)')
+
+
+class PassingMessages:
+    """Keeps the newest lines of level INFO; all others should stay on the terminal."""
+
+    def __init__(self, count: int) -> None:
+        self._lines: deque[str] = deque(maxlen=count)
+
+    def take(self, text: str) -> bool:
+        """Keep a line; return whether it was one to keep."""
+        found = _INFO.fullmatch(text.strip())
+        if found:
+            self.add(f'{found[1]}: {found[2]}')
+        return found is not None
+
+    def add(self, line: str) -> None:
+        """Keep a line."""
+        self._lines.append(line)
+
+    @property
+    def lines(self) -> list[str]:
+        """The newest lines, oldest first."""
+        return list(self._lines)
+
+
 INSTALL_HINT = 'prompt_toolkit not found: install it with `pip install "ballbot_ros[drive]"`'
 
 HELP = 'arrows or w a s d drive   space stop   h hold   + - key speed   r reset   q quit'
-_ARROWS = {'up': 'up w W', 'left': 'left a A', 'down': 'down s S', 'right': 'right d D'}
+_ARROW_KEYS = {'up': 'up w W', 'left': 'left a A', 'down': 'down s S', 'right': 'right d D'}
 """The keys of each direction."""
 
 _MESSAGES = 2
@@ -153,7 +298,7 @@ class Terminal:
             for name in names.split():
                 bindings.add(name)(handle)
 
-        for name, names in _ARROWS.items():
+        for name, names in _ARROW_KEYS.items():
             bind(names, lambda name=name: keys.arrow(name, time.monotonic()))  # type: ignore[misc]
         bind('space', keys.stop)
         bind('h H', lambda: keys.hold(time.monotonic()))

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from functools import partial
+from functools import cache, partial
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 
 from ballbot_ros.brick.odometry import WINDOW_NS, Odometry, OdometryState
 from ballbot_ros.messages.conversions import (
@@ -13,10 +15,10 @@ from ballbot_ros.messages.conversions import (
     map_grid,
 )
 from ballbot_ros.messages.devices import decode_encoders, decode_gyro
-from ballbot_ros.messages.odometry import encode_imu_data, encode_odom
-from ballbot_ros.messages.outputs import MakeSend
 from ballbot_ros.messages.participation import decode_announcement
 from ballbot_ros.messages.raw import decoder, stamp_of
+from ballbot_ros.messages.run_messages import MakeSend, Send
+from ballbot_ros.messages.tool_messages import TransformsLayout, encode_imu_data, encode_odom
 from ballbot_ros.messages.topics import (
     GYRO_IMU,
     HISTORY,
@@ -34,7 +36,6 @@ from ballbot_ros.messages.topics import (
     TF_STATIC,
     Topic,
 )
-from ballbot_ros.messages.transforms import TransformsLayout
 from ballbot_ros.parameters import (
     PLANT,
     Dimensions,
@@ -44,13 +45,75 @@ from ballbot_ros.parameters import (
     VisualizerParameters,
 )
 from ballbot_ros.plant.model import Bodies
-from ballbot_ros.recording.encoding import encoder, new_message
+from ballbot_ros.recording.rosbag2 import QosProfile, RecordedTopic
+from ballbot_ros.recording.schemas import encoder, new_message
+from ballbot_ros.recording.writer import RecordingWriter
+from ballbot_ros.share import share_directory
 from ballbot_ros.timing import TICK_NS
 from ballbot_ros.viewer.markers import floor_markers
+from ballbot_ros.viewer.robot import (
+    BODY,
+    DARK,
+    DECK_ABOVE_WHEEL,
+    NAMES,
+    Z_AXIS,
+    Part,
+    parts,
+    sonar_position,
+    wheel_centres,
+)
 from ballbot_ros.viewer.transforms import MOVING, PARENTS, Frames
-from ballbot_ros.viewer.urdf import robot_description
 from ballbot_ros.world.exports import floor_map_of
 from ballbot_ros.world.floor_map import FloorMap
+
+_ZERO = 1e-15
+
+
+def robot_description(dimensions: Dimensions, bodies: Bodies) -> str:
+    """Return the URDF document; equal parameters give equal text."""
+    deck = dimensions.wheel_radius + DECK_ABOVE_WHEEL
+    height = 2.0 * dimensions.body_height - deck
+    depth, width = dimensions.body_depth, dimensions.body_width
+    body = Part(BODY, 'box', (depth, width, height), (0.0, 0.0, deck + height / 2.0), Z_AXIS, DARK)
+    visible = list(parts(dimensions))
+    # Ball and tires are the first part of their links.
+    collisions = {part.link: part for part in reversed(visible) if part.link != BODY}
+    if min(body.size) > 0.0:
+        collisions[BODY] = body
+    wheel_x, wheel_y = wheel_centres(dimensions)
+    return _template().render(
+        text=_text,
+        colours=NAMES,
+        bodies=bodies,
+        # The model has no yaw inertia: use a box with the body's outline.
+        yaw_inertia=bodies.body_mass * (depth**2 + width**2) / 12.0,
+        # The model turns a wheel only about its axle: use a cylinder.
+        across=bodies.wheel_mass * (3.0 * bodies.wheel_radius**2 + bodies.wheel_width**2) / 12.0,
+        parts=visible,
+        collisions=collisions,
+        wheel_x=wheel_x,
+        wheel_y=wheel_y,
+        sonar=sonar_position(dimensions),
+    )
+
+
+@cache
+def _template() -> Template:
+    environment = Environment(
+        loader=FileSystemLoader(share_directory() / 'config' / 'urdf'),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    return environment.get_template('ballbot.urdf.jinja')
+
+
+def _text(*numbers: float) -> str:
+    """Format numbers for URDF, without the rounding errors of zeros."""
+    return ' '.join(f'{number if abs(number) > _ZERO else 0.0:.9g}' for number in numbers)
+
 
 Shape = PlantParameters | VisualizerParameters
 """Parameters with the robot's dimensions and masses."""
@@ -228,3 +291,63 @@ def _plant_parameters(values: Mapping[str, object]) -> PlantParameters:
         except ParameterError:  # of a plant of another version
             continue
     return parameters.of(PlantParameters)
+
+
+PERIOD_NS = 40_000_000
+"""Period of the derived messages: a rate for tools, of which some interpolate poses."""
+
+
+class DerivedChannels:
+    """Writes derived messages to a recording, marked as such, while nobody publishes their topic.
+
+    Parameters
+    ----------
+    writer : RecordingWriter
+    shape : PlantParameters or VisualizerParameters
+        As in `DerivedMessages`.
+    name_of : callable
+        Returns the full name of a topic.
+    is_published : callable
+        Returns whether a node publishes the topic of a full name.
+    """
+
+    def __init__(
+        self,
+        writer: RecordingWriter,
+        shape: Shape,
+        *,
+        name_of: Callable[[Topic], str] = Topic.resolved,
+        is_published: Callable[[str], bool] = lambda name: False,
+    ) -> None:
+        self._writer, self._name_of, self._is_published = writer, name_of, is_published
+        self._messages = DerivedMessages(self._make_send, shape)
+        self._due_ns = 0
+
+    def add(self, topic: Topic, stamp_ns: int, data: bytes) -> None:
+        """Process a message that was recorded on one of `DerivedMessages.INPUTS`."""
+        messages = self._messages
+        messages.add(topic, stamp_ns, data)
+        if stamp_ns >= self._due_ns or not messages.sent_ns:
+            messages.send(self._due_ns if messages.sent_ns else 0)
+            self._due_ns = messages.sent_ns - messages.sent_ns % PERIOD_NS + PERIOD_NS
+
+    def _make_send(self, topic: Topic) -> Send:
+        name = self._name_of(topic)
+        recorded: RecordedTopic | None = None
+
+        def send(stamp_ns: int, data: bytes) -> None:
+            nonlocal recorded
+            if self._is_published(name):
+                return
+            if recorded is None:
+                qos = (_offered_qos(topic),)
+                recorded = self._writer.add_topic(name, topic.type_name, qos=qos, derived=True)
+            self._writer.write(recorded, stamp_ns, data, recorded.count + 1)
+
+        return send
+
+
+def _offered_qos(topic: Topic) -> QosProfile:
+    """Return the QoS with which a node of this package would publish the topic."""
+    durability = 'transient_local' if topic.latched_depth else 'volatile'
+    return QosProfile('keep_last', topic.latched_depth or HISTORY, 'reliable', durability)

@@ -1,14 +1,133 @@
-"""The controls of a live page: scenario and pushes."""
+"""The controls of a live page: scenario, pushes, sticks, and the transport bar."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
+import numpy as np
 import viser
+from numpy.typing import NDArray
+from viser import SceneNodeDragEvent
 
 from ballbot_ros.plant.ground_truth import Pair
-from ballbot_ros.viewer.drag import MAX_FORCE, MIN_FORCE
+from ballbot_ros.viewer.overlay import MAX_HELD, ChooseRate, Hold, Press, Request
+from ballbot_ros.viewer.run_activity import PAUSE, RATES, RESET, STEP, RunActivity
+from ballbot_ros.viewer.scene_objects import NEWTONS_PER_METRE, ForceArrow, Point
+
+MIN_FORCE, MAX_FORCE = 0.1, 3.0
+"""Smallest and largest force that a page can apply [N]."""
+
+_STEEP = math.sin(math.radians(12.0))
+"""Slope from which a line of sight meets the horizontal plane near enough."""
+
+
+def drag_vector(eye: Point, grip: Point, pointer: Point) -> NDArray[np.float64]:
+    """Return how far a drag pulls the robot horizontally, x, y in ``map`` [m].
+
+    Parameters
+    ----------
+    eye, grip : sequence of float
+        Position of the camera, and of the dragged point.
+    pointer : sequence of float
+        A point under the pointer, on the plane through `grip` that faces the camera.
+    """
+    eye, grip, pointer = (np.asarray(point, float) for point in (eye, grip, pointer))
+    sight = pointer - eye
+    length = float(np.linalg.norm(sight))
+    if sight[2] * (grip[2] - eye[2]) > 0.0 and abs(sight[2]) > _STEEP * length:
+        pointer = eye + sight * ((grip[2] - eye[2]) / sight[2])
+    pull: NDArray[np.float64] = (pointer - grip)[:2]
+    return pull
+
+
+def drag_force(eye: Point, grip: Point, pointer: Point) -> Pair:
+    """Return the force of a drag in plane signs [N], at most :data:`MAX_FORCE`.
+
+    The points are as in :func:`drag_vector`.
+    """
+    with np.errstate(all='ignore'):  # a page may send any numbers
+        force = NEWTONS_PER_METRE * drag_vector(eye, grip, pointer)
+        size = float(np.linalg.norm(force))
+    if not math.isfinite(size):
+        return 0.0, 0.0
+    x, y = (force * min(1.0, MAX_FORCE / size) if size else force).tolist()
+    return x, -y
+
+
+class DragPush:
+    """Shows the force while a page drags the robot, and applies it at the release.
+
+    Parameters
+    ----------
+    arrow : ForceArrow
+        Shows the force.
+    push : callable
+        Pushes the robot with a force in plane signs [N].
+    """
+
+    def __init__(self, arrow: ForceArrow, push: Callable[[Pair], None]) -> None:
+        self._arrow, self._push = arrow, push
+
+    # A coroutine, which viser calls in the order of the events.
+    async def on_drag(self, event: SceneNodeDragEvent[Any]) -> None:
+        """Process a drag event of viser."""
+        grip = event.start_position
+        force = drag_force(event.client.camera.position, grip, event.end_position)
+        if event.phase != 'end':
+            self._arrow.show(grip, force)
+            return
+        self._arrow.hide()
+        if math.hypot(*force) >= MIN_FORCE:
+            self._push(force)
+
+
+RELEASE_S = 0.3
+"""A stick counts as released when its page has been silent for this long."""
+
+
+class PageSticks:
+    """The sticks of all pages, each held as long as its page keeps reporting it.
+
+    A single report does not count: a browser slows a hidden page down to one report a second, and a
+    hidden page must not drive.
+    """
+
+    def __init__(self) -> None:
+        self._reports: dict[int, tuple[Hold | None, Hold]] = {}
+
+    def hold(self, report: Hold) -> None:
+        """Note a report."""
+        _, last = self._reports.get(report.page, (None, None))
+        self._reports[report.page] = last, report
+
+    def value(self, now_s: float) -> Pair | None:
+        """Return forward and rightward at `now_s` [s], each −1 ... 1; None if no stick is held.
+
+        Sticks of several pages add up.
+        """
+        self._reports = {
+            page: reports
+            for page, reports in self._reports.items()
+            if now_s - reports[1].at_s < RELEASE_S
+        }
+        held = [last for before, last in self._reports.values() if _is_held(before, last)]
+        if not held:
+            return None
+        return _limited(sum(each.forward for each in held)), _limited(
+            sum(each.rightward for each in held)
+        )
+
+
+def _is_held(before: Hold | None, last: Hold) -> bool:
+    is_repeated = before is not None and last.at_s - before.at_s < RELEASE_S
+    return is_repeated and (last.forward, last.rightward) != (0.0, 0.0)
+
+
+def _limited(value: float) -> float:
+    return max(-MAX_HELD, min(MAX_HELD, value))
+
 
 DIRECTIONS: dict[str, Pair] = {
     'forward': (1.0, 0.0),
@@ -77,3 +196,16 @@ class LiveControls:
             act(buttons.value)
 
         buttons.on_click(on_click)
+
+
+def carry_out(request: Request, activity: RunActivity, plant: PlantControls) -> None:
+    """Ask the plant for what is requested, during this activity; other requests do nothing."""
+    match request:
+        case Press(name) if name == PAUSE:
+            plant.pause(not activity.is_paused)
+        case Press(name) if name == STEP:
+            plant.step()
+        case Press(name) if name == RESET:
+            plant.reset()
+        case ChooseRate(rate) if rate in RATES:
+            plant.set_real_time_factor(RATES[rate])

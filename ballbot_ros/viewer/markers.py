@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ballbot_ros.messages.markers import (
+from ballbot_ros.messages.tool_messages import (
     ADD,
     DELETE,
     DELETE_ALL,
@@ -20,7 +20,7 @@ from ballbot_ros.messages.markers import (
 )
 from ballbot_ros.parameters import Dimensions
 from ballbot_ros.timing import SECOND_NS
-from ballbot_ros.viewer import colours
+from ballbot_ros.viewer import robot as colours
 from ballbot_ros.viewer.floor import walls
 from ballbot_ros.viewer.robot import BODY, LINKS, TRAIL_STEP, Vector, cone_slope, parts
 from ballbot_ros.viewer.snapshot import Snapshot

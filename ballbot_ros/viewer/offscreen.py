@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from viser import _messages
 
 from ballbot_ros.errors import one_line
-from ballbot_ros.viewer.access_policy import AccessPolicy
+from ballbot_ros.viewer.address import AccessPolicy
 from ballbot_ros.viewer.browser import browser_page
 from ballbot_ros.viewer.errors import ViewerError
 from ballbot_ros.viewer.guarded_server import GuardedServer

@@ -10,8 +10,7 @@ import numpy as np
 import viser
 
 from ballbot_ros.parameters import Dimensions
-from ballbot_ros.viewer.access_policy import AccessPolicy
-from ballbot_ros.viewer.address import NEXT_FREE, USUAL_PORT, check_address
+from ballbot_ros.viewer.address import NEXT_FREE, USUAL_PORT, AccessPolicy, check_address
 from ballbot_ros.viewer.floor import Area
 from ballbot_ros.viewer.guarded_server import GuardedServer
 from ballbot_ros.viewer.overlay import Overlay

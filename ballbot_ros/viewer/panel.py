@@ -2,14 +2,67 @@
 
 from __future__ import annotations
 
+import base64
+import io
 import math
 import time
+import wave
+from functools import cache
 
+import numpy as np
 import viser
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
 
-from ballbot_ros.brick.brick import Tone
+from ballbot_ros.brick.brick import COLUMNS, ROWS, Tone
 from ballbot_ros.viewer.snapshot import Snapshot
-from ballbot_ros.viewer.sound import tone_html
+
+_PAPER, _INK = (176, 196, 168), (24, 34, 30)
+_CELL = (15, 22)
+_MARGIN = 8
+
+
+@cache
+def _font() -> ImageFont.FreeTypeFont:
+    # Use the monospaced font of matplotlib; Pillow ships none.
+    from matplotlib.font_manager import findfont
+
+    return ImageFont.truetype(findfont('DejaVu Sans Mono'), 24)
+
+
+def lcd_image(page: str) -> NDArray[np.uint8]:
+    """Return the display with a page of text, shape (rows, columns, 3)."""
+    size = (COLUMNS * _CELL[0] + 2 * _MARGIN, ROWS * _CELL[1] + 2 * _MARGIN)
+    image = Image.new('RGB', size, _PAPER)
+    draw = ImageDraw.Draw(image)
+    for row, line in enumerate(page.splitlines()[:ROWS]):
+        draw.text((_MARGIN, _MARGIN - 3 + row * _CELL[1]), line[:COLUMNS], _INK, _font())
+    return np.asarray(image)
+
+
+_RATE = 8000
+_MAX_TONE_S = 5.0
+
+
+def tone_html(tone: Tone, number: int) -> str:
+    """Return an HTML element that plays a tone once.
+
+    Browsers play it only after a click on the page. The `number` differs from tone to tone, so that
+    a repeated one plays again.
+    """
+    time = np.arange(round(min(tone.duration_ms * 1e-3, _MAX_TONE_S) * _RATE)) / _RATE
+    loudness = min(max(tone.volume, 0), 100) / 100.0
+    wave_form = np.sin(2.0 * np.pi * tone.frequency_hz * time)
+    samples = np.round(127.5 + 60.0 * loudness * wave_form).astype(np.uint8)
+    data = io.BytesIO()
+    with wave.open(data, 'wb') as file:
+        file.setnchannels(1)
+        file.setsampwidth(1)
+        file.setframerate(_RATE)
+        file.writeframes(samples.tobytes())
+    encoded = base64.b64encode(data.getvalue()).decode()
+    return f'<audio autoplay data-number="{number}" src="data:audio/wav;base64,{encoded}"></audio>'
+
 
 PERIOD = 12
 """Updates of the scene per update of the panel."""

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.analysis.recorded_pushes import RecordedPush
+from ballbot_ros.analysis.recorded_scenario import RecordedPush
 from ballbot_ros.analysis.run_data import RunData, Series, read_run
 from ballbot_ros.analysis.signals import signals_of
 from ballbot_ros.analysis.topic_samples import TopicSamples, read_topic, topics_with_signals
@@ -18,16 +18,53 @@ from ballbot_ros.brick.brick import Tone
 from ballbot_ros.messages.topics import BATTERY_STATE, PLANT_IMU, PLANT_ODOM, SONAR_RANGE
 from ballbot_ros.parameters import Dimensions
 from ballbot_ros.progress import ProgressCallback
+from ballbot_ros.recording.playback import SKIP_S, PlaybackAction, faster, slower
 from ballbot_ros.timing import TICK_NS, TICK_S
-from ballbot_ros.viewer.acting_force import ForceEvent, acting_force
 from ballbot_ros.viewer.errors import ViewerError
+from ballbot_ros.viewer.overlay import Mark, MarkKind
 from ballbot_ros.viewer.robot import TRAIL_STEP
 from ballbot_ros.viewer.rotations import RolledBall
-from ballbot_ros.viewer.run_marks import run_marks
-from ballbot_ros.viewer.snapshot import Floats, Snapshot
+from ballbot_ros.viewer.snapshot import Floats, ForceEvent, Snapshot, acting_force
 from ballbot_ros.viewer.transforms import wxyz
 from ballbot_ros.world.exports import OccupancyGrid, floor_map_of
 from ballbot_ros.world.floor_map import FloorMap
+
+_MARKS_PER_LINE = 200
+"""Marks of a kind that are distinguishable on a time line."""
+
+
+def run_marks(run: RunData) -> tuple[Mark, ...]:
+    """Return state changes, pushes, wall hits and tones, in this order.
+
+    Events of a kind that would lie upon each other share a mark.
+    """
+    states = (
+        Mark(state.start, MarkKind.STATE, state.name.replace('_', ' ')) for state in run.states
+    )
+    pushes = (
+        Mark(push.start, MarkKind.PUSH, f'{push.interval.name} of {push.strength}')
+        for push in run.pushes
+    )
+    hits = (Mark(hit.start, MarkKind.HIT, hit.name) for hit in run.wall_hits)
+    tones = (
+        Mark(time, MarkKind.TONE, f'tone of {tone.frequency_hz} Hz, {tone.duration_ms} ms')
+        for time, tone in run.tones
+    )
+    apart = run.end / _MARKS_PER_LINE
+    return tuple(mark for kind in (states, pushes, hits, tones) for mark in _merged(kind, apart))
+
+
+def _merged(marks: Iterable[Mark], apart: float) -> Iterator[Mark]:
+    """Iterate over marks at least `apart` [s]; each also stands for those up to the next one."""
+    groups: list[list[Mark]] = []
+    for mark in marks:
+        if groups and mark.time - groups[-1][0].time < apart:
+            groups[-1].append(mark)
+        else:
+            groups.append([mark])
+    for first, *others in groups:
+        text = f'{first.text}, and {len(others)} more' if others else first.text
+        yield Mark(first.time, first.kind, text)
 
 
 class PlaybackRun:
@@ -189,3 +226,69 @@ def _held(series: Series | None, times: NDArray[np.float64]) -> NDArray[np.float
 def _floor_map(run: RunData) -> FloorMap | None:
     """Return the attached map, or else the published walls."""
     return floor_map_of(run.floor) if isinstance(run.floor, OccupancyGrid) else run.floor
+
+
+class PlaybackClock:
+    """Playback time of a run up to `end` [s].
+
+    Attributes
+    ----------
+    time : float
+        The shown time, from 0 to `end` [s].
+    rate : float
+        Seconds of the run per second.
+    is_looping : bool
+        Whether the run restarts at its end.
+    """
+
+    def __init__(self, end: float) -> None:
+        self.end = end
+        self.time = 0.0
+        self.rate = 1.0
+        self.is_playing = True
+        self.is_looping = False
+
+    def advance(self, seconds: float) -> tuple[float, float]:
+        """Let `seconds` of wall time pass; return the played interval [s]."""
+        if not self.is_playing:
+            return self.time, self.time
+        if self.is_looping and self.time >= self.end:
+            self.time = 0.0
+        start = self.time
+        self.time = min(self.end, start + seconds * self.rate)
+        self.is_playing = self.is_looping or self.time < self.end
+        return start, self.time
+
+    def seek(self, time: float) -> None:
+        """Continue from `time` [s], or from the nearer end."""
+        self.time = min(max(time, 0.0), self.end)
+
+    def apply(self, action: PlaybackAction) -> None:
+        """Do what a key or a button asks for."""
+        match action:
+            case PlaybackAction.PAUSE:
+                self._toggle()
+            case PlaybackAction.STEP:
+                self.is_playing = False
+                self.seek(self.time + TICK_S)
+            case PlaybackAction.BACK:
+                self.seek(self.time - SKIP_S)
+            case PlaybackAction.FORWARD:
+                self.seek(self.time + SKIP_S)
+            case PlaybackAction.START:
+                self.seek(0.0)
+            case PlaybackAction.END:
+                self.is_playing = False
+                self.seek(self.end)
+            case PlaybackAction.LOOP:
+                self.is_looping = not self.is_looping
+            case PlaybackAction.SLOWER:
+                self.rate = slower(self.rate)
+            case PlaybackAction.FASTER:
+                self.rate = faster(self.rate)
+
+    def _toggle(self) -> None:
+        """Play or pause; at the end, restart."""
+        if not self.is_playing and self.time >= self.end:
+            self.time = 0.0
+        self.is_playing = not self.is_playing

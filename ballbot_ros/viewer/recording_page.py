@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ballbot_ros.recording.playback_keys import KEYS, RATES, PlaybackAction
+from ballbot_ros.recording.playback import KEYS, RATES, PlaybackAction
 from ballbot_ros.viewer.overlay import (
     Button,
     ChooseRate,
@@ -16,14 +16,10 @@ from ballbot_ros.viewer.overlay import (
 )
 from ballbot_ros.viewer.page import Page
 from ballbot_ros.viewer.panel import PERIOD, Panel
-from ballbot_ros.viewer.playback_clock import PlaybackClock
-from ballbot_ros.viewer.playback_run import PlaybackRun
-from ballbot_ros.viewer.plot_kinds import PlotData, PlotKind
-from ballbot_ros.viewer.plots import Plots
-from ballbot_ros.viewer.recorded_plots import recorded_kinds, recorded_plot
+from ballbot_ros.viewer.playback_run import PlaybackClock, PlaybackRun
+from ballbot_ros.viewer.plots import PlotData, PlotKind, Plots, recorded_kinds, recorded_plot
 from ballbot_ros.viewer.recorded_robots import RecordedRobots
-from ballbot_ros.viewer.recorded_topics import RecordedTopics
-from ballbot_ros.viewer.topic_chooser import TopicChooser
+from ballbot_ros.viewer.recorded_topics import RecordedTopics, TopicChooser
 
 _RATE_LABELS = {f'{rate:g}×': rate for rate in RATES}
 _RATES_WITH_TONES = (0.5, 1.0, 2.0)

@@ -3,26 +3,149 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import math
+import os
+import re
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
 from pathlib import Path
 from queue import Queue
+from tempfile import TemporaryDirectory
 from threading import Thread
+
+import imageio_ffmpeg
+import numpy as np
+import PIL.Image
+import PIL.ImageDraw
+import PIL.ImageFont
 
 from ballbot_ros.parameters import Dimensions, PlantParameters
 from ballbot_ros.plant.ground_truth import GroundTruth
 from ballbot_ros.progress import ProgressCallback
-from ballbot_ros.viewer.film_files import replacing, write_film, write_picture
+from ballbot_ros.viewer.errors import ViewerError
 from ballbot_ros.viewer.floor import Area
 from ballbot_ros.viewer.offscreen import Image, offscreen_scene
 from ballbot_ros.viewer.playback_run import PlaybackRun
 from ballbot_ros.viewer.recorded_robots import RecordedRobots
+from ballbot_ros.viewer.robot import BLACK, WHITE
 from ballbot_ros.viewer.snapshot import Snapshot
-from ballbot_ros.viewer.time_stamp import with_time_stamp
 from ballbot_ros.viewer.views import CHASER_1, View, camera
-from ballbot_ros.world.library import load_map
+from ballbot_ros.world.floor_map import load_map
+
+
+@dataclass(frozen=True)
+class FilmFormat:
+    """How FFmpeg encodes a film.
+
+    Attributes
+    ----------
+    max_fps : int
+        Highest number of frames per second that players show.
+    needs_even_size : bool
+        Whether two by two pixels have one colour value.
+    quality : float or None
+        Of a codec with variable bit rate, 0 to 10.
+    """
+
+    codec: str
+    pixels: str
+    max_fps: int
+    needs_even_size: bool = False
+    quality: float | None = None
+    options: tuple[str, ...] = ()
+
+
+# A palette for each frame, so that no frame waits for the last one.
+_PALETTE = (
+    'split[image][sample];[sample]palettegen=stats_mode=single[palette];'
+    '[image][palette]paletteuse=new=1:dither=none:diff_mode=rectangle'
+)
+
+FORMATS = {
+    '.mp4': FilmFormat('libx264', 'yuv420p', 60, needs_even_size=True, quality=7),
+    '.webp': FilmFormat(
+        'libwebp_anim', 'yuv420p', 60, options=('-quality', '80', '-loop', '0')
+    ),
+    '.gif': FilmFormat('gif', 'pal8', 50, options=('-filter_complex', _PALETTE, '-loop', '0')),
+}  # fmt: skip
+"""Formats of films by their suffix."""
+
+
+@contextlib.contextmanager
+def replacing(output: Path) -> Iterator[Path]:
+    """Give a path to write to; the file replaces `output` once it is complete.
+
+    Yields
+    ------
+    pathlib.Path
+
+    Raises
+    ------
+    ViewerError
+        If the file can't be written.
+    """
+    try:
+        with TemporaryDirectory(prefix='.ballbot_', dir=output.parent) as folder:
+            unfinished = Path(folder) / output.name
+            yield unfinished
+            unfinished.replace(output)
+    except (OSError, ImportError, ValueError) as error:
+        reason = getattr(error, 'strerror', None) or ' '.join(str(error).split())
+        raise ViewerError(f'{output}: {reason}') from None
+
+
+def write_picture(output: Path, image: Image) -> None:
+    """Write a .png file."""
+    PIL.Image.fromarray(image).save(output, optimize=True)
+
+
+def write_film(output: Path, images: Iterator[Image], fps: int) -> None:
+    """Write a film in the format of its suffix, with `fps` frames per second."""
+    first = next(images)
+    height, width, _ = first.shape
+    film_format = FORMATS[output.suffix]
+    encoder = imageio_ffmpeg.write_frames(
+        os.fspath(output),
+        (width, height),
+        fps=fps,
+        codec=film_format.codec,
+        quality=film_format.quality,
+        pix_fmt_out=film_format.pixels,
+        output_params=list(film_format.options),
+        macro_block_size=1,  # keep the size
+        ffmpeg_log_level='error',
+    )
+    encoder.send(None)  # starts it
+    with contextlib.closing(encoder):
+        for image in itertools.chain([first], images):
+            encoder.send(np.ascontiguousarray(image))
+
+
+_HEIGHT = 0.045
+"""Height of the letters, as a part of the shorter side of the picture."""
+
+_MIN_LETTERS = 10
+_OPACITY = 170
+
+
+def with_time_stamp(image: Image, time: float) -> Image:
+    """Return the picture with the time [s] in its lower left corner."""
+    picture = PIL.Image.fromarray(image)
+    size = max(_MIN_LETTERS, round(_HEIGHT * min(picture.size)))
+    font = PIL.ImageFont.load_default(size)
+    draw = PIL.ImageDraw.Draw(picture, 'RGBA')
+    text = f'{time:.2f} s'
+    margin = size // 2
+    # The digits differ in width; the box shall not change from frame to frame.
+    width = draw.textlength(re.sub(r'\d', '0', text), font)
+    left, bottom = margin, picture.height - margin
+    box = (left, bottom - 2 * size, left + width + size, bottom)
+    draw.rounded_rectangle(box, size // 3, (*BLACK, _OPACITY))
+    draw.text((box[2] - size // 2, bottom - size), text, WHITE, font, anchor='rm')
+    return np.asarray(picture)
+
 
 SIZE = (960, 528)
 """Default width and height of a picture [px]."""

@@ -6,13 +6,67 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from ballbot_ros.analysis.metrics import Judgement
-from ballbot_ros.analysis.verdict import Verdict
-from ballbot_ros.messages.plant_report import PlantReport
-from ballbot_ros.scenario.metric_registry import label
-from ballbot_ros.simulation.outcome import Outcome
+from ballbot_ros.analysis.metrics import Judgement, Verdict
+from ballbot_ros.messages.run_reports import PlantReport
+from ballbot_ros.plant.ground_truth import Pair
+from ballbot_ros.scenario.metrics import label
+from ballbot_ros.simulation.run_actions import Outcome
 from ballbot_ros.viewer.overlay import Banner, BannerKind, Button, OverlayState
 from ballbot_ros.viewer.session import Session, SessionResult
+from ballbot_ros.viewer.snapshot import Snapshot
+
+SPAN_S = 1.0
+"""Wall time over which the factor is measured."""
+
+
+class RealTimeFactor:
+    """Sim time per wall time, over the last :data:`SPAN_S` of wall time."""
+
+    def __init__(self) -> None:
+        self._ticks: list[tuple[float, float]] = []
+
+    def update(self, now_s: float, sim_time: float) -> float:
+        """Return the factor at `now_s` on a monotonic clock [s]; 0 without an earlier sample."""
+        if self._ticks and sim_time < self._ticks[-1][1]:
+            self._ticks.clear()  # another run, or a player that has jumped back
+        self._ticks.append((now_s, sim_time))
+        while now_s - self._ticks[0][0] > SPAN_S:
+            self._ticks.pop(0)
+        wall, sim = self._ticks[0]
+        return (sim_time - sim) / (now_s - wall) if now_s > wall else 0.0
+
+
+_UNKNOWN = '–'
+
+
+def drive_status(snapshot: Snapshot | None, factor: float) -> Mapping[str, str]:
+    """Return names and texts; None before the robot's first pose.
+
+    Forward and rightward are positive. `factor` is sim time per wall time.
+    """
+    if snapshot is None:
+        names = ('sim time', 'state', 'position', 'pitch', 'speed', 'sonar')
+        return dict.fromkeys(names, _UNKNOWN)
+    return {
+        'sim time': f'{snapshot.time:.1f} s   {factor:.2f} × real time',
+        'state': snapshot.state + '   press r to restart' * snapshot.is_out_of_control,
+        'position': _pair(snapshot.position, 100.0, 'cm'),
+        'pitch': _pair(snapshot.psi, math.degrees(1.0), '°'),
+        'speed': _pair(snapshot.speed, 100.0, 'cm/s'),
+        'sonar': _distance(snapshot.sonar),
+    }
+
+
+def _pair(values: Pair, scale: float, unit: str) -> str:
+    forward, rightward = (f'{value * scale:+7.1f} {unit:<4}' for value in values)
+    return f'forward {forward}   rightward {rightward}'.rstrip()
+
+
+def _distance(metres: float) -> str:
+    if math.isnan(metres):
+        return _UNKNOWN
+    return f'{metres * 100.0:.0f} cm' if math.isfinite(metres) else 'no echo'
+
 
 PAUSE, STEP, RESET = 'pause', 'step', 'reset'
 RATES = {'0.1×': 0.1, '0.25×': 0.25, '0.5×': 0.5, '1×': 1.0, '2×': 2.0, 'max': 0.0}

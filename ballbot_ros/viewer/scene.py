@@ -12,11 +12,10 @@ from viser import MeshHandle, SceneApi, SceneNodeDragEvent
 
 from ballbot_ros.messages.conversions import body_orientation
 from ballbot_ros.parameters import Dimensions
-from ballbot_ros.viewer import colours, floor, shapes
-from ballbot_ros.viewer.arrows import Arrow, force_vector
-from ballbot_ros.viewer.colours import WHITE, Colour
-from ballbot_ros.viewer.display import lcd_image
-from ballbot_ros.viewer.line_mesh import line_mesh
+from ballbot_ros.viewer import floor
+from ballbot_ros.viewer import robot as colours
+from ballbot_ros.viewer import scene_objects as shapes
+from ballbot_ros.viewer.panel import lcd_image
 from ballbot_ros.viewer.robot import (
     BALL,
     BODY,
@@ -24,6 +23,8 @@ from ballbot_ros.viewer.robot import (
     LINKS,
     WHEEL_X,
     WHEEL_Y,
+    WHITE,
+    Colour,
     cone_slope,
     grip,
     lcd_position,
@@ -32,8 +33,8 @@ from ballbot_ros.viewer.robot import (
     wheel_centres,
 )
 from ballbot_ros.viewer.rotations import RollingOrientation, body_rotation
+from ballbot_ros.viewer.scene_objects import Arrow, Points, Trail, force_vector, line_mesh
 from ballbot_ros.viewer.snapshot import Snapshot
-from ballbot_ros.viewer.trail import Points, Trail
 from ballbot_ros.viewer.transforms import wxyz
 from ballbot_ros.world.exports import WALL_HEIGHT_CM
 from ballbot_ros.world.floor_map import FloorMap

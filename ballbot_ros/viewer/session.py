@@ -19,7 +19,7 @@ class SessionResult:
     Attributes
     ----------
     verdict : str
-        One of :class:`~ballbot_ros.analysis.verdict.Verdict`.
+        One of :class:`~ballbot_ros.analysis.metrics.Verdict`.
     reason : str
         Why the run did not pass; otherwise ''.
     recording : str

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.messages.conversions import body_orientation
-from ballbot_ros.messages.odometry import FOOTPRINT, ODOM_FRAME
-from ballbot_ros.messages.transforms import Pose
+from ballbot_ros.messages.tool_messages import FOOTPRINT, ODOM_FRAME, Pose
 from ballbot_ros.parameters import Dimensions
 from ballbot_ros.plant.ground_truth import Pair
 from ballbot_ros.viewer.robot import (

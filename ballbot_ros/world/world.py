@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.plant.ground_truth import Pair
 from ballbot_ros.world.clearance import Walls, clearance, walls_around
-from ballbot_ros.world.distance import wall_distance
 from ballbot_ros.world.errors import WorldError
-from ballbot_ros.world.floor_map import CELL_M, CELLS_PER_METRE, FloorMap, map_point
-from ballbot_ros.world.library import load_map
+from ballbot_ros.world.floor_map import CELL_M, CELLS_PER_METRE, FloorMap, load_map, map_point
+from ballbot_ros.world.sonar_beam import wall_distance
 
 
 class Footprint(NamedTuple):
@@ -24,7 +23,7 @@ class Footprint(NamedTuple):
     Attributes
     ----------
     sides : array of int32, shape (rows, columns)
-        Result of :func:`~ballbot_ros.world.distance.wall_distance`.
+        Result of :func:`~ballbot_ros.world.sonar_beam.wall_distance`.
     walls_before : array of int32, shape (rows + 1, columns + 1)
         Number of wall cells above and to the left of each corner of a cell.
     half_u, half_v : float

@@ -4,7 +4,7 @@ import hashlib
 
 import pytest
 
-from ballbot_ros.analysis.announced_parameters import AnnouncedParameters
+from ballbot_ros.analysis.recorded_runs import AnnouncedParameters
 from ballbot_ros.messages.participation import (
     encode_announcement,
     encode_run_status,

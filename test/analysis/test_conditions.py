@@ -6,7 +6,7 @@ import pytest
 from hypothesis import strategies as st
 from laws import given, is_read_or_refused_in_one_line
 
-from ballbot_ros.analysis.conditions import Condition, ConditionError, parse_condition
+from ballbot_ros.analysis.comparison import Condition, ConditionError, parse_condition
 
 METRICS = ('peak_pitch_deg', 'energy_j')
 AMOUNTS = st.floats(0, 1e6).map(lambda x: float(f'{x:.6f}'))

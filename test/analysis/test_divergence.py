@@ -2,7 +2,7 @@
 
 import pytest
 
-from ballbot_ros.analysis.divergence import Divergence
+from ballbot_ros.analysis.message_comparison import Divergence
 
 
 def test_equal_duties_do_not_diverge():

@@ -15,7 +15,7 @@ from ballbot_ros.analysis.drawing import (
 )
 from ballbot_ros.analysis.style import BLUE, ON_DARK, Line
 from ballbot_ros.world.exports import occupancy_grid
-from ballbot_ros.world.library import load_map
+from ballbot_ros.world.floor_map import load_map
 
 
 @pytest.fixture

@@ -9,7 +9,8 @@ import pytest
 from hypothesis import strategies as st
 from laws import given
 
-from ballbot_ros.analysis.estimate_offset import (
+from ballbot_ros.analysis.interval import Interval
+from ballbot_ros.analysis.observations import (
     EstimatedTicks,
     OffsetParts,
     Start,
@@ -17,12 +18,11 @@ from ballbot_ros.analysis.estimate_offset import (
     estimate_offset,
     offset_reasons,
 )
-from ballbot_ros.analysis.interval import Interval
 from ballbot_ros.analysis.run_data import Series, read_run
 from ballbot_ros.analysis.run_metrics import pitch_error, position_error
 from ballbot_ros.messages.topics import CONTROLLER_STATE, GYRO_IMU, PLANT_IMU, PLANT_ODOM
 from ballbot_ros.parameters import CONTROLLER, ControllerParameters
-from ballbot_ros.simulation.parameter_changes import ParameterChange
+from ballbot_ros.simulation.run_actions import ParameterChange
 
 TICK_S = 0.004
 PITCH = st.floats(-10.0, 10.0)

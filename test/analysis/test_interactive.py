@@ -11,10 +11,9 @@ from browsing import shared_browser
 from graph import LAST_RESORT_S
 from PIL import Image
 
-from ballbot_ros.analysis.interactive import MAX_ROWS, history_figure, track_figure
+from ballbot_ros.analysis.interactive import MAX_ROWS, PackedNumbers, history_figure, track_figure
 from ballbot_ros.analysis.interval import Interval, IntervalKind
-from ballbot_ros.analysis.packed_numbers import PackedNumbers
-from ballbot_ros.analysis.recorded_pushes import RecordedPush
+from ballbot_ros.analysis.recorded_scenario import RecordedPush
 from ballbot_ros.analysis.report import report_document
 from ballbot_ros.analysis.run_figures import figure_contents
 from ballbot_ros.analysis.style import DARKER, PLANES

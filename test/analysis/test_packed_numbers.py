@@ -7,7 +7,7 @@ import pytest
 from hypothesis import strategies as st
 from laws import given
 
-from ballbot_ros.analysis.packed_numbers import STEPS, PackedNumbers
+from ballbot_ros.analysis.interactive import STEPS, PackedNumbers
 
 NUMBERS = st.one_of(st.floats(-1e6, 1e6), st.just(np.nan), st.just(np.inf))
 

@@ -4,9 +4,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from ballbot_ros.analysis.recorded_attachments import read_attachments
+from ballbot_ros.analysis.recorded_scenario import read_attachments
 from ballbot_ros.recording.reader import AttachedFile
-from ballbot_ros.world.library import read_map_file
+from ballbot_ros.world.floor_map import read_map_file
 
 HEAD = 'purpose: a test\nduration: 2\n'
 OWN_MAP = {

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from laws import given
 
 from ballbot_ros.analysis.figures import draw_motion
-from ballbot_ros.analysis.recorded_pushes import (
+from ballbot_ros.analysis.recorded_scenario import (
     RecordedPush,
     outside_pushes,
     recorded_pushes,

@@ -6,7 +6,6 @@ from hypothesis import strategies as st
 from laws import given
 
 from ballbot_ros.analysis.extraction import extract
-from ballbot_ros.analysis.recorded_inputs import RunInputs, read_inputs
 from ballbot_ros.analysis.recorded_runs import (
     END_OF_TIME_NS,
     RecordedRun,
@@ -14,6 +13,7 @@ from ballbot_ros.analysis.recorded_runs import (
     messages_by_epoch,
     samples_in,
 )
+from ballbot_ros.analysis.replay import RunInputs, read_inputs
 from ballbot_ros.analysis.robot_topics import robot_namespace, robot_topics
 from ballbot_ros.messages.conversions import fill_header
 from ballbot_ros.messages.topics import (
@@ -29,11 +29,11 @@ from ballbot_ros.messages.topics import (
     WALL_HIT,
 )
 from ballbot_ros.plant.ground_truth import Push
-from ballbot_ros.recording.encoding import encoder, new_message
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.recording.schemas import encoder, new_message
 from ballbot_ros.recording.writer import RecordingWriter
-from ballbot_ros.simulation.recording_gate import MAX_AHEAD_NS
+from ballbot_ros.simulation.recording_order import MAX_AHEAD_NS
 
 S = 1_000_000_000
 TICK = 4_000_000

@@ -3,7 +3,7 @@
 import pytest
 
 from ballbot_ros import __version__
-from ballbot_ros.analysis.replayed_controller import ReplayedController, choose_controller
+from ballbot_ros.analysis.recorded_controller import ReplayedController, choose_controller
 from ballbot_ros.parameters import CONTROLLER
 from ballbot_ros.simulation.participants import Participant
 

@@ -17,19 +17,19 @@ from matplotlib.image import imread
 
 from ballbot_ros.analysis import interactive, report
 from ballbot_ros.analysis.assessment import assess
+from ballbot_ros.analysis.metrics import Verdict
 from ballbot_ros.analysis.page import number_text
 from ballbot_ros.analysis.report import loop_of, report_document, report_page, write_report
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.analysis.run_figures import FIGURES, MIN_AXIS_SPAN, figure_contents
 from ballbot_ros.analysis.table import MAX_FIGURE_ROWS, envelope, every_nth
-from ballbot_ros.analysis.verdict import Verdict
-from ballbot_ros.messages.parameter_events import encode_parameter_event
+from ballbot_ros.messages.run_reports import encode_parameter_event
 from ballbot_ros.messages.topics import CONTROLLER_STATE, PARAMETER_EVENTS
 from ballbot_ros.parameters import CONTROLLER, ParameterSet
-from ballbot_ros.recording.encoding import encoder, new_message
+from ballbot_ros.recording.schemas import encoder, new_message
 from ballbot_ros.scenario.metrics import METRICS
 from ballbot_ros.scenario.scenario import Scenario
-from ballbot_ros.simulation.parameter_changes import ParameterChange
+from ballbot_ros.simulation.run_actions import ParameterChange
 from ballbot_ros.world.exports import OccupancyGrid
 
 VOID = {'meta', 'img', 'br', 'link'}

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from laws import given
 from robot import values_of
 
-from ballbot_ros.brick.gyro import gyro_offset
+from ballbot_ros.brick.sensors import gyro_offset
 from ballbot_ros.engine.devices import GYRO_DEVICE, gyro_constants
 from ballbot_ros.parameters import GYRO
 

@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from laws import given
 from robot import values_of
 
-from ballbot_ros.engine.devices import echo, sonar_constants
-from ballbot_ros.engine.numbers import numbers_of
+from ballbot_ros.engine.devices import echo, numbers_of, sonar_constants
 from ballbot_ros.parameters import SONAR
 
 SAMPLE_NS = 20_000_000

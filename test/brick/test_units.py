@@ -8,10 +8,10 @@ from hypothesis import example
 from hypothesis import strategies as st
 from laws import given
 
-from ballbot_ros.brick.battery_monitor import battery_mv
-from ballbot_ros.brick.units import (
+from ballbot_ros.brick.sensors import (
     NO_DATA_CM,
     NO_ECHO_CM,
+    battery_mv,
     degrees_to_radians,
     metres_to_sonar_cm,
     quantise,

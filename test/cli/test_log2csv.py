@@ -4,7 +4,7 @@ import pytest
 from graph import call
 
 from ballbot_ros.brick.bluetooth import LogPacket
-from ballbot_ros.recording.encoding import encoder, new_message
+from ballbot_ros.recording.schemas import encoder, new_message
 from ballbot_ros.recording.writer import RecordingWriter
 from ballbot_ros.teleop.csv_log import HEADER
 

@@ -2,8 +2,8 @@
 
 import pytest
 
-from ballbot_ros.cli import page_opening
-from ballbot_ros.cli.page_opening import PageObserver, PageOpening, PageOptions
+from ballbot_ros.cli import web_page as page_opening
+from ballbot_ros.cli.web_page import PageObserver, PageOpening, PageOptions
 from ballbot_ros.viewer.address import address_in, address_line
 
 ADDRESS = 'http://127.0.0.1:8080/?token=a'

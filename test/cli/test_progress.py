@@ -8,7 +8,8 @@ from types import SimpleNamespace
 
 from rich.console import Console
 
-from ballbot_ros.cli import file_progress, progress
+from ballbot_ros.cli import progress
+from ballbot_ros.cli import recordings as file_progress
 from ballbot_ros.cli.progress import Progress, ProgressLines
 
 WHY = 'controller: own.py:4: RuntimeError: no'

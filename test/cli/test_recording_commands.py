@@ -11,7 +11,7 @@ from graph import call, record
 from ballbot_ros.cli.play import command as play
 from ballbot_ros.cli.play import parse_keys
 from ballbot_ros.parameters import ParameterError
-from ballbot_ros.recording.playback_keys import KEYS
+from ballbot_ros.recording.playback import KEYS
 from ballbot_ros.recording.reader import RecordingReader
 
 

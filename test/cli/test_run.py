@@ -17,7 +17,7 @@ from graph import BALLBOT, NODES, alive, await_recording, call, wait_for
 from matplotlib.image import imread
 
 from ballbot_ros.cli.result import print_table
-from ballbot_ros.nodes.domain_lock import DomainLock
+from ballbot_ros.nodes.presence import DomainLock
 from ballbot_ros.nodes.processes import descendants
 from ballbot_ros.parameters import GYRO, PLANT, ParameterSet, ViewerParameters
 from ballbot_ros.parameters.assignment import assign
@@ -27,7 +27,7 @@ from ballbot_ros.run.result import RunResult
 from ballbot_ros.run.spec import RunOptions, RunSpec
 from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.simulation.golden import duty_sha256
-from ballbot_ros.simulation.outcome import Outcome
+from ballbot_ros.simulation.run_actions import Outcome
 from ballbot_ros.stop_request import STOP_SIGNALS
 
 AT_TRACK = ['--set=plant_sim.map=track', '--output=/dev/null/no']

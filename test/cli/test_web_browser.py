@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from graph import wait_for
 
-from ballbot_ros.cli import web_browser
-from ballbot_ros.cli.web_browser import has_browser, open_browser
+from ballbot_ros.cli import web_page as web_browser
+from ballbot_ros.cli.web_page import has_browser, open_browser
 
 ADDRESS = 'http://127.0.0.1:1/?token=a-b_c'
 

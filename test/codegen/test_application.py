@@ -8,11 +8,16 @@ from generated import random_values
 from robot import values_of
 
 import ballbot_ros
-from ballbot_ros.codegen.application import application_files, read_tasks, write_application
-from ballbot_ros.codegen.c_parameters import c_parameters, parameter_hash
+from ballbot_ros.codegen.application import (
+    application_files,
+    c_parameters,
+    parameter_hash,
+    read_tasks,
+    write_application,
+)
 from ballbot_ros.codegen.errors import CodegenError
 from ballbot_ros.codegen.state_variables import PLANE_VARIABLES, PROGRAM_VARIABLES
-from ballbot_ros.controllers.document.constants import ProgramConstants
+from ballbot_ros.controllers.document.axis import ProgramConstants
 from ballbot_ros.controllers.document.program import TASK_BITS, tasks_due
 from ballbot_ros.controllers.document.tasks import TS1_MS
 from ballbot_ros.parameters import CONTROLLER, ControllerParameters

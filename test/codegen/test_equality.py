@@ -12,8 +12,7 @@ from generated import Built, need, random_values
 from robot import AT_REST, values_of
 
 from ballbot_ros.brick.brick import Brick, DeviceInputs
-from ballbot_ros.codegen.back_to_back import compare
-from ballbot_ros.codegen.steps import ProgramInput, random_steps
+from ballbot_ros.codegen.folder_check import ProgramInput, compare, random_steps
 from ballbot_ros.codegen.toolchain import TARGETS
 from ballbot_ros.controllers.document.program import (
     VOLTAGE_OFFSET,

@@ -7,8 +7,7 @@ from itertools import count
 import pytest
 
 from ballbot_ros.conformance import node_under_test
-from ballbot_ros.conformance.bench import Offer
-from ballbot_ros.conformance.contract import CONTRACTS
+from ballbot_ros.conformance.contract import CONTRACTS, Offer, nominal_run
 from ballbot_ros.conformance.examination import (
     DISCOVERY_S,
     FEW,
@@ -19,7 +18,6 @@ from ballbot_ros.conformance.examination import (
     examine,
 )
 from ballbot_ros.conformance.node_under_test import START_S
-from ballbot_ros.conformance.nominal_run import nominal_run
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.messages.conversions import encode_duty, encode_header, encode_sticks
 from ballbot_ros.messages.devices import encode_encoders, encode_gyro, encode_sonar

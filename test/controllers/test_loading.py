@@ -11,12 +11,12 @@ from own_controllers import BALANCE
 from ballbot_ros.controllers import loading
 from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.controllers.loading import (
+    Source,
     find_code,
     load_controller,
     public_reference,
     resolve_reference,
 )
-from ballbot_ros.controllers.source import Source
 
 
 def refusal(reference):

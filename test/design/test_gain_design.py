@@ -12,6 +12,7 @@ from robot import physical
 from unquantised import run_unquantised
 
 from ballbot_ros.design.gain_design import DISTURBANCE_N, GainDesign, set_gains
+from ballbot_ros.design.linear_model import Q_DIAGONAL, R_WEIGHT, DesignError, design_servo
 from ballbot_ros.design.loop_analysis import ROUNDING, analyse_sampled
 from ballbot_ros.design.sampled_loop import (
     ENCODER_ERROR,
@@ -21,8 +22,6 @@ from ballbot_ros.design.sampled_loop import (
     LoopDelays,
     SampledLoop,
 )
-from ballbot_ros.design.servo import Q_DIAGONAL, R_WEIGHT, design_servo
-from ballbot_ros.design.state_feedback import DesignError
 from ballbot_ros.parameters import ParameterSet, PlantParameters
 from ballbot_ros.parameters.assignment import assign_values
 from ballbot_ros.plant.actuator import max_voltage

@@ -8,6 +8,7 @@ import pytest
 from robot import START_NS
 from unquantised import run_unquantised
 
+from ballbot_ros.design.linear_model import DesignError
 from ballbot_ros.design.sampled_loop import (
     DUTY,
     ENCODER_ERROR,
@@ -18,7 +19,6 @@ from ballbot_ros.design.sampled_loop import (
     LoopDelays,
     SampledLoop,
 )
-from ballbot_ros.design.state_feedback import DesignError
 from ballbot_ros.parameters import ParameterSet
 from ballbot_ros.parameters.assignment import assign_values
 from ballbot_ros.plant.ground_truth import Push

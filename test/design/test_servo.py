@@ -4,8 +4,12 @@ import numpy as np
 import pytest
 from robot import physical
 
-from ballbot_ros.design.servo import PUBLISHED_GAIN, degree_state_space, design_servo
-from ballbot_ros.design.state_feedback import DesignError
+from ballbot_ros.design.linear_model import (
+    PUBLISHED_GAIN,
+    DesignError,
+    degree_state_space,
+    design_servo,
+)
 from ballbot_ros.parameters import CONTROLLER, parameters_of
 from ballbot_ros.plant.model import state_space
 

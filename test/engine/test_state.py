@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from robot import make_loop, run_loop, steps
 
-from ballbot_ros.controllers.document.constants import ProgramConstants
+from ballbot_ros.controllers.document.axis import ProgramConstants
 from ballbot_ros.controllers.document.program import INITIAL_STATE, tick_constants
-from ballbot_ros.engine.numbers import numbers_of
+from ballbot_ros.engine.devices import numbers_of
 from ballbot_ros.engine.plant_tick import initial_state, plant_constants
-from ballbot_ros.engine.robot import robot_constants
+from ballbot_ros.engine.run import robot_constants
 from ballbot_ros.parameters import DEVICES, ControllerParameters, PlantParameters
 from ballbot_ros.scenario.scenario import Scenario
 

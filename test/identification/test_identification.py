@@ -10,7 +10,7 @@ import ballbot_ros as bb
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.identification.errors import IdentificationError
 from ballbot_ros.identification.estimation import ExperimentFit
-from ballbot_ros.identification.experiment import ENCODER, GYRO
+from ballbot_ros.identification.experiment import ENCODER, GYRO, recorded_experiment
 from ballbot_ros.identification.identification import (
     CANDIDATES,
     HARD_TO_MEASURE,
@@ -21,7 +21,6 @@ from ballbot_ros.identification.identification import (
     choose,
     identify,
 )
-from ballbot_ros.identification.recorded_experiment import recorded_experiment
 from ballbot_ros.identification.segment_model import SegmentModel
 from ballbot_ros.identification.segments import cut
 from ballbot_ros.messages.topics import GYRO_IMU, MOTOR_DUTY

@@ -11,8 +11,12 @@ from ballbot_ros.brick.bluetooth import LogPacket
 from ballbot_ros.engine.plant import Plant
 from ballbot_ros.identification.errors import IdentificationError
 from ballbot_ros.identification.estimation import ExperimentFit
-from ballbot_ros.identification.experiment import LOGGED_ENCODER, LOGGED_PITCH, Experiment
-from ballbot_ros.identification.logged_experiment import logged_experiment
+from ballbot_ros.identification.experiment import (
+    LOGGED_ENCODER,
+    LOGGED_PITCH,
+    Experiment,
+    logged_experiment,
+)
 from ballbot_ros.identification.segment_model import SegmentModel
 from ballbot_ros.identification.segments import cut
 from ballbot_ros.parameters import ControllerParameters, PlantParameters

@@ -25,7 +25,7 @@ from ballbot_ros.messages.topics import (
     SONAR_RANGE,
 )
 from ballbot_ros.plant.ground_truth import GroundTruth
-from ballbot_ros.recording.encoding import encoder, new_message
+from ballbot_ros.recording.schemas import encoder, new_message
 from ballbot_ros.world.exports import occupancy_grid
 
 STAMP = 1_234_000_000

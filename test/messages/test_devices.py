@@ -9,10 +9,8 @@ from ballbot_ros import parameters
 from ballbot_ros.analysis.replay import ALL_TOPICS
 from ballbot_ros.brick.brick import DeviceInputs
 from ballbot_ros.engine.devices import DEVICES
-from ballbot_ros.messages.devices import DEVICE_MESSAGES
-from ballbot_ros.messages.inputs import INPUT_READERS
-from ballbot_ros.messages.plant_messages import PlantMessages
-from ballbot_ros.messages.steps import encode_steps
+from ballbot_ros.messages.devices import DEVICE_MESSAGES, INPUT_READERS, encode_steps
+from ballbot_ros.messages.run_messages import PlantMessages
 from ballbot_ros.messages.topics import CLOCK, PLANT_STEPS, TOPICS, periodic_topics
 from ballbot_ros.parameters import DRIVERS, GAMEPAD, ParameterSet
 from ballbot_ros.simulation.closed_loop import ClosedLoop

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import strategies as st
 from laws import given
 
-from ballbot_ros.messages import conversions, devices, motor_stop
-from ballbot_ros.messages.layout import MessageLayout, elements
-from ballbot_ros.messages.raw import decoder, stamp_of
+from ballbot_ros.messages import conversions, devices
+from ballbot_ros.messages import conversions as motor_stop
+from ballbot_ros.messages.raw import MessageLayout, decoder, elements, stamp_of
 from ballbot_ros.messages.topics import TOPICS, message_class
-from ballbot_ros.recording.encoding import encoder, new_message
+from ballbot_ros.recording.schemas import encoder, new_message
 
 JOINTS = 'sensor_msgs/msg/JointState'
 LAYOUTS = [

@@ -4,8 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ballbot_ros.messages.conversions import encode_duty
-from ballbot_ros.messages.motor_stop import encode_stop, is_stop
+from ballbot_ros.messages.conversions import encode_duty, encode_stop, is_stop
 from ballbot_ros.messages.raw import decoder
 from ballbot_ros.messages.topics import MOTOR_DUTY
 

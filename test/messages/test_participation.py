@@ -24,8 +24,8 @@ from ballbot_ros.messages.topics import (
 )
 from ballbot_ros.parameters import NODES
 from ballbot_ros.plant.ground_truth import GroundTruth
-from ballbot_ros.recording.attachments import OUTCOME_KEYS
-from ballbot_ros.recording.encoding import encoder, new_message
+from ballbot_ros.recording.rosbag2 import OUTCOME_KEYS
+from ballbot_ros.recording.schemas import encoder, new_message
 from ballbot_ros.simulation.participants import Announcement, Membership, Objection, Participant
 from ballbot_ros.simulation.run_recording import RunStatus
 

@@ -7,7 +7,7 @@ pytest.importorskip('rclpy')
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.serialization import serialize_message
 
-from ballbot_ros.messages.plant_report import PlantReport, decode_plant_report
+from ballbot_ros.messages.run_reports import PlantReport, decode_plant_report
 from ballbot_ros.parameters import CONTROLLER, PLANT
 
 

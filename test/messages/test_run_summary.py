@@ -3,13 +3,11 @@
 import math
 from dataclasses import replace
 
-from ballbot_ros.messages.run_summary import run_status, summary_json, summary_words
+from ballbot_ros.messages.run_reports import run_status, summary_json, summary_words
 from ballbot_ros.plant.ground_truth import Push
 from ballbot_ros.simulation.lockstep import Run
-from ballbot_ros.simulation.outcome import Outcome
-from ballbot_ros.simulation.parameter_changes import ParameterChange
 from ballbot_ros.simulation.participants import Membership, Participant
-from ballbot_ros.simulation.run_actions import PublishStatus, RunSummary
+from ballbot_ros.simulation.run_actions import Outcome, ParameterChange, PublishStatus, RunSummary
 
 START_NS = 1_000_000_000
 MEMBER = Membership(

@@ -16,11 +16,11 @@ from ballbot_ros.messages.conversions import (
     encode_motors,
     encode_odometry,
 )
+from ballbot_ros.messages.devices import STEP_FIELDS, decode_step, encode_steps
 from ballbot_ros.messages.raw import decoder, has_stamp, stamp_of
-from ballbot_ros.messages.steps import STEP_FIELDS, decode_step, encode_steps
 from ballbot_ros.messages.topics import PLANT_STEPS
 from ballbot_ros.plant.ground_truth import GroundTruth, MeasuredState
-from ballbot_ros.recording.encoding import encoder
+from ballbot_ros.recording.schemas import encoder
 
 STAMP = 1_234_000_000
 pairs = st.tuples(st.floats(), st.floats())

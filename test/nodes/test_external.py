@@ -17,7 +17,7 @@ from ballbot_ros.messages.topics import (  # noqa: E402
     PLANT_IMU,
     ROLL_CALL,
 )
-from ballbot_ros.nodes.topic_publisher import reliable_qos  # noqa: E402
+from ballbot_ros.nodes.endpoints import reliable_qos  # noqa: E402
 from ballbot_ros.parameters import CONTROLLER, GYRO, NODES, RECORDER  # noqa: E402
 from ballbot_ros.run.execution import execute  # noqa: E402
 from ballbot_ros.run.processes import Processes  # noqa: E402

@@ -20,10 +20,9 @@ from ballbot_ros.nodes.gamepad_teleop import GamepadTeleop
 from ballbot_ros.nodes.teleop_terminal import TeleopTerminal
 from ballbot_ros.parameters import GamepadParameters
 from ballbot_ros.simulation.lockstep import Run
-from ballbot_ros.teleop.arbiter import KEYBOARD, SCENARIO, Arbiter, Command, GivenAnswers
 from ballbot_ros.teleop.errors import TeleopError
-from ballbot_ros.teleop.input_errors import InputErrors
-from ballbot_ros.teleop.sticks import NEUTRAL
+from ballbot_ros.teleop.gamepad import InputErrors
+from ballbot_ros.teleop.sticks import KEYBOARD, NEUTRAL, SCENARIO, Arbiter, Command, GivenAnswers
 from ballbot_ros.timing import FIRST_TICK_NS, SLOW_PERIOD_NS
 
 FORWARD = (-50, 0)

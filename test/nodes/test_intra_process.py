@@ -18,9 +18,8 @@ from ballbot_ros.messages.topics import (
     TOPICS,
 )
 from ballbot_ros.nodes import intra_process as module
-from ballbot_ros.nodes.inbox import drain
+from ballbot_ros.nodes.endpoints import TopicPublisher, drain
 from ballbot_ros.nodes.intra_process import IntraProcess, intra_process
-from ballbot_ros.nodes.topic_publisher import TopicPublisher
 from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, RECORDER
 
 

@@ -28,7 +28,7 @@ import rclpy
 from rosgraph_msgs.msg import Clock
 
 from ballbot_ros.nodes.middleware import prepare_middleware
-from ballbot_ros.nodes.topic_publisher import reliable_qos
+from ballbot_ros.nodes.endpoints import reliable_qos
 
 prepare_middleware()
 rclpy.init()

@@ -33,7 +33,7 @@ from ballbot_ros.messages.topics import (
     TOPICS,
     WALL_HIT,
 )
-from ballbot_ros.nodes.topic_publisher import reliable_qos
+from ballbot_ros.nodes.endpoints import reliable_qos
 from ballbot_ros.parameters import GYRO, PLANT, RECORDER, SONAR
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.timing import SLOW_PERIOD_NS, TICK_NS

@@ -28,7 +28,7 @@ from ballbot_ros.messages.topics import (
     SOUND,
     WALL_HIT,
 )
-from ballbot_ros.nodes.topic_publisher import TopicPublisher, reliable_qos
+from ballbot_ros.nodes.endpoints import TopicPublisher, reliable_qos
 from ballbot_ros.recording.reader import RecordingReader
 
 pytestmark = pytest.mark.graph

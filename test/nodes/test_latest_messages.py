@@ -30,8 +30,8 @@ from ballbot_ros.messages.topics import (
     SONAR_RANGE,
 )
 from ballbot_ros.nodes import latest_messages
+from ballbot_ros.nodes.endpoints import reliable_qos
 from ballbot_ros.nodes.latest_messages import LatestMessages, snapshot_of
-from ballbot_ros.nodes.topic_publisher import reliable_qos
 from ballbot_ros.plant.ground_truth import Push
 from ballbot_ros.timing import SECOND_NS
 from ballbot_ros.viewer.session import Session, encode_session

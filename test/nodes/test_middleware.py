@@ -27,6 +27,7 @@ from graph import (
 
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.messages.topics import DIAGNOSTICS, JOINT_STATES, LCD, MOTOR_DUTY
+from ballbot_ros.nodes.endpoints import reliable_qos
 from ballbot_ros.nodes.middleware import (
     DISCOVERY_RANGE,
     DOMAIN,
@@ -41,7 +42,6 @@ from ballbot_ros.nodes.middleware import (
     require_middleware,
     ros_domain,
 )
-from ballbot_ros.nodes.topic_publisher import reliable_qos
 from ballbot_ros.parameters import GYRO, NODES, RECORDER
 from ballbot_ros.share import share_directory
 
@@ -131,7 +131,7 @@ import rclpy
 from std_msgs.msg import String
 
 from ballbot_ros.nodes.middleware import prepare_middleware
-from ballbot_ros.nodes.topic_publisher import reliable_qos
+from ballbot_ros.nodes.endpoints import reliable_qos
 
 
 def take(message):
@@ -307,7 +307,7 @@ WRITER = """
 import rclpy
 from ballbot_ros.messages.topics import MOTOR_DUTY
 from ballbot_ros.nodes.middleware import prepare_middleware
-from ballbot_ros.nodes.topic_publisher import TopicPublisher, flush
+from ballbot_ros.nodes.endpoints import TopicPublisher, flush
 
 prepare_middleware()
 rclpy.init()

@@ -3,7 +3,7 @@
 import pytest
 from graph import occupied
 
-from ballbot_ros.nodes.participant_ports import living_participants
+from ballbot_ros.nodes.presence import living_participants
 
 
 @pytest.fixture

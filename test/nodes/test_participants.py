@@ -24,8 +24,8 @@ from ballbot_ros.messages.topics import (  # noqa: E402
     PARTICIPANTS,
     ROLL_CALL,
 )
+from ballbot_ros.nodes.endpoints import reliable_qos  # noqa: E402
 from ballbot_ros.nodes.processes import descendants  # noqa: E402
-from ballbot_ros.nodes.topic_publisher import reliable_qos  # noqa: E402
 from ballbot_ros.parameters import (  # noqa: E402
     CONTROLLER,
     GAMEPAD,

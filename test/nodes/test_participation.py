@@ -19,7 +19,7 @@ from ballbot_ros.nodes.participation import Participation
 from ballbot_ros.parameters import GYRO, ControllerParameters, GyroParameters, SonarParameters
 from ballbot_ros.simulation.participants import MAP_HASH, Objection
 from ballbot_ros.timing import FIRST_TICK_NS
-from ballbot_ros.world.library import read_map_file
+from ballbot_ros.world.floor_map import read_map_file
 
 CONFLICT = Objection.to_sample('gyro', 1_000_000_000)
 

@@ -11,9 +11,8 @@ from geometry_msgs.msg import WrenchStamped
 from std_msgs.msg import Header
 from std_srvs.srv import SetBool
 
-from ballbot_ros.messages.conversions import encode_duty
-from ballbot_ros.messages.motor_stop import encode_stop
-from ballbot_ros.messages.parameter_events import encode_parameter_event
+from ballbot_ros.messages.conversions import encode_duty, encode_stop
+from ballbot_ros.messages.run_reports import encode_parameter_event
 from ballbot_ros.messages.topics import (
     MOTOR_DUTY,
     PARAMETER_EVENTS,
@@ -23,7 +22,7 @@ from ballbot_ros.messages.topics import (
     ROLL_CALL,
     RUN,
 )
-from ballbot_ros.nodes.plant_events import PlantEvents
+from ballbot_ros.nodes.plant_sim import PlantEvents
 
 
 def test_an_unreadable_announcement_is_logged_and_reveals_its_sender():

@@ -12,14 +12,13 @@ from ballbot_ros.errors import BallbotError
 from ballbot_ros.messages.topics import CLOCK, DIAGNOSTICS, MAP, MOTOR_DUTY, RUN_STATUS
 from ballbot_ros.nodes import plant_sim
 from ballbot_ros.nodes.heartbeat import Heartbeat
-from ballbot_ros.nodes.plant_actions import PlantActions
-from ballbot_ros.nodes.plant_sim import PlantSim
+from ballbot_ros.nodes.plant_sim import PlantActions, PlantSim
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.plant.ground_truth import Push
 from ballbot_ros.simulation import run_actions as do
 from ballbot_ros.simulation.lockstep import Run
-from ballbot_ros.simulation.outcome import Outcome
-from ballbot_ros.simulation.pause_control import PauseControl
+from ballbot_ros.simulation.pacer import PauseControl
+from ballbot_ros.simulation.run_actions import Outcome
 from ballbot_ros.simulation.trajectory import TrajectoryLog, load_trajectory
 
 TRUTH = SimpleNamespace(stamp_ns=8)

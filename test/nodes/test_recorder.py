@@ -11,8 +11,11 @@ rclpy = pytest.importorskip('rclpy')
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy  # noqa: E402
 from stubs import bare  # noqa: E402
 
-from ballbot_ros.messages.conversions import encode_duty, encode_header  # noqa: E402
-from ballbot_ros.messages.motor_stop import encode_stop  # noqa: E402
+from ballbot_ros.messages.conversions import (  # noqa: E402
+    encode_duty,
+    encode_header,
+    encode_stop,
+)
 from ballbot_ros.messages.raw import decoder  # noqa: E402
 from ballbot_ros.messages.topics import (  # noqa: E402
     CLOCK,
@@ -26,16 +29,18 @@ from ballbot_ros.messages.topics import (  # noqa: E402
     RUN_STATUS,
     Topic,
 )
+from ballbot_ros.nodes import recorder as recorder_channels  # noqa: E402
 from ballbot_ros.nodes import recorder as recorder_node  # noqa: E402
-from ballbot_ros.nodes import recorder_channels  # noqa: E402
-from ballbot_ros.nodes.recorder import Recorder  # noqa: E402
-from ballbot_ros.nodes.recorder_channels import Channel, Channels  # noqa: E402
+from ballbot_ros.nodes.recorder import (  # noqa: E402
+    Channel,
+    Channels,
+    Recorder,
+)
 from ballbot_ros.parameters import RecorderParameters  # noqa: E402
 from ballbot_ros.recording.errors import RecordingError  # noqa: E402
-from ballbot_ros.recording.qos import RELIABLE_LATCHED, QosProfile  # noqa: E402
+from ballbot_ros.recording.rosbag2 import RELIABLE_LATCHED, QosProfile  # noqa: E402
 from ballbot_ros.recording.writer import RUN_PARTICIPANTS  # noqa: E402
-from ballbot_ros.simulation.lockstep import Run  # noqa: E402
-from ballbot_ros.simulation.sample_history import SampleStatus  # noqa: E402
+from ballbot_ros.simulation.lockstep import Run, SampleStatus  # noqa: E402
 
 ANNOUNCED = encode_header(1_000_000_000, '1 abc')
 MALFORMED = (ANNOUNCED[:7], ANNOUNCED.replace(b'abc', b'\xff\xff\xff'))

@@ -13,7 +13,7 @@ pytest.importorskip('rclpy')
 from rclpy.qos import DurabilityPolicy
 from ros_client import Client
 
-from ballbot_ros.messages.inputs import INPUT_READERS
+from ballbot_ros.messages.devices import INPUT_READERS
 from ballbot_ros.messages.topics import DIAGNOSTICS, GYRO_IMU, PLANT_IMU, RUN_STATUS
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.simulation.trajectory import load_trajectory

@@ -16,7 +16,7 @@ from ros_client import Client
 from stubs import bare
 
 from ballbot_ros.messages.conversions import stamp_ns
-from ballbot_ros.messages.markers import DELETE_ALL
+from ballbot_ros.messages.tool_messages import DELETE_ALL
 from ballbot_ros.messages.topics import (
     MAP,
     MARKERS,

@@ -14,9 +14,8 @@ from std_srvs.srv import Trigger
 
 from ballbot_ros.controllers.document.tasks import TASK_TS1
 from ballbot_ros.messages.topics import DIAGNOSTICS, PLANT_IMU
-from ballbot_ros.nodes.controller import Controller
-from ballbot_ros.nodes.one_shot import OneShotTimer
-from ballbot_ros.nodes.task_timers import TaskTimers
+from ballbot_ros.nodes.controller import Controller, TaskTimers
+from ballbot_ros.nodes.plant_sim import OneShotTimer
 from ballbot_ros.parameters import CONTROLLER, NODES, PLANT, RECORDER, PlantParameters
 from ballbot_ros.run import one_process
 from ballbot_ros.run.execution import execute

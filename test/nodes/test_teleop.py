@@ -39,7 +39,7 @@ from ballbot_ros.scenario.library import load_scenario  # noqa: E402
 from ballbot_ros.scenario.scenario import Scenario  # noqa: E402
 from ballbot_ros.simulation.closed_loop import ClosedLoop  # noqa: E402
 from ballbot_ros.simulation.trajectory import TrajectoryLog  # noqa: E402
-from ballbot_ros.teleop.arbiter import NO_SOURCE  # noqa: E402
+from ballbot_ros.teleop.sticks import NO_SOURCE  # noqa: E402
 from ballbot_ros.timing import (  # noqa: E402
     FIRST_TICK_NS,
     MAX_LEAD_TICKS,

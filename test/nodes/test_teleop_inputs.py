@@ -17,15 +17,13 @@ from rclpy.qos import (
 )
 
 from ballbot_ros.messages.topics import CMD_VEL, CMD_VEL_STAMPED, JOY, VIEWER_JOY
-from ballbot_ros.nodes import teleop_inputs
-from ballbot_ros.nodes.teleop_inputs import TeleopInputs
+from ballbot_ros.nodes import gamepad_teleop as teleop_inputs
+from ballbot_ros.nodes.gamepad_teleop import TeleopInputs
 from ballbot_ros.parameters import GamepadParameters
-from ballbot_ros.recording.encoding import encoder, new_message
-from ballbot_ros.teleop.arbiter import Arbiter
+from ballbot_ros.recording.schemas import encoder, new_message
 from ballbot_ros.teleop.errors import TeleopError
-from ballbot_ros.teleop.gamepad import ANY, GamepadState
-from ballbot_ros.teleop.input_errors import InputErrors
-from ballbot_ros.teleop.sticks import NEUTRAL
+from ballbot_ros.teleop.gamepad import ANY, GamepadState, InputErrors
+from ballbot_ros.teleop.sticks import NEUTRAL, Arbiter
 
 FORWARD = (-100, 0)
 

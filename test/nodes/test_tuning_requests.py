@@ -11,12 +11,12 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rcl_interfaces.msg import SetParametersResult as Result
 from ros_client import Client
 
-from ballbot_ros.messages.parameter_events import encode_parameter_event
 from ballbot_ros.messages.participation import encode_announcement
+from ballbot_ros.messages.run_reports import encode_parameter_event
 from ballbot_ros.messages.topics import HISTORY, PARAMETER_EVENTS, PARTICIPANTS
 from ballbot_ros.nodes.base import BallbotNode
-from ballbot_ros.nodes.topic_publisher import reliable_qos
-from ballbot_ros.nodes.tuning_requests import TuningRequests
+from ballbot_ros.nodes.endpoints import reliable_qos
+from ballbot_ros.nodes.viewer_requests import TuningRequests
 from ballbot_ros.simulation.participants import Announcement, Participant
 from ballbot_ros.viewer.tunable import Tunable
 
@@ -160,7 +160,7 @@ def test_a_slider_in_motion_is_left_alone_and_then_shows_what_is_in_effect(page,
     page.declare()
     page.announce(tunable=['gain'])
     page.until(lambda: page.sliders.shown, what='the sliders')
-    monkeypatch.setattr('ballbot_ros.nodes.tuning_requests.SETTLE_S', math.inf)
+    monkeypatch.setattr('ballbot_ros.nodes.viewer_requests.SETTLE_S', math.inf)
     for value in (3.0, 4.0):
         page.sliders.wanted = {'gain': (value,)}
         page.until(lambda value=value: ('gain', value) in page.set, what='the value')
@@ -169,7 +169,7 @@ def test_a_slider_in_motion_is_left_alone_and_then_shows_what_is_in_effect(page,
     assert page.sliders.followed == []
     page.events.publish(encode_parameter_event(6, {'gain': 4.0}))
     page.until(lambda: page.requests._present['gain'] == (4.0,), what='the event')
-    monkeypatch.setattr('ballbot_ros.nodes.tuning_requests.SETTLE_S', 0.0)
+    monkeypatch.setattr('ballbot_ros.nodes.viewer_requests.SETTLE_S', 0.0)
     page.until(lambda: page.sliders.followed, what='the value in effect')
     assert page.sliders.followed == [{'gain': (4.0,)}]
 

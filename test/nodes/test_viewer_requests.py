@@ -16,7 +16,7 @@ from std_srvs.srv import SetBool, Trigger
 from ballbot_ros.messages.conversions import encode_push
 from ballbot_ros.messages.topics import PUSH, RUN
 from ballbot_ros.nodes import viewer_requests
-from ballbot_ros.nodes.topic_publisher import TopicPublisher, reliable_qos
+from ballbot_ros.nodes.endpoints import TopicPublisher, reliable_qos
 from ballbot_ros.nodes.viewer_requests import ViewerRequests
 from ballbot_ros.parameters import PlantParameters
 

@@ -18,7 +18,7 @@ from ballbot_ros.parameters import SONAR, SonarParameters
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.scenario.library import load_profile
 from ballbot_ros.world.exports import occupancy_grid
-from ballbot_ros.world.library import load_map
+from ballbot_ros.world.floor_map import load_map
 
 pytestmark = pytest.mark.graph
 

@@ -10,24 +10,26 @@ import pytest
 from generated import random_values
 from robot import linear_step, nonlinear_step, physical, values_of
 
-from ballbot_ros.brick.battery_monitor import battery_mv
-from ballbot_ros.brick.dead_time import drawn_delay
-from ballbot_ros.brick.gyro import gyro_reading
 from ballbot_ros.brick.noise import device_number, noise_key
-from ballbot_ros.brick.sonar import sonar_reading
-from ballbot_ros.brick.units import radians_to_degrees
+from ballbot_ros.brick.sensors import (
+    battery_mv,
+    drawn_delay,
+    gyro_reading,
+    radians_to_degrees,
+    sonar_reading,
+)
 from ballbot_ros.controllers.document.axis import (
+    ProgramConstants,
+    Single,
     calibrated_offset,
     constants_of,
     control,
     in_control,
 )
-from ballbot_ros.controllers.document.constants import ProgramConstants, Single
 from ballbot_ros.engine.compilation import compiled
 from ballbot_ros.engine.devices import sample_age
 from ballbot_ros.parameters import CONTROLLER
-from ballbot_ros.plant.actuator import motor_current, motor_voltage
-from ballbot_ros.plant.battery import terminal_voltage
+from ballbot_ros.plant.actuator import motor_current, motor_voltage, terminal_voltage
 from ballbot_ros.plant.integration import (
     advance_linear,
     advance_nonlinear,

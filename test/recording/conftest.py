@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from rosbags.interfaces import Nodetype
 
-from ballbot_ros.recording.encoding import encoder, new_message
-from ballbot_ros.recording.schemas import typestore
+from ballbot_ros.recording.schemas import encoder, new_message, typestore
 from ballbot_ros.recording.writer import RecordingWriter
 
 GRAPH_TYPES = (

@@ -1,6 +1,6 @@
 """Media types of attached files."""
 
-from ballbot_ros.recording.attachments import MAPS, SCENARIO, media_type
+from ballbot_ros.recording.rosbag2 import MAPS, SCENARIO, media_type
 
 
 def test_the_media_type_follows_from_the_ending():

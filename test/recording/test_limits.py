@@ -8,7 +8,8 @@ from dataclasses import replace
 import pytest
 from mcap.records import Attachment, Channel, Header, Message, Metadata, Schema
 
-from ballbot_ros.recording import mcap_records, reader, salvage
+from ballbot_ros.recording import mcap_records, reader
+from ballbot_ros.recording import repair as salvage
 from ballbot_ros.recording.mcap_records import (
     ALLOWANCE,
     ENTRY,

@@ -2,11 +2,10 @@
 
 import pytest
 
-from ballbot_ros.recording.encoding import encoder, new_message
 from ballbot_ros.recording.errors import RecordingError
-from ballbot_ros.recording.playback import Playback
-from ballbot_ros.recording.playback_keys import PlaybackAction
+from ballbot_ros.recording.playback import Playback, PlaybackAction
 from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.recording.schemas import encoder, new_message
 from ballbot_ros.recording.writer import RecordingWriter
 
 HEADER = 'std_msgs/msg/Header'

@@ -8,9 +8,8 @@ from hypothesis import strategies as st
 from laws import given
 from rosbags.serde import SerdeError
 
-from ballbot_ros.recording.encoding import encoder, new_message
 from ballbot_ros.recording.errors import RecordingError
-from ballbot_ros.recording.schemas import typestore
+from ballbot_ros.recording.schemas import encoder, new_message, typestore
 
 
 def decoded(message, type_name):

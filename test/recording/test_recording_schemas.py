@@ -10,8 +10,7 @@ from pathlib import Path
 import pytest
 
 from ballbot_ros.messages.topics import TOPICS
-from ballbot_ros.recording.encoding import new_message
-from ballbot_ros.recording.schemas import schema, typestore
+from ballbot_ros.recording.schemas import new_message, schema, typestore
 
 TYPES = sorted(
     {topic.type_name for topic in TOPICS}

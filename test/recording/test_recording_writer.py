@@ -25,9 +25,8 @@ from ruamel.yaml import YAML
 from text_messages import STRING, string
 
 from ballbot_ros.recording.errors import RecordingError
-from ballbot_ros.recording.qos import RELIABLE_LATCHED, QosProfile
 from ballbot_ros.recording.reader import RecordingReader
-from ballbot_ros.recording.rosbag2 import parse_offered_qos
+from ballbot_ros.recording.rosbag2 import RELIABLE_LATCHED, QosProfile, parse_offered_qos
 from ballbot_ros.recording.schemas import schema
 from ballbot_ros.recording.writer import RecordingWriter
 

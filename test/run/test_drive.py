@@ -25,10 +25,11 @@ from ballbot_ros.parameters import (
     GamepadParameters,
     PlantParameters,
 )
-from ballbot_ros.run import drive, node_thread
+from ballbot_ros.run import drive
+from ballbot_ros.run import one_process as node_thread
 from ballbot_ros.run.drive import DriveOptions, DriveResult, drive_spec
-from ballbot_ros.run.node_thread import NodeThread
-from ballbot_ros.simulation.silence_timer import ThreadTime
+from ballbot_ros.run.one_process import NodeThread
+from ballbot_ros.simulation.liveness import ThreadTime
 
 
 def test_a_drive_is_in_real_time_and_survives_walls():

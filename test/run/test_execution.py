@@ -14,10 +14,9 @@ import pytest
 from maps import open_floor, save
 
 from ballbot_ros.analysis.assessment import assess
-from ballbot_ros.analysis.metrics import Judgement
-from ballbot_ros.analysis.recorded_pushes import RecordedPush
+from ballbot_ros.analysis.metrics import Judgement, Verdict
+from ballbot_ros.analysis.recorded_scenario import RecordedPush
 from ballbot_ros.analysis.run_data import read_run
-from ballbot_ros.analysis.verdict import Verdict
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.messages.topics import CLOCK
 from ballbot_ros.nodes.intra_process import intra_process
@@ -31,10 +30,9 @@ from ballbot_ros.run.result import RoundTrip, RunResult
 from ballbot_ros.run.spec import RunOptions, RunSpec
 from ballbot_ros.scenario.scenario import Expectation
 from ballbot_ros.simulation.golden import load_golden
-from ballbot_ros.simulation.outcome import Outcome
-from ballbot_ros.simulation.parameter_changes import ParameterChange
+from ballbot_ros.simulation.run_actions import Outcome, ParameterChange
 from ballbot_ros.simulation.trajectory import TrajectoryLog
-from ballbot_ros.world.library import read_map_file
+from ballbot_ros.world.floor_map import read_map_file
 
 
 class Notes:

@@ -7,8 +7,8 @@ import tempfile
 import pytest
 from graph import BALLBOT, environment
 
-from ballbot_ros.analysis.verdict import Verdict
-from ballbot_ros.cli.scenario_run import run_and_print
+from ballbot_ros.analysis.metrics import Verdict
+from ballbot_ros.cli.result import run_and_print
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.writer import RecordingWriter
@@ -18,7 +18,7 @@ from ballbot_ros.run.processes import Processes
 from ballbot_ros.run.result import RunResult
 from ballbot_ros.run.spec import RunOptions, RunSpec
 from ballbot_ros.scenario.scenario import Scenario
-from ballbot_ros.simulation.outcome import Outcome
+from ballbot_ros.simulation.run_actions import Outcome
 from ballbot_ros.simulation.trajectory import TrajectoryLog
 
 FULL = 'No space left on device'

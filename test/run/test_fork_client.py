@@ -16,11 +16,11 @@ from graph import LAST_RESORT_S, alive, wait_for
 pytest.importorskip('rclpy')
 
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.nodes.domain_lock import LOCK_FD_ENV, DomainLock
 from ballbot_ros.nodes.fork_server import NodeRequest
+from ballbot_ros.nodes.presence import LOCK_FD_ENV, DomainLock
 from ballbot_ros.nodes.processes import children
-from ballbot_ros.run import fork_client
-from ballbot_ros.run.fork_client import ForkClient
+from ballbot_ros.run import node_process as fork_client
+from ballbot_ros.run.node_process import ForkClient
 
 pytestmark = pytest.mark.graph
 
@@ -185,7 +185,7 @@ def test_a_request_may_be_larger_than_a_message(nodes):
 COMMAND = """
 import json, os, sys
 from ballbot_ros.nodes.fork_server import NodeRequest
-from ballbot_ros.run.fork_client import ForkClient
+from ballbot_ros.run.node_process import ForkClient
 client = ForkClient()
 node = client.start(NodeRequest('gyro_driver', ['gyro_driver'], dict(os.environ)), 2)
 print(json.dumps([client._server.pid, node]), flush=True)
@@ -213,7 +213,7 @@ def test_everything_ends_with_a_killed_command(hangs, domain):
 UNREAD = """
 import json, os, signal, sys
 from ballbot_ros.nodes.fork_server import NodeRequest
-from ballbot_ros.run.fork_client import ForkClient
+from ballbot_ros.run.node_process import ForkClient
 client = ForkClient()
 node = client.start(NodeRequest('gyro_driver', ['gyro_driver'], dict(os.environ)), 1)
 os.kill(node, signal.SIGKILL)

@@ -16,10 +16,10 @@ import pytest
 from instance_controllers import Constant, Failing, FailingAtOnce, Gains
 
 import ballbot_ros as bb
-from ballbot_ros.analysis.verdict import ExpectationVerdict, Verdict
+from ballbot_ros.analysis.metrics import ExpectationVerdict, Verdict
 from ballbot_ros.controllers.lqg import LQG
+from ballbot_ros.design.linear_model import design_servo
 from ballbot_ros.design.loop_analysis import analyse_ideal
-from ballbot_ros.design.servo import design_servo
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.parameters import ControllerParameters, ParameterSet, PlantParameters
 from ballbot_ros.plant.model import PhysicalParameters, state_space

@@ -15,7 +15,7 @@ from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.run.execution import execute
 from ballbot_ros.run.processes import Processes
 from ballbot_ros.run.spec import RunOptions, RunSpec
-from ballbot_ros.simulation.outcome import Outcome
+from ballbot_ros.simulation.run_actions import Outcome
 
 DOES_NOT_RETURN = 'does not return within 1 s'
 

@@ -8,14 +8,14 @@ from types import SimpleNamespace
 import pytest
 
 from ballbot_ros.nodes.heartbeat import HEARTBEAT_FD_ENV, Heartbeat, HeartbeatSender
-from ballbot_ros.run import plant_monitor
-from ballbot_ros.run.plant_monitor import (
+from ballbot_ros.run import separate_processes as plant_monitor
+from ballbot_ros.run.separate_processes import (
     PLANT_BUSY_S,
     PLANT_SILENCE_S,
     PlantMonitor,
     PlantWatchdog,
 )
-from ballbot_ros.simulation.silence_timer import ThreadTime
+from ballbot_ros.simulation.liveness import ThreadTime
 
 
 @pytest.fixture

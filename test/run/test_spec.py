@@ -16,13 +16,13 @@ from ballbot_ros.parameters import (
     PlantParameters,
 )
 from ballbot_ros.parameters.files import read_parameter_file, write_parameter_file
-from ballbot_ros.recording.attachments import PARAMETERS, SCENARIO, VERSIONS
-from ballbot_ros.run.attachments import attachments_of
+from ballbot_ros.recording.rosbag2 import PARAMETERS, SCENARIO, VERSIONS
 from ballbot_ros.run.execution import execute
+from ballbot_ros.run.graph import attachments_of
 from ballbot_ros.run.processes import Processes
 from ballbot_ros.run.spec import RunOptions, RunSpec
 from ballbot_ros.scenario.library import load_profile, load_scenario
-from ballbot_ros.world.library import read_map_file
+from ballbot_ros.world.floor_map import read_map_file
 
 NOISE = """purpose: noise of its own
 duration: 1

@@ -12,7 +12,7 @@ from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.parameters import CONTROLLER, ControllerParameters, ParameterSet, PlantParameters
 from ballbot_ros.run import tick_timer
 from ballbot_ros.run.tick_timer import TickTimer
-from ballbot_ros.simulation.silence_timer import ThreadTime
+from ballbot_ros.simulation.liveness import ThreadTime
 from ballbot_ros.stop_request import StopRequest
 
 SLEEPS, COMPUTES, WAITS_FOR_A_PROCESSOR = (0.0, 0.0), (1.0, 0.0), (0.0, 1.0)

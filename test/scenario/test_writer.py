@@ -9,8 +9,7 @@ import yaml
 from laws import given
 
 from ballbot_ros.scenario.library import load_scenario, scenario_names
-from ballbot_ros.scenario.scenario import PUSH_DIRECTIONS, ScheduledPush
-from ballbot_ros.scenario.signal import Segment, StickSignal
+from ballbot_ros.scenario.scenario import PUSH_DIRECTIONS, ScheduledPush, Segment, StickSignal
 from ballbot_ros.scenario.writer import scenario_data
 
 HEAD = 'purpose: x\nduration: 100\n'

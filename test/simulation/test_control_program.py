@@ -5,7 +5,7 @@ import pytest
 from robot import values_of
 
 from ballbot_ros.brick.brick import DeviceInputs, Tone
-from ballbot_ros.controllers.document.constants import ProgramConstants
+from ballbot_ros.controllers.document.axis import ProgramConstants
 from ballbot_ros.controllers.document.program import ControlProgram
 from ballbot_ros.parameters import CONTROLLER
 

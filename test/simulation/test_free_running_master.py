@@ -5,9 +5,9 @@ from lockstep_world import FREE_PERIODS_S, LockstepWorld, data_of, make_particip
 
 from ballbot_ros.parameters import CONTROLLER, GYRO
 from ballbot_ros.simulation import run_actions as do
-from ballbot_ros.simulation.free_running_master import FreeRunningMaster
-from ballbot_ros.simulation.outcome import Outcome
+from ballbot_ros.simulation.free_running import FreeRunningMaster
 from ballbot_ros.simulation.participants import Announcement, Objection
+from ballbot_ros.simulation.run_actions import Outcome
 from ballbot_ros.simulation.strangers import Publisher
 from ballbot_ros.simulation.trajectory import TrajectoryLog
 from ballbot_ros.timing import FREE_RUNNING_SILENCE_S, TICK_NS, TICK_S

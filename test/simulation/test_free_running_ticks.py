@@ -3,7 +3,7 @@
 import pytest
 
 from ballbot_ros.controllers.document.tasks import task_timings
-from ballbot_ros.simulation.free_running_ticks import NEUTRAL, FreeRunningTicks
+from ballbot_ros.simulation.free_running import NEUTRAL, FreeRunningTicks
 from ballbot_ros.simulation.task_releases import DueTick
 
 MS = 1_000_000

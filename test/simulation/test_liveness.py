@@ -7,9 +7,8 @@ import pytest
 from lockstep_world import WAITING, make_participant
 
 from ballbot_ros.parameters import CONTROLLER, DRIVERS, GYRO, RECORDER
-from ballbot_ros.simulation.liveness import LivenessMonitor
+from ballbot_ros.simulation.liveness import LivenessMonitor, Observation, ThreadTime
 from ballbot_ros.simulation.participants import LocalNode
-from ballbot_ros.simulation.silence_timer import Observation, ThreadTime
 
 JOINED = make_participant(GYRO)
 ENCODER = 'encoder_driver'

@@ -10,8 +10,15 @@ from laws import settings
 
 from ballbot_ros.brick.schedule import Schedule
 from ballbot_ros.controllers.document.tasks import task_timings
-from ballbot_ros.simulation.lockstep import InputGate, LockstepTicks, Run, SampleReaction
-from ballbot_ros.simulation.sample_history import DEPTH, SampleHistory, SampleStatus
+from ballbot_ros.simulation.lockstep import (
+    DEPTH,
+    InputGate,
+    LockstepTicks,
+    Run,
+    SampleHistory,
+    SampleReaction,
+    SampleStatus,
+)
 from ballbot_ros.simulation.task_releases import DueTick
 
 MS = 1_000_000

@@ -25,9 +25,8 @@ from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, RECORDER, SONAR
 from ballbot_ros.simulation import run_actions as do
 from ballbot_ros.simulation.lockstep import Run
 from ballbot_ros.simulation.lockstep_master import LockstepMaster
-from ballbot_ros.simulation.outcome import Outcome
-from ballbot_ros.simulation.parameter_changes import ParameterChange
 from ballbot_ros.simulation.participants import Announcement, LocalNode, Objection
+from ballbot_ros.simulation.run_actions import Outcome, ParameterChange
 from ballbot_ros.simulation.run_master import DISCOVERY_POLL_S, DISCOVERY_S
 from ballbot_ros.simulation.strangers import ANSWER_CALLS, Publisher
 from ballbot_ros.simulation.trajectory import TrajectoryLog

@@ -11,11 +11,10 @@ from protocol_trials import Trial, Violation
 
 from ballbot_ros.simulation.liveness import LivenessMonitor
 from ballbot_ros.simulation.lockstep_master import LockstepMaster
-from ballbot_ros.simulation.recorder_flow import RecorderFlow
-from ballbot_ros.simulation.recording_gate import RecordingGate, Stream
+from ballbot_ros.simulation.recording_order import RecorderFlow, RecordingGate, Stream
 from ballbot_ros.simulation.roster import Roster
 from ballbot_ros.simulation.run_participants import RunParticipants
-from ballbot_ros.teleop.arbiter import GivenAnswers
+from ballbot_ros.teleop.sticks import GivenAnswers
 from ballbot_ros.timing import TICK_NS
 
 SEED = 1

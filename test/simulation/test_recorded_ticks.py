@@ -4,8 +4,7 @@ import itertools
 
 import pytest
 
-from ballbot_ros.simulation.recorded_ticks import RecordedTicks
-from ballbot_ros.simulation.recording_gate import Stream
+from ballbot_ros.simulation.recording_order import RecordedTicks, Stream
 from ballbot_ros.timing import SLOW_PERIOD_NS, TICK_NS
 
 START_NS = 1_000_000_000

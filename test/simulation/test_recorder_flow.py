@@ -4,7 +4,7 @@ import pytest
 
 from ballbot_ros.parameters import RECORDER
 from ballbot_ros.simulation.participants import Participant
-from ballbot_ros.simulation.recorder_flow import RecorderFlow
+from ballbot_ros.simulation.recording_order import RecorderFlow
 from ballbot_ros.timing import MAX_LEAD_TICKS, TICK_NS
 
 START_NS = 1_000_000_000

@@ -5,7 +5,7 @@ import random
 import pytest
 
 from ballbot_ros.simulation.lockstep import Run
-from ballbot_ros.simulation.recording_gate import MAX_AHEAD_NS, RecordingGate, Stream
+from ballbot_ros.simulation.recording_order import MAX_AHEAD_NS, RecordingGate, Stream
 from ballbot_ros.timing import SLOW_PERIOD_NS, TICK_NS
 
 MS = 1_000_000

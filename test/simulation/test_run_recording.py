@@ -3,7 +3,7 @@
 import pytest
 
 from ballbot_ros.simulation.lockstep import Run
-from ballbot_ros.simulation.recording_gate import Stream
+from ballbot_ros.simulation.recording_order import Stream
 from ballbot_ros.simulation.run_recording import RunRecording, RunStatus
 from ballbot_ros.timing import FIRST_TICK_NS, TICK_NS
 

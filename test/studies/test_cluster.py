@@ -29,7 +29,7 @@ from ballbot_ros.studies import cluster
 from ballbot_ros.studies.cluster import workers_of
 from ballbot_ros.studies.execution import LocalWorkers, run_study
 from ballbot_ros.studies.job import job_of
-from ballbot_ros.studies.library import read_study
+from ballbot_ros.studies.reader import read_study
 from ballbot_ros.studies.sampling import Sampler
 from ballbot_ros.studies.study_data import StudyData
 

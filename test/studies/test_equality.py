@@ -24,9 +24,8 @@ from ballbot_ros.parameters import (
 from ballbot_ros.scenario.library import load_scenario, scenario_names
 from ballbot_ros.simulation.closed_loop import ClosedLoop
 from ballbot_ros.simulation.golden import load_golden
-from ballbot_ros.studies.kernel import simulate_runs
 from ballbot_ros.studies.rows import RobotRows, program_rows
-from ballbot_ros.studies.runs import events_of, floor_of
+from ballbot_ros.studies.runs import events_of, floor_of, simulate_runs
 from ballbot_ros.timing import SECOND_NS, TICK_NS
 from ballbot_ros.world.world import World
 

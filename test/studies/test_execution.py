@@ -19,7 +19,7 @@ from ballbot_ros.simulation.trajectory import TrajectoryLog
 from ballbot_ros.studies import execution
 from ballbot_ros.studies.execution import run_study
 from ballbot_ros.studies.job import job_of
-from ballbot_ros.studies.library import read_study
+from ballbot_ros.studies.reader import read_study
 from ballbot_ros.studies.runs import scenarios_of_runs
 from ballbot_ros.studies.sampling import Sampler
 from ballbot_ros.studies.study_data import StudyData

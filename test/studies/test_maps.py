@@ -7,8 +7,7 @@ from ballbot_ros.analysis.style import png_of
 from ballbot_ros.studies.axes import Axis, Extent
 from ballbot_ros.studies.charts import MOST_BINS, ShareChart, histogram_edges
 from ballbot_ros.studies.columns import Column, ColumnKind, MeasureColumn
-from ballbot_ros.studies.contours import contour_lines
-from ballbot_ros.studies.maps import PassMap, map_bins
+from ballbot_ros.studies.maps import PassMap, contour_lines, map_bins
 from ballbot_ros.studies.survey import CellCounts
 
 

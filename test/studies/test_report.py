@@ -22,8 +22,8 @@ from ballbot_ros.scenario.scenario import Measure
 from ballbot_ros.studies.columns import Column, ColumnKind, MeasureColumn
 from ballbot_ros.studies.data_set import begin_or_resume
 from ballbot_ros.studies.job import job_of
-from ballbot_ros.studies.library import read_study
 from ballbot_ros.studies.part_file import PartRows, write_part
+from ballbot_ros.studies.reader import read_study
 from ballbot_ros.studies.report import study_report
 from ballbot_ros.studies.runs import Results
 from ballbot_ros.studies.study_data import StudyData

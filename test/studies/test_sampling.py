@@ -10,8 +10,7 @@ from laws import given, settings
 from scipy import stats
 from scipy.stats import qmc
 
-from ballbot_ros.studies.library import read_study
-from ballbot_ros.studies.reader import MAX_SEED
+from ballbot_ros.studies.reader import MAX_SEED, read_study
 from ballbot_ros.studies.sampling import Sampler, seeds_of_runs
 from ballbot_ros.studies.study import grid_shape
 

@@ -5,7 +5,7 @@ import pytest
 from study_reruns import rerun_of
 
 from ballbot_ros.scenario.library import load_scenario
-from ballbot_ros.studies.library import read_study, study_names
+from ballbot_ros.studies.reader import read_study, study_names
 from ballbot_ros.studies.rerun import scenario_text
 from ballbot_ros.studies.rows import ROBOT_CLASSES
 from ballbot_ros.studies.runs import CompiledSimulator, with_values

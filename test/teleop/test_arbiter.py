@@ -4,8 +4,9 @@ import pytest
 from hypothesis import strategies as st
 from laws import given
 
-from ballbot_ros.teleop.arbiter import (
+from ballbot_ros.teleop.sticks import (
     LIVE_SOURCES,
+    NEUTRAL,
     NO_SOURCE,
     SCENARIO,
     SILENCE_S,
@@ -13,7 +14,6 @@ from ballbot_ros.teleop.arbiter import (
     Arbiter,
     Command,
 )
-from ballbot_ros.teleop.sticks import NEUTRAL
 
 DEVICE, JOY, VIEWER, KEYBOARD, CMD_VEL = LIVE_SOURCES
 RANK = {source: rank for rank, source in enumerate((*LIVE_SOURCES, SCENARIO))}

@@ -8,7 +8,7 @@ from laws import given
 
 from ballbot_ros.parameters import GamepadParameters
 from ballbot_ros.teleop.errors import TeleopError
-from ballbot_ros.teleop.joy_mapping import JoyMapping
+from ballbot_ros.teleop.sticks import JoyMapping
 
 BUTTONS = [0] * 21
 

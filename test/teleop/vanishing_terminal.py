@@ -9,8 +9,7 @@ import threading
 
 from prompt_toolkit.renderer import Renderer
 
-from ballbot_ros.teleop.keyboard import KeyboardSticks
-from ballbot_ros.teleop.terminal import Terminal
+from ballbot_ros.teleop.terminal import KeyboardSticks, Terminal
 
 output = os.dup(1)
 ours, side = pty.openpty()

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from ballbot_ros.viewer.access_policy import AccessPolicy
+from ballbot_ros.viewer.address import AccessPolicy
 
 LOCAL = AccessPolicy('127.0.0.1', 'robot', 'secret')
 EVERYWHERE = AccessPolicy('0.0.0.0', 'Robot', 'secret')

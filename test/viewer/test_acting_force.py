@@ -3,9 +3,9 @@
 import pytest
 
 from ballbot_ros.parameters import Dimensions
-from ballbot_ros.viewer.acting_force import acting_force
 from ballbot_ros.viewer.playback_run import PlaybackRun
 from ballbot_ros.viewer.robot import grip
+from ballbot_ros.viewer.snapshot import acting_force
 
 START_AND_END = [(1.0, 'push 1', (2.0, 0.0)), (1.5, 'push 1', (0.0, 0.0))]
 OVERLAPPING = [*START_AND_END, (1.2, 'push 2', (0.5, -1.0)), (1.3, 'push 2', (0.0, 0.0))]

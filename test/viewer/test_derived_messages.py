@@ -22,10 +22,9 @@ from ballbot_ros.messages.conversions import (
     encode_odometry,
 )
 from ballbot_ros.messages.devices import encode_encoders, encode_gyro
-from ballbot_ros.messages.markers import DELETE_ALL
-from ballbot_ros.messages.odometry import EXACT, encode_imu_data, encode_odom
 from ballbot_ros.messages.participation import encode_announcement
 from ballbot_ros.messages.raw import decoder
+from ballbot_ros.messages.tool_messages import DELETE_ALL, EXACT, encode_imu_data, encode_odom
 from ballbot_ros.messages.topics import (
     GYRO_IMU,
     HISTORY,
@@ -48,8 +47,7 @@ from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.writer import RecordingWriter
 from ballbot_ros.simulation.participants import Announcement, Participant
 from ballbot_ros.timing import SECOND_NS, TICK_NS
-from ballbot_ros.viewer.derived_channels import PERIOD_NS, DerivedChannels
-from ballbot_ros.viewer.derived_messages import JUMP_NS, DerivedMessages
+from ballbot_ros.viewer.derived_messages import JUMP_NS, PERIOD_NS, DerivedChannels, DerivedMessages
 from ballbot_ros.viewer.transforms import SONAR
 from ballbot_ros.world.exports import occupancy_grid
 

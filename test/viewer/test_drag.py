@@ -8,7 +8,7 @@ from hypothesis import assume
 from hypothesis import strategies as st
 from laws import given
 
-from ballbot_ros.viewer.drag import MAX_FORCE, NEWTONS_PER_METRE, drag_force
+from ballbot_ros.viewer.live_controls import MAX_FORCE, NEWTONS_PER_METRE, drag_force
 
 SIDE = st.floats(-2.0, 2.0)
 FORCES = st.tuples(st.floats(-2.0, 2.0), st.floats(-2.0, 2.0))

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from ballbot_ros.controllers.interface import OperatingState
-from ballbot_ros.viewer.drive_status import drive_status
+from ballbot_ros.viewer.run_activity import drive_status
 from ballbot_ros.viewer.snapshot import Snapshot
 
 ROBOT = Snapshot(

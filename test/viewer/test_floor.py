@@ -6,7 +6,7 @@ from hypothesis.extra import numpy as arrays
 from laws import given
 
 from ballbot_ros.viewer.floor import walls
-from ballbot_ros.viewer.line_mesh import line_mesh
+from ballbot_ros.viewer.scene_objects import line_mesh
 from ballbot_ros.world.floor_map import CELL_M, FLOOR, LINE, WALL, FloorMap
 
 maps = arrays.arrays(

@@ -11,11 +11,17 @@ from robot import DIMENSIONS
 from trimesh import transformations
 
 from ballbot_ros.messages.conversions import body_orientation
-from ballbot_ros.messages.markers import ADD, DELETE, DELETE_ALL, SHAPES
 from ballbot_ros.messages.raw import decoder
-from ballbot_ros.messages.transforms import Pose, TransformsLayout
-from ballbot_ros.recording.encoding import encoder, new_message
-from ballbot_ros.viewer import colours
+from ballbot_ros.messages.tool_messages import (
+    ADD,
+    DELETE,
+    DELETE_ALL,
+    SHAPES,
+    Pose,
+    TransformsLayout,
+)
+from ballbot_ros.recording.schemas import encoder, new_message
+from ballbot_ros.viewer import robot as colours
 from ballbot_ros.viewer.floor import walls
 from ballbot_ros.viewer.markers import TRAIL_POINTS, RobotMarkers
 from ballbot_ros.viewer.robot import (

@@ -16,12 +16,12 @@ from ballbot_ros.viewer.overlay import (
     MarkKind,
     Overlay,
     OverlayState,
+    PageMessage,
     Press,
     Seek,
     Timeline,
     parse_request,
 )
-from ballbot_ros.viewer.page_link import PageMessage
 
 
 def message(content):

@@ -41,8 +41,12 @@ from ballbot_ros.viewer.robot import BLACK, DARK, parts  # noqa: E402
 from ballbot_ros.viewer.snapshot import Snapshot  # noqa: E402
 from ballbot_ros.viewer.tuning_sliders import FOLDER  # noqa: E402
 from ballbot_ros.viewer.views import CHASER_1, ROBOT, TITLES, VIEWS, camera  # noqa: E402
-from ballbot_ros.world.floor_map import CELL_M, FLOOR, LINE  # noqa: E402
-from ballbot_ros.world.library import load_map  # noqa: E402
+from ballbot_ros.world.floor_map import (  # noqa: E402
+    CELL_M,
+    FLOOR,
+    LINE,
+    load_map,
+)
 
 START = (0.0, -0.3)
 DRIVE = ('drive', '--no-keyboard', '--no-record', '--map', 'track', '--start', *START)

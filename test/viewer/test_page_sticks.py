@@ -2,8 +2,8 @@
 
 import pytest
 
+from ballbot_ros.viewer.live_controls import PageSticks
 from ballbot_ros.viewer.overlay import Hold
-from ballbot_ros.viewer.page_sticks import PageSticks
 
 
 def value(now_s, *reports):

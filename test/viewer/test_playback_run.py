@@ -27,8 +27,8 @@ from ballbot_ros.viewer.address import (
     url_authority,
 )
 from ballbot_ros.viewer.errors import ViewerError
+from ballbot_ros.viewer.panel import tone_html
 from ballbot_ros.viewer.playback_run import PlaybackRun
-from ballbot_ros.viewer.sound import tone_html
 
 
 @pytest.fixture(scope='module')

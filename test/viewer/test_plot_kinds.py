@@ -3,8 +3,15 @@
 import numpy as np
 
 from ballbot_ros.analysis.signals import SIGNALS
-from ballbot_ros.viewer.plot_kinds import PLOT_KINDS, ghost_columns, offered_kinds, plot_data
-from ballbot_ros.viewer.recorded_plots import MAX_ROWS, recorded_kinds, recorded_plot
+from ballbot_ros.viewer.plots import (
+    MAX_ROWS,
+    PLOT_KINDS,
+    ghost_columns,
+    offered_kinds,
+    plot_data,
+    recorded_kinds,
+    recorded_plot,
+)
 from ballbot_ros.viewer.snapshot import LIVE_SIGNALS
 
 PITCH, POSITION, DUTY, SONAR = (kind for kind in PLOT_KINDS if kind.is_default)

@@ -12,8 +12,7 @@ from browsing import browsing, wait_until  # noqa: E402
 import ballbot_ros as bb  # noqa: E402
 from ballbot_ros.viewer.page import Page  # noqa: E402
 from ballbot_ros.viewer.playback_run import PlaybackRun  # noqa: E402
-from ballbot_ros.viewer.plot_kinds import PLOT_KINDS, plot_data  # noqa: E402
-from ballbot_ros.viewer.plots import CHOOSER, Plots  # noqa: E402
+from ballbot_ros.viewer.plots import CHOOSER, PLOT_KINDS, Plots, plot_data  # noqa: E402  # noqa: E402
 from ballbot_ros.viewer.recording_page import RecordingPage  # noqa: E402
 
 IMU = '/plant/imu'

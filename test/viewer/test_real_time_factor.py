@@ -2,7 +2,7 @@
 
 import pytest
 
-from ballbot_ros.viewer.real_time_factor import RealTimeFactor
+from ballbot_ros.viewer.run_activity import RealTimeFactor
 
 
 def test_it_is_that_of_the_last_second():

@@ -3,8 +3,7 @@
 import numpy as np
 
 from ballbot_ros.analysis.topic_samples import TopicSamples
-from ballbot_ros.viewer.plot_kinds import PLOT_KINDS
-from ballbot_ros.viewer.recorded_plots import MAX_ROWS
+from ballbot_ros.viewer.plots import MAX_ROWS, PLOT_KINDS
 from ballbot_ros.viewer.recorded_topics import RecordedTopics
 
 STATE = '/controller/state'

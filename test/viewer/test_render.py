@@ -8,13 +8,18 @@ import PIL.Image
 import pytest
 from browsing import shared_page
 
-from ballbot_ros.cli.picture_options import parse_view
+from ballbot_ros.cli.render import parse_view
 from ballbot_ros.viewer import render
 from ballbot_ros.viewer.errors import ViewerError
-from ballbot_ros.viewer.film_files import FORMATS, replacing, write_film
 from ballbot_ros.viewer.playback_run import PlaybackRun
-from ballbot_ros.viewer.render import Excerpt, Rendering
-from ballbot_ros.viewer.time_stamp import with_time_stamp
+from ballbot_ros.viewer.render import (
+    FORMATS,
+    Excerpt,
+    Rendering,
+    replacing,
+    with_time_stamp,
+    write_film,
+)
 from ballbot_ros.viewer.views import FreeView
 
 SIZE = (320, 176)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from ballbot_ros.viewer.shown_run import ShownRun
+from ballbot_ros.viewer.snapshot import ShownRun
 
 
 def test_a_sample_counts_from_the_start_of_its_run():

@@ -6,10 +6,8 @@ from robot import DIMENSIONS
 
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.viewer.page import Page
-from ballbot_ros.viewer.plot_kinds import topic_kind
-from ballbot_ros.viewer.plots import Plots
-from ballbot_ros.viewer.recorded_topics import TopicPlots
-from ballbot_ros.viewer.topic_chooser import TopicChooser
+from ballbot_ros.viewer.plots import Plots, topic_kind
+from ballbot_ros.viewer.recorded_topics import TopicChooser, TopicPlots
 
 TOPIC = '/mine/state'
 

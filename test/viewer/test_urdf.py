@@ -16,7 +16,7 @@ yourdfpy = pytest.importorskip('yourdfpy')
 from trimesh import transformations  # noqa: E402
 
 from ballbot_ros.messages.conversions import MOTOR_NAMES  # noqa: E402
-from ballbot_ros.messages.odometry import FOOTPRINT  # noqa: E402
+from ballbot_ros.messages.tool_messages import FOOTPRINT  # noqa: E402
 from ballbot_ros.parameters import (  # noqa: E402
     VISUALIZER,
     Dimensions,
@@ -25,11 +25,12 @@ from ballbot_ros.parameters import (  # noqa: E402
 )
 from ballbot_ros.plant.model import Bodies  # noqa: E402
 from ballbot_ros.share import share_directory  # noqa: E402
-from ballbot_ros.viewer.colours import NAMES  # noqa: E402
+from ballbot_ros.viewer.derived_messages import robot_description  # noqa: E402
 from ballbot_ros.viewer.robot import (  # noqa: E402
     BALL,
     BODY,
     LINKS,
+    NAMES,
     WHEEL_X,
     WHEEL_Y,
     parts,
@@ -37,7 +38,6 @@ from ballbot_ros.viewer.robot import (  # noqa: E402
     wheel_centres,
 )
 from ballbot_ros.viewer.rotations import RollingOrientation  # noqa: E402
-from ballbot_ros.viewer.urdf import robot_description  # noqa: E402
 
 BODIES = Bodies.from_parameters(VisualizerParameters())
 lengths = st.floats(1e-3, 1.0)

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import ballbot_ros.viewer
-from ballbot_ros.viewer.web_content import asset, index
+from ballbot_ros.viewer.guarded_server import asset, index
 
 FILES = sorted((Path(ballbot_ros.viewer.__file__).parent / 'assets').iterdir())
 

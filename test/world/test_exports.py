@@ -12,8 +12,7 @@ from PIL import Image
 
 from ballbot_ros.world.errors import WorldError
 from ballbot_ros.world.exports import FREE, OCCUPIED, floor_map_of, occupancy_grid, write_files
-from ballbot_ros.world.floor_map import FLOOR, LINE, WALL, FloorMap
-from ballbot_ros.world.library import load_map
+from ballbot_ros.world.floor_map import FLOOR, LINE, WALL, FloorMap, load_map
 
 PICTURE = drawn('.#-', '##.')
 

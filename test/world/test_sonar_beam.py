@@ -8,8 +8,7 @@ from laws import given
 from maps import save, with_walls
 from robot import values_of
 
-from ballbot_ros.engine.devices import distance_ahead, sonar_constants
-from ballbot_ros.engine.numbers import numbers_of
+from ballbot_ros.engine.devices import distance_ahead, numbers_of, sonar_constants
 from ballbot_ros.parameters import SONAR
 from ballbot_ros.world.errors import WorldError
 from ballbot_ros.world.sonar_beam import sides_of

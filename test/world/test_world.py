@@ -13,7 +13,7 @@ from ballbot_ros.engine.compilation import compiled
 from ballbot_ros.parameters import PLANT
 from ballbot_ros.world.clearance import clearance
 from ballbot_ros.world.errors import WorldError
-from ballbot_ros.world.library import load_map
+from ballbot_ros.world.floor_map import load_map
 from ballbot_ros.world.world import World
 
 DEPTH, WIDTH = 0.14, 0.10

@@ -3,7 +3,7 @@
  *
  * Reads one request per tick from standard input, sets the device readings, runs the requested
  * tasks and writes their outputs to standard output. Both records are little-endian, naturally
- * aligned, and described in ballbot_ros/codegen/brick_process.py.
+ * aligned, and described in ballbot_ros/codegen/compiled_program.py.
  */
 #include <string.h>
 #include <unistd.h>

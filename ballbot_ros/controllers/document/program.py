@@ -16,9 +16,9 @@ from ballbot_ros.brick.brick import (
     Inputs,
     Tone,
     as_numbers,
+    status_page,
 )
-from ballbot_ros.brick.lcd import status_page
-from ballbot_ros.brick.units import NO_DATA_CM, NO_ECHO_CM
+from ballbot_ros.brick.sensors import NO_DATA_CM, NO_ECHO_CM
 from ballbot_ros.controllers.document.axis import (
     AT_REST,
     ONE,
@@ -27,12 +27,13 @@ from ballbot_ros.controllers.document.axis import (
     AxisEstimates,
     AxisState,
     Constants,
+    ProgramConstants,
+    Single,
     calibrated_offset,
     constants_of,
     control,
     in_control,
 )
-from ballbot_ros.controllers.document.constants import ProgramConstants, Single
 from ballbot_ros.controllers.document.tasks import LCD_MS, PROGRAM_NAME
 from ballbot_ros.controllers.glide import Glide
 from ballbot_ros.controllers.interface import OperatingState

@@ -15,8 +15,7 @@ from pathlib import Path
 
 import click
 
-from ballbot_ros.messages.devices import DEVICE_MESSAGES
-from ballbot_ros.messages.inputs import INPUT_READERS
+from ballbot_ros.messages.devices import DEVICE_MESSAGES, INPUT_READERS
 from ballbot_ros.messages.topics import (
     CLOCK,
     MOTOR_DUTY,

@@ -33,7 +33,7 @@ from ballbot_ros.studies.execution import (
     run_study,
 )
 from ballbot_ros.studies.job import job_of
-from ballbot_ros.studies.library import read_study
+from ballbot_ros.studies.reader import read_study
 from ballbot_ros.studies.sampling import Sampler
 from ballbot_ros.timing import TICK_S
 from benchmark.figures import BYTES, MEGABYTES, RATIO, SECONDS, Figure

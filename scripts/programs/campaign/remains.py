@@ -8,8 +8,7 @@ from pathlib import Path
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
 
-from ballbot_ros.messages.conversions import stamp_ns
-from ballbot_ros.messages.motor_stop import is_stop
+from ballbot_ros.messages.conversions import is_stop, stamp_ns
 from ballbot_ros.messages.topics import MOTOR_DUTY, PLANT_IMU
 from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
