@@ -1,6 +1,9 @@
-"""The base class of the package's errors, and what they show of other objects."""
+"""The errors of this package, each with a text of one line."""
 
 from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 MAX_SHOWN = 100
 MAX_LINE = 1000
@@ -37,3 +40,58 @@ def short_text(text: str) -> str:
 def printable(text: str) -> str:
     """Return a text in which a space replaces each control character and lone surrogate."""
     return ''.join(each if each.isprintable() else ' ' for each in text)
+
+
+class CodegenError(BallbotError):
+    """A folder can't be written or read, a tool is missing, or the C does not build or run."""
+
+
+class ControllerError(BallbotError):
+    """A controller that can't be loaded, fails, or answers with something that is no duty."""
+
+
+class TickTimeoutError(BaseException):
+    """A tick that does not return; no Exception, so that few controllers catch it."""
+
+
+class EnvironmentConfigurationError(BallbotError, ValueError):
+    """An argument, a reset option or a saved state that an environment can't use."""
+
+
+class IdentificationError(BallbotError):
+    """A recording that cannot be used, or a parameter that cannot be identified."""
+
+
+class RecordingError(BallbotError):
+    """A recording can't be created, written or read; the message begins with its path."""
+
+
+class ScenarioError(BallbotError):
+    """An unknown scenario, or a file that does not describe one."""
+
+
+class StudyError(BallbotError):
+    """A study can't be read, run or kept."""
+
+
+class TeleopError(BallbotError):
+    """An input can't be opened or understood, or a data log can't be written."""
+
+
+class ViewerError(BallbotError):
+    """A page can't be served, or a picture can't be rendered."""
+
+
+@contextmanager
+def importing_viewer() -> Iterator[None]:
+    """Turn a missing package of the viewer into a ViewerError that says how to install it."""
+    try:
+        yield
+    except ImportError as error:
+        raise ViewerError(
+            f'package not found ({error}): install it with `pip install "ballbot_ros[viewer]"`'
+        ) from None
+
+
+class WorldError(BallbotError):
+    """A map can't be read or written, or the start pose is not possible on it."""

@@ -13,11 +13,11 @@ from graph import Node, Run, call, free_domain
 
 from ballbot_ros.cli import progress
 from ballbot_ros.controllers import controller_program
+from ballbot_ros.errors import ViewerError
 from ballbot_ros.nodes.middleware import prepare_middleware
 from ballbot_ros.own_command import COMMAND_ENV
 from ballbot_ros.run.node_process import ForkClient
 from ballbot_ros.viewer.browser import browser_program
-from ballbot_ros.viewer.errors import ViewerError
 
 # Keep graphs under test off the network, and let the tests' own ROS nodes be discovered as fast as
 # those of the graph.

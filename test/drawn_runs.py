@@ -6,6 +6,7 @@ from contextlib import suppress
 
 import numpy as np
 
+from ballbot_ros.errors import WorldError
 from ballbot_ros.parameters import (
     CONTROLLER,
     PLANT,
@@ -18,7 +19,6 @@ from ballbot_ros.parameters import (
     parameters_of,
 )
 from ballbot_ros.scenario.scenario import Scenario, ScheduledPush, Segment, StickSignal
-from ballbot_ros.world.errors import WorldError
 from ballbot_ros.world.floor_map import load_map
 from ballbot_ros.world.world import World
 

@@ -8,9 +8,9 @@ from pathlib import Path
 
 from ballbot_ros.analysis.robot_topics import robot_namespace
 from ballbot_ros.brick.bluetooth import PacketError
+from ballbot_ros.errors import RecordingError
 from ballbot_ros.messages.conversions import log_packet, time_ns
 from ballbot_ros.messages.topics import BLUETOOTH_TX, RUN
-from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.teleop.csv_log import CsvLog
 from ballbot_ros.timing import MILLISECOND_NS

@@ -27,6 +27,7 @@ from ballbot_ros.analysis.recorded_runs import (
 from ballbot_ros.analysis.recorded_scenario import PushPairs
 from ballbot_ros.analysis.robot_topics import RobotTopics, robot_topics
 from ballbot_ros.brick.brick import Tone
+from ballbot_ros.errors import RecordingError
 from ballbot_ros.messages.conversions import ball_position, body_rates, pitch_angles, tone_of
 from ballbot_ros.messages.message_types import DiagnosticStatus, OccupancyGridMessage
 from ballbot_ros.messages.run_reports import decode_parameter_event
@@ -57,7 +58,6 @@ from ballbot_ros.messages.topics import (
 from ballbot_ros.parameters import Value
 from ballbot_ros.progress import ProgressCallback
 from ballbot_ros.recording.batch import Batch, RawMessage, Rows
-from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.timing import SECOND_NS
 

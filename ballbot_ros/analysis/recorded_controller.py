@@ -14,7 +14,6 @@ from typing import Any
 
 import yaml
 
-from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.controllers.loading import (
     GROUP,
     MAIN,
@@ -27,7 +26,7 @@ from ballbot_ros.controllers.loading import (
     public_reference,
     resolve_reference,
 )
-from ballbot_ros.errors import one_line, printable
+from ballbot_ros.errors import ControllerError, one_line, printable
 from ballbot_ros.files import write_temporary
 from ballbot_ros.parameters import DOCUMENTS_PROGRAM
 from ballbot_ros.recording.reader import AttachedFile

@@ -30,10 +30,9 @@ from ballbot_ros.analysis.replay import (
     replay_run,
 )
 from ballbot_ros.codegen.implementation import missing_tool_for, require_implementation
-from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.controllers.loading import OUR_PACKAGE, public_reference
 from ballbot_ros.controllers.own_parameters import own_rows
-from ballbot_ros.errors import BallbotError, printable
+from ballbot_ros.errors import BallbotError, ControllerError, RecordingError, printable
 from ballbot_ros.files import write_temporary
 from ballbot_ros.messages.devices import DEVICE_MESSAGES
 from ballbot_ros.messages.topics import PARTICIPANTS, Topic
@@ -49,7 +48,6 @@ from ballbot_ros.parameters import (
 )
 from ballbot_ros.parameters.assignment import assign
 from ballbot_ros.parameters.files import read_parameter_file
-from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.rosbag2 import CONTROLLER_INFO, PARAMETERS
 from ballbot_ros.simulation.closed_loop import Tick

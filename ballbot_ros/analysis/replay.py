@@ -25,7 +25,7 @@ from ballbot_ros.analysis.robot_topics import robot_topics
 from ballbot_ros.brick.brick import DeviceInputs, DeviceOutputs
 from ballbot_ros.codegen.implementation import implementation_for
 from ballbot_ros.controllers.loading import public_reference
-from ballbot_ros.errors import BallbotError
+from ballbot_ros.errors import BallbotError, RecordingError
 from ballbot_ros.messages.conversions import decode_sticks, is_stop, stamp_ns
 from ballbot_ros.messages.devices import (
     DEVICE_MESSAGES,
@@ -67,7 +67,6 @@ from ballbot_ros.parameters import (
 )
 from ballbot_ros.plant.ground_truth import Push
 from ballbot_ros.recording.batch import RawMessage
-from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.simulation.closed_loop import ClosedLoop, Tick
 from ballbot_ros.timing import MILLISECOND_NS, TICK_NS

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
+from ballbot_ros.errors import RecordingError
 from ballbot_ros.messages.topics import MOTOR_DUTY, TOPICS, UNRECORDED, Topic
-from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.schemas import typestore
 

@@ -29,7 +29,7 @@ from ballbot_ros.analysis.recorded_scenario import (
 )
 from ballbot_ros.brick.brick import Tone
 from ballbot_ros.controllers.interface import OperatingState
-from ballbot_ros.errors import one_line
+from ballbot_ros.errors import RecordingError, one_line
 from ballbot_ros.messages.conversions import map_grid
 from ballbot_ros.messages.topics import GAMEPAD_JOY, MOTOR_DUTY, PLANT_IMU, PLANT_ODOM, Topic
 from ballbot_ros.parameters import (
@@ -39,7 +39,6 @@ from ballbot_ros.parameters import (
     PlantParameters,
 )
 from ballbot_ros.progress import ProgressCallback
-from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.writer import RUN_OUTCOME
 from ballbot_ros.scenario.metrics import Floats

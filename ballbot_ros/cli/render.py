@@ -11,12 +11,12 @@ import click
 
 from ballbot_ros.cli.options import NEW_FILE, RECORDING, FloatRange
 from ballbot_ros.cli.recordings import file_progress
+from ballbot_ros.errors import ViewerError, importing_viewer
 from ballbot_ros.stop_request import DeferredSignals
 from ballbot_ros.suggestions import did_you_mean
 from ballbot_ros.timing import TICK_S
 from ballbot_ros.viewer.address import require_viser
 from ballbot_ros.viewer.browser import browser_program
-from ballbot_ros.viewer.errors import ViewerError, importing
 from ballbot_ros.viewer.views import CHASER_1, VIEWS, FreeView, View
 
 if TYPE_CHECKING:
@@ -148,7 +148,7 @@ def command(
     require_viser()
     browser_program()
     # Imported only here: viser takes a second.
-    with importing(), DeferredSignals():
+    with importing_viewer(), DeferredSignals():
         from ballbot_ros.cli.recordings import read_playback_runs
         from ballbot_ros.viewer.render import Rendering
 

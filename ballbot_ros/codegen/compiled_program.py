@@ -15,10 +15,10 @@ from typing import IO, NamedTuple, Protocol
 
 from ballbot_ros.brick.brick import Brick, DeviceInputs, DeviceOutputs, Tone
 from ballbot_ros.brick.schedule import Schedule, TaskTiming
-from ballbot_ros.codegen.errors import CodegenError
 from ballbot_ros.codegen.state_variables import STATE_SIZE, named_values, plane_values
 from ballbot_ros.controllers.document.program import ControlMode, operating_state
 from ballbot_ros.controllers.interface import OperatingState
+from ballbot_ros.errors import CodegenError
 from ballbot_ros.parameters import ControllerParameters
 
 MAX_DUE = 8

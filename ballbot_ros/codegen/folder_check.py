@@ -14,12 +14,12 @@ from ballbot_ros.brick.brick import UINT32_MASK, DeviceInputs, DeviceOutputs
 from ballbot_ros.brick.sensors import NO_DATA_CM, NO_ECHO_CM
 from ballbot_ros.codegen.application import PARAMETER_FILE, read_tasks
 from ballbot_ros.codegen.compiled_program import Answer, BrickProcess, CompiledProgram
-from ballbot_ros.codegen.errors import CodegenError
 from ballbot_ros.codegen.measure import Memory, count_instructions, measure_memory
 from ballbot_ros.codegen.state_variables import members, named_values, state_bytes
 from ballbot_ros.codegen.toolchain import Target, build
 from ballbot_ros.controllers.document.program import ControlProgram
 from ballbot_ros.controllers.document.tasks import TS1_MS
+from ballbot_ros.errors import CodegenError
 from ballbot_ros.parameters import ControllerParameters, ParameterSet
 from ballbot_ros.parameters.files import read_parameter_file
 from ballbot_ros.timing import BATTERY_PERIOD_NS, MILLISECOND_NS, SLOW_PERIOD_NS

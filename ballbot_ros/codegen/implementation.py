@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ballbot_ros.brick.schedule import TaskTiming
-from ballbot_ros.codegen.errors import CodegenError
 from ballbot_ros.controllers.controller_program import ControllerProgram, TickTimes
 from ballbot_ros.controllers.document.program import ControlProgram
 from ballbot_ros.controllers.document.tasks import task_timings
@@ -24,7 +23,7 @@ from ballbot_ros.controllers.own_parameters import (
     own_rows,
     user_parameters,
 )
-from ballbot_ros.errors import short_repr
+from ballbot_ros.errors import CodegenError, short_repr
 from ballbot_ros.parameters import (
     CONTROLLER,
     DOCUMENTS_PROGRAM,

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ballbot_ros.codegen.application import C_SOURCES, STACK_BYTES
-from ballbot_ros.codegen.errors import CodegenError
 from ballbot_ros.codegen.toolchain import ARM, object_file, run_tool
+from ballbot_ros.errors import CodegenError
 
 CLOCK_HZ = 48e6
 SRAM_BYTES, FLASH_BYTES = 64 * 1024, 224 * 1024

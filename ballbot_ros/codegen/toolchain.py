@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ballbot_ros.codegen.application import C_SOURCES, read_tasks
-from ballbot_ros.codegen.errors import CodegenError
+from ballbot_ros.errors import CodegenError
 from ballbot_ros.files import read_bytes, write_temporary
 
 TARGET_FOLDER = Path(__file__).parent / 'target'

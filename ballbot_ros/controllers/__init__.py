@@ -1,8 +1,8 @@
 """Controllers of the robot: the base class for your own, and those that ship. No ROS."""
 
 from ballbot_ros.controllers.controller import Controller, Duty, Readings, task
-from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.controllers.interface import Estimates, OperatingState
+from ballbot_ros.errors import ControllerError
 from ballbot_ros.parameters import ControllerParameters, TakesEffect, designed, quantity, setting
 from ballbot_ros.plant.model import PhysicalParameters
 from ballbot_ros.timing import TICK_S

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from ballbot_ros.controllers.controller import Controller
-from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.controllers.loading import (
     MAIN,
     ControllerCode,
@@ -21,7 +20,7 @@ from ballbot_ros.controllers.loading import (
     Source,
     controller_of,
 )
-from ballbot_ros.errors import one_line
+from ballbot_ros.errors import ControllerError, one_line
 from ballbot_ros.parameters import ControllerParameters
 
 _COMPARED = (bool, int, float, complex, str, bytes, list, tuple, dict, np.ndarray, np.number)

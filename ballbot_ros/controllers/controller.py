@@ -22,9 +22,8 @@ import numpy as np
 from ballbot_ros.brick.brick import Brick, DeviceInputs
 from ballbot_ros.brick.schedule import TaskTiming
 from ballbot_ros.brick.sensors import NO_DATA_CM, NO_ECHO_CM
-from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.controllers.interface import Estimates, OperatingState
-from ballbot_ros.errors import short_repr
+from ballbot_ros.errors import ControllerError, short_repr
 from ballbot_ros.parameters import ControllerParameters, PlantParameters
 from ballbot_ros.plant.model import PhysicalParameters
 from ballbot_ros.timing import TICK_MS

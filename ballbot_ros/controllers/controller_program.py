@@ -22,12 +22,11 @@ from ballbot_ros.controllers.controller import (
     next_readings,
     whole_number,
 )
-from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.controllers.glide import Glide
 from ballbot_ros.controllers.interface import Estimates, OperatingState
 from ballbot_ros.controllers.loading import LoadedController, shown_line
 from ballbot_ros.controllers.own_parameters import user_parameters
-from ballbot_ros.errors import short_repr
+from ballbot_ros.errors import ControllerError, short_repr
 from ballbot_ros.parameters import ControllerParameters
 from ballbot_ros.plant.model import PhysicalParameters
 from ballbot_ros.timing import MILLISECOND_NS, TICK_MS

@@ -25,8 +25,7 @@ from typing import Any
 
 from ballbot_ros.brick.schedule import TaskTiming
 from ballbot_ros.controllers.controller import Controller, tasks_of
-from ballbot_ros.controllers.errors import ControllerError, TickTimeoutError
-from ballbot_ros.errors import BallbotError, one_line, short_repr
+from ballbot_ros.errors import BallbotError, ControllerError, TickTimeoutError, one_line, short_repr
 from ballbot_ros.files import read_bytes, shown_path
 from ballbot_ros.parameters import DOCUMENTS_PROGRAM
 from ballbot_ros.suggestions import did_you_mean

@@ -9,8 +9,8 @@ import numpy as np
 from scipy import sparse
 
 from ballbot_ros.controllers.driving import PlaneController
-from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.controllers.lqg import LQG, STATES, LQGParameters, Plane, PlaneError
+from ballbot_ros.errors import ControllerError
 from ballbot_ros.parameters import ControllerParameters, TakesEffect, quantity
 from ballbot_ros.plant.model import Matrix, PhysicalParameters
 from ballbot_ros.timing import TICK_S

@@ -13,8 +13,8 @@ from pathlib import Path
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.controllers.loading import GROUP, installed_controllers
+from ballbot_ros.errors import ControllerError
 from ballbot_ros.own_command import program
 from ballbot_ros.parameters import DOCUMENTS_PROGRAM
 

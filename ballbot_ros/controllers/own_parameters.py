@@ -8,9 +8,8 @@ from functools import lru_cache
 from typing import Any
 
 from ballbot_ros.controllers.controller import Controller, with_design
-from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.controllers.loading import LoadedController
-from ballbot_ros.errors import one_line, short_repr
+from ballbot_ros.errors import ControllerError, one_line, short_repr
 from ballbot_ros.parameters import (
     CONTROLLER,
     MAX_DESIGNED,

@@ -12,8 +12,8 @@ except ImportError as error:
 
 from ballbot_ros.environments.environment import BallbotEnv
 from ballbot_ros.environments.episode import EnvironmentState
-from ballbot_ros.environments.errors import EnvironmentConfigurationError
 from ballbot_ros.environments.tasks import BalanceEnv, DriveEnv
+from ballbot_ros.errors import EnvironmentConfigurationError
 
 __all__ = [
     'BalanceEnv',

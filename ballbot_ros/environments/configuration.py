@@ -10,8 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ballbot_ros.environments.errors import EnvironmentConfigurationError
-from ballbot_ros.errors import short_repr
+from ballbot_ros.errors import EnvironmentConfigurationError, short_repr
 from ballbot_ros.parameters import (
     CONTROLLER,
     PLANT,

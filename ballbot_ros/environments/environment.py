@@ -34,13 +34,11 @@ from ballbot_ros.environments.episode import (
     state_of,
     state_quantities,
 )
-from ballbot_ros.environments.errors import EnvironmentConfigurationError
-from ballbot_ros.errors import short_repr
+from ballbot_ros.errors import EnvironmentConfigurationError, importing_viewer, short_repr
 from ballbot_ros.parameters import GYRO, PLANT, ControllerParameters, PlantParameters, parameters_of
 from ballbot_ros.parameters.assignment import Parameters, plain_value
 from ballbot_ros.simulation.closed_loop import Robot
 from ballbot_ros.timing import TICK_MS
-from ballbot_ros.viewer.errors import importing
 
 if TYPE_CHECKING:
     from ballbot_ros.viewer.render import Painter
@@ -233,7 +231,7 @@ class BallbotEnv(gymnasium.Env[Floats, NDArray[np.float32]]):
             raise ResetNeeded('no episode has begun: call reset')
         if self._painter is None:
             # Imported only here: it takes seconds, and few episodes are drawn.
-            with importing():
+            with importing_viewer():
                 from ballbot_ros.viewer.render import Painter, present_frames
 
             plant = self._parameters.of(PlantParameters)

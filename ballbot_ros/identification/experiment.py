@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.brick.bluetooth import LogPacket
 from ballbot_ros.brick.sensors import COUNT_V, battery_mv, count_of, mean_delay
+from ballbot_ros.errors import IdentificationError
 from ballbot_ros.identification.arrays import Floats
-from ballbot_ros.identification.errors import IdentificationError
 from ballbot_ros.messages.topics import (
     BATTERY_STATE,
     GYRO_IMU,

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ballbot_ros.errors import IdentificationError
 from ballbot_ros.identification.arrays import Floats
-from ballbot_ros.identification.errors import IdentificationError
 from ballbot_ros.identification.estimation import (
     ROUNDS,
     Estimator,

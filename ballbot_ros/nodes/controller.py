@@ -20,7 +20,7 @@ from ballbot_ros.codegen.implementation import (
     require_implementation,
 )
 from ballbot_ros.controllers.controller import every_tick
-from ballbot_ros.controllers.errors import ControllerError
+from ballbot_ros.errors import ControllerError
 from ballbot_ros.messages.devices import INPUT_READERS, device_inputs
 from ballbot_ros.messages.raw import same_content, stamp_of
 from ballbot_ros.messages.run_messages import ControllerMessages

@@ -12,7 +12,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 
 from ballbot_ros.brick.bluetooth import PacketError
-from ballbot_ros.errors import BallbotError, one_line
+from ballbot_ros.errors import BallbotError, TeleopError, one_line
 from ballbot_ros.messages.conversions import encode_sticks, log_packet, planar_velocity
 from ballbot_ros.messages.message_types import Bytes
 from ballbot_ros.messages.raw import decoder, stamp_of
@@ -35,7 +35,6 @@ from ballbot_ros.scenario.library import scenario_of
 from ballbot_ros.simulation.lockstep import Run
 from ballbot_ros.teleop import sticks as arbiter
 from ballbot_ros.teleop.csv_log import CsvLog
-from ballbot_ros.teleop.errors import TeleopError
 from ballbot_ros.teleop.gamepad import (
     ANY,
     Gamepad,

@@ -14,6 +14,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
+from ballbot_ros.errors import RecordingError
 from ballbot_ros.messages.conversions import encode_header, is_stop
 from ballbot_ros.messages.participation import decode_run_status
 from ballbot_ros.messages.raw import decoder, has_stamp, same_content, stamp_of
@@ -37,7 +38,6 @@ from ballbot_ros.nodes.graph_observer import full_name
 from ballbot_ros.nodes.intra_process import Inbox, intra_process
 from ballbot_ros.nodes.participation import Participation
 from ballbot_ros.parameters import PLANT, PlantParameters, RecorderParameters
-from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.rosbag2 import RELIABLE_LATCHED, QosProfile, media_type
 from ballbot_ros.recording.writer import RUN_PARTICIPANTS, RecordingWriter
 from ballbot_ros.simulation.lockstep import Run

@@ -11,6 +11,7 @@ from itertools import islice
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
+from ballbot_ros.errors import WorldError
 from ballbot_ros.messages.conversions import encode_joy, map_grid, stamp_ns, tone_of
 from ballbot_ros.messages.message_types import OccupancyGridMessage
 from ballbot_ros.messages.run_reports import PlantReport, decode_plant_report
@@ -49,7 +50,6 @@ from ballbot_ros.viewer.plots import offered_kinds, plot_data
 from ballbot_ros.viewer.run_activity import REPORT, RealTimeFactor, RunActivity
 from ballbot_ros.viewer.run_report import RunReport
 from ballbot_ros.viewer.snapshot import LIVE_SIGNALS, History, Snapshot
-from ballbot_ros.world.errors import WorldError
 from ballbot_ros.world.exports import floor_map_of
 from ballbot_ros.world.floor_map import FloorMap, load_map
 

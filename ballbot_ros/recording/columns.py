@@ -19,7 +19,7 @@ import numpy as np
 from rosbags.interfaces import Nodetype
 from rosbags.typesys.store import Typestore
 
-from ballbot_ros.recording.errors import RecordingError
+from ballbot_ros.errors import RecordingError
 
 Value = bool | int | float | str
 Get = Callable[[Any], Any]

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from ballbot_ros.errors import RecordingError
 from ballbot_ros.progress import ProgressCallback
 from ballbot_ros.recording.columns import (
     FORMATS,
@@ -18,7 +19,6 @@ from ballbot_ros.recording.columns import (
     TopicColumns,
     Value,
 )
-from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
 
 JOINED = 'joined'

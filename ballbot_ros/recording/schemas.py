@@ -16,8 +16,7 @@ from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_
 from rosbags.typesys.base import TypesysError
 from rosbags.typesys.store import Typestore
 
-from ballbot_ros.errors import one_line
-from ballbot_ros.recording.errors import RecordingError
+from ballbot_ros.errors import RecordingError, one_line
 
 _parse = lru_cache(maxsize=64)(get_types_from_msg)  # takes milliseconds, and each pass asks again
 

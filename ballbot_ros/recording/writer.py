@@ -11,7 +11,7 @@ from pathlib import Path
 from mcap.records import Channel, Schema
 from mcap.well_known import MessageEncoding, Profile, SchemaEncoding
 
-from ballbot_ros.recording.errors import RecordingError
+from ballbot_ros.errors import RecordingError
 from ballbot_ros.recording.mcap_writer import McapWriter
 from ballbot_ros.recording.rosbag2 import (
     DERIVED,

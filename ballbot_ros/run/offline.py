@@ -9,14 +9,13 @@ from functools import cache
 from pathlib import Path
 
 from ballbot_ros.codegen.implementation import implementation_for
-from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.controllers.interface import Program
+from ballbot_ros.errors import ControllerError, RecordingError
 from ballbot_ros.messages.run_messages import RunMessages, Send
 from ballbot_ros.messages.run_reports import summary_json
 from ballbot_ros.messages.topics import Topic
 from ballbot_ros.parameters import CONTROLLER, ControllerParameters, ParameterSet, PlantParameters
 from ballbot_ros.plant.ground_truth import Push
-from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.rosbag2 import OUTCOME_KEYS, RecordedTopic, media_type
 from ballbot_ros.recording.writer import RecordingWriter
 from ballbot_ros.run.graph import attachments_of

@@ -42,8 +42,8 @@ def ros_not_found(error: str, alternative: str = '') -> BallbotError:
 def require_viewer(parameters: ParameterSet, processes: Processes = Processes.SEPARATE) -> None:
     """Raise ViewerError if viser is missing, the port is in use, or the nodes are not separate."""
     # Imported here, so that commands without a viewer start faster.
+    from ballbot_ros.errors import ViewerError
     from ballbot_ros.viewer.address import check_address, require_viser
-    from ballbot_ros.viewer.errors import ViewerError
 
     if processes is not Processes.SEPARATE:
         raise ViewerError(f'--viewer requires --processes separate, not {processes}')

@@ -16,8 +16,8 @@ from pathlib import Path
 from types import FrameType
 
 from ballbot_ros.controllers.controller_program import ControllerProgram, running_tick
-from ballbot_ros.controllers.errors import TickTimeoutError
 from ballbot_ros.controllers.loading import LoadedController
+from ballbot_ros.errors import TickTimeoutError
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.simulation.liveness import MAX_POLL_GAP_S, ThreadTime, available_s
 from ballbot_ros.stop_request import StopRequest

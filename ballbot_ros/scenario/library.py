@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ballbot_ros.errors import ScenarioError
 from ballbot_ros.parameters import ParameterSet
 from ballbot_ros.parameters.files import read_parameter_file
-from ballbot_ros.scenario.errors import ScenarioError
 from ballbot_ros.scenario.reader import IDEAL, ScenarioReader
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.share import share_directory

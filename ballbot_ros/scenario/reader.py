@@ -12,7 +12,7 @@ from typing import ClassVar, TypeVar, cast
 import yaml
 
 from ballbot_ros.controllers.loading import resolve_reference
-from ballbot_ros.errors import BallbotError
+from ballbot_ros.errors import BallbotError, ScenarioError, WorldError
 from ballbot_ros.files import read_text
 from ballbot_ros.parameters import (
     CONTROLLER,
@@ -24,7 +24,6 @@ from ballbot_ros.parameters import (
 )
 from ballbot_ros.parameters.files import leaves
 from ballbot_ros.plant.ground_truth import FORCE_LIMIT
-from ballbot_ros.scenario.errors import ScenarioError
 from ballbot_ros.scenario.metrics import METRICS
 from ballbot_ros.scenario.scenario import (
     PUSH_DIRECTIONS,
@@ -36,7 +35,6 @@ from ballbot_ros.scenario.scenario import (
     push_fault,
     segment_fault,
 )
-from ballbot_ros.world.errors import WorldError
 from ballbot_ros.world.floor_map import is_file_name, load_map
 from ballbot_ros.world.world import World
 from ballbot_ros.yaml_document import YamlDocument

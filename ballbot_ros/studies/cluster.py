@@ -16,8 +16,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 from uuid import uuid4
 
 import ballbot_ros.studies.worker_task
-from ballbot_ros.errors import one_line
-from ballbot_ros.studies.errors import StudyError
+from ballbot_ros.errors import StudyError, one_line
 from ballbot_ros.studies.execution import StudyObserver, WorkersOfJob
 from ballbot_ros.studies.job import Job, PackedJob
 from ballbot_ros.studies.manifest import PartSummary

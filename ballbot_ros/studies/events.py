@@ -10,11 +10,11 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot_ros.errors import StudyError
 from ballbot_ros.parameters import Parameter, TakesEffect
 from ballbot_ros.plant.ground_truth import FORCE_LIMIT
 from ballbot_ros.scenario.reader import STICK_LIMIT, TIME_LIMIT
 from ballbot_ros.scenario.scenario import Scenario, Segment, StickSignal, push_fault, segment_fault
-from ballbot_ros.studies.errors import StudyError
 
 PUSH, STICK = 'push', 'stick'
 STICKS = ('vertical', 'horizontal')

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.controllers.loading import find_code, is_file_reference
+from ballbot_ros.errors import StudyError
 from ballbot_ros.parameters import (
     CONTROLLER,
     DOCUMENTS_PROGRAM,
@@ -24,7 +25,6 @@ from ballbot_ros.parameters import (
 from ballbot_ros.run.spec import RunSpec
 from ballbot_ros.scenario.scenario import Expectation, Measure
 from ballbot_ros.studies.columns import Column, ColumnKind, MeasureColumn
-from ballbot_ros.studies.errors import StudyError
 from ballbot_ros.studies.manifest import PartSummary, StudyRecord
 from ballbot_ros.studies.part_file import EncodedPart, PartRows, encode_part, store_part
 from ballbot_ros.studies.rerun import parameter_text, scenario_text

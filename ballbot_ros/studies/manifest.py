@@ -13,8 +13,8 @@ from typing import Any, TypeVar
 
 import ballbot_ros
 from ballbot_ros.engine.compilation import code_sha256
+from ballbot_ros.errors import StudyError
 from ballbot_ros.studies.columns import AFTER, BEFORE, Column, ColumnKind, MeasureColumn
-from ballbot_ros.studies.errors import StudyError
 
 FORMAT = 1
 """Version of the folder's format; a reader takes no other."""

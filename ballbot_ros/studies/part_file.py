@@ -22,11 +22,10 @@ from uuid import uuid4
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.errors import one_line
+from ballbot_ros.errors import StudyError, one_line
 from ballbot_ros.files import read_bytes
 from ballbot_ros.simulation.run_actions import Outcome
 from ballbot_ros.studies.columns import AFTER, NUMBER, SEED, TICKS, Column, ColumnKind
-from ballbot_ros.studies.errors import StudyError
 from ballbot_ros.studies.manifest import PartSummary, StudyRecord
 
 if TYPE_CHECKING:

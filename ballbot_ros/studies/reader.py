@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from ballbot_ros.controllers.loading import resolve_reference
-from ballbot_ros.errors import BallbotError, short_repr
+from ballbot_ros.errors import BallbotError, StudyError, short_repr
 from ballbot_ros.files import read_text
 from ballbot_ros.parameters import CONTROLLER, PLANT, ParameterSet, PlantParameters, suggest
 from ballbot_ros.parameters.files import leaves
@@ -21,7 +21,6 @@ from ballbot_ros.scenario.reader import window_fault
 from ballbot_ros.scenario.scenario import Expectation
 from ballbot_ros.share import share_directory
 from ballbot_ros.studies.distributions import GRID, LIST, DistributionReader, Levels
-from ballbot_ros.studies.errors import StudyError
 from ballbot_ros.studies.events import check_extremes
 from ballbot_ros.studies.rows import robot_parameter
 from ballbot_ros.studies.study import MAX_RUNS, Sampling, Study, grid_shape, nearest_grid

@@ -7,10 +7,10 @@ from itertools import combinations
 
 import numpy as np
 
+from ballbot_ros.errors import StudyError
 from ballbot_ros.studies.axes import Axis
 from ballbot_ros.studies.charts import histogram_edges, share_bins
 from ballbot_ros.studies.columns import PASSED
-from ballbot_ros.studies.errors import StudyError
 from ballbot_ros.studies.manifest import StudyRecord
 from ballbot_ros.studies.maps import map_bins
 from ballbot_ros.studies.report_page import Findings, StudyReport

@@ -8,7 +8,7 @@ import numpy as np
 import yaml
 
 from ballbot_ros.controllers.loading import is_installed
-from ballbot_ros.errors import short_text
+from ballbot_ros.errors import StudyError, short_text
 from ballbot_ros.parameters import (
     DOCUMENTS_PROGRAM,
     NODES,
@@ -22,7 +22,6 @@ from ballbot_ros.run.spec import RunOptions, RunSpec
 from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.scenario.writer import scenario_data
-from ballbot_ros.studies.errors import StudyError
 from ballbot_ros.studies.events import event_part, is_event, scenarios_of
 from ballbot_ros.studies.manifest import StudyRecord
 from ballbot_ros.studies.runs import with_values

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from ballbot_ros.analysis.metrics import measure_one
 from ballbot_ros.codegen.implementation import compose_controller, implementation_for
-from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.engine.compilation import can_compile, compiled_and_kept
 from ballbot_ros.engine.run import END, Events, Floor, Log, simulate_run
+from ballbot_ros.errors import ControllerError, StudyError, WorldError
 from ballbot_ros.parameters import (
     PLANT,
     ControllerParameters,
@@ -34,14 +34,12 @@ from ballbot_ros.scenario.metrics import METRICS, wall_clearance_m
 from ballbot_ros.scenario.scenario import Measure, Scenario, StickSignal
 from ballbot_ros.simulation.closed_loop import ClosedLoop
 from ballbot_ros.simulation.trajectory import TrajectoryLog
-from ballbot_ros.studies.errors import StudyError
 from ballbot_ros.studies.events import event_part, scenarios_of
 from ballbot_ros.studies.measurement import measure_runs
 from ballbot_ros.studies.rows import RobotRows, Rows, program_rows, whole_values
 from ballbot_ros.studies.variables import DURATION
 from ballbot_ros.timing import FIRST_TICK_NS, SECOND_NS, TICK_NS
 from ballbot_ros.world.clearance import NO_WALLS, Walls, walls_around
-from ballbot_ros.world.errors import WorldError
 from ballbot_ros.world.world import World, half_cells, is_blocked
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.analysis.proportion import ProportionInterval, wilson_interval
-from ballbot_ros.errors import BallbotError
+from ballbot_ros.errors import BallbotError, StudyError
 from ballbot_ros.simulation.run_actions import Outcome
 from ballbot_ros.studies.columns import (
     DUTY_SHA256,
@@ -25,7 +25,6 @@ from ballbot_ros.studies.columns import (
     MeasureColumn,
 )
 from ballbot_ros.studies.data_set import read_manifest
-from ballbot_ros.studies.errors import StudyError
 from ballbot_ros.studies.manifest import Manifest, PartSummary, StudyRecord
 from ballbot_ros.studies.part_file import (
     PARTS,

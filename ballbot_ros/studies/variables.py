@@ -6,6 +6,7 @@ from collections.abc import Hashable
 from dataclasses import dataclass, replace
 
 from ballbot_ros.controllers.own_parameters import own_rows
+from ballbot_ros.errors import StudyError
 from ballbot_ros.parameters import (
     CONTROLLER,
     PLANT,
@@ -18,7 +19,6 @@ from ballbot_ros.parameters import (
 )
 from ballbot_ros.run.spec import RunSpec
 from ballbot_ros.studies.distributions import Distribution
-from ballbot_ros.studies.errors import StudyError
 from ballbot_ros.studies.events import EventPart, event_parameter, event_part, is_event
 from ballbot_ros.studies.rows import ROBOT_CLASSES, robot_parameter
 

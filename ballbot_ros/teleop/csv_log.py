@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import TextIO
 
 from ballbot_ros.brick.bluetooth import LogPacket, PacketError
-from ballbot_ros.errors import printable
-from ballbot_ros.teleop.errors import TeleopError
+from ballbot_ros.errors import TeleopError, printable
 
 HEADER = (
     'Time,Data1,Data2,Battery,Motor Rev A,Motor Rev B,Motor Rev C,ADC S1,ADC S2,ADC S3,ADC S4,I2C'

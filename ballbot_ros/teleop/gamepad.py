@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from threading import Event, Thread
 from typing import Any, NamedTuple, Protocol
 
-from ballbot_ros.teleop.errors import TeleopError
+from ballbot_ros.errors import TeleopError
 
 
 class InputErrors:

@@ -9,8 +9,8 @@ from threading import Lock
 from typing import NamedTuple
 
 from ballbot_ros.brick.sensors import quantise
+from ballbot_ros.errors import TeleopError
 from ballbot_ros.parameters import Subset
-from ballbot_ros.teleop.errors import TeleopError
 from ballbot_ros.timing import MAX_LEAD_TICKS, SLOW_PERIOD_NS, TICK_NS
 
 Sticks = tuple[int, int]

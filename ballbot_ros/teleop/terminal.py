@@ -18,7 +18,7 @@ from threading import Lock, Thread
 from typing import TYPE_CHECKING, Any
 
 from ballbot_ros.brick.sensors import quantise
-from ballbot_ros.teleop.errors import TeleopError
+from ballbot_ros.errors import TeleopError
 from ballbot_ros.teleop.sticks import Sticks
 
 if TYPE_CHECKING:

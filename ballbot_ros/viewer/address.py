@@ -9,7 +9,7 @@ import socket
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from ballbot_ros.viewer.errors import ViewerError, importing
+from ballbot_ros.errors import ViewerError, importing_viewer
 
 USUAL_PORT, NEXT_FREE = 8080, -1
 """The port of a page; and, instead of a port: the usual one or the next one that is free."""
@@ -20,7 +20,7 @@ LOOPBACK = ('127.0.0.1', 'localhost', '::1')
 
 def require_viser() -> None:
     """Raise ViewerError if viser is not installed."""
-    with importing():
+    with importing_viewer():
         import viser  # noqa: F401
 
 

@@ -8,8 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from ballbot_ros.errors import one_line
-from ballbot_ros.viewer.errors import ViewerError, importing
+from ballbot_ros.errors import ViewerError, importing_viewer, one_line
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -36,7 +35,7 @@ def browser_program() -> str:
 def browser_page(width: int, height: int) -> Iterator[Page]:
     """Open a page of this size [px]; ViewerError without Playwright or a browser that starts."""
     program = browser_program()
-    with importing():
+    with importing_viewer():
         from playwright.sync_api import Error, sync_playwright
     with sync_playwright() as playwright:
         try:

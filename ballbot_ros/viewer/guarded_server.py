@@ -24,9 +24,8 @@ from websockets.asyncio.server import ServerConnection, serve
 from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
-from ballbot_ros.errors import one_line
+from ballbot_ros.errors import ViewerError, one_line
 from ballbot_ros.viewer.address import AccessPolicy
-from ballbot_ros.viewer.errors import ViewerError
 from ballbot_ros.viewer.overlay import PageLink
 
 ASSETS = '/assets/'

@@ -17,10 +17,9 @@ import viser
 from numpy.typing import NDArray
 from viser import _messages
 
-from ballbot_ros.errors import one_line
+from ballbot_ros.errors import ViewerError, one_line
 from ballbot_ros.viewer.address import AccessPolicy
 from ballbot_ros.viewer.browser import browser_page
-from ballbot_ros.viewer.errors import ViewerError
 from ballbot_ros.viewer.guarded_server import GuardedServer
 from ballbot_ros.viewer.scene import Scene
 from ballbot_ros.viewer.views import Camera

@@ -15,12 +15,12 @@ from ballbot_ros.analysis.run_data import RunData, Series, read_run
 from ballbot_ros.analysis.signals import signals_of
 from ballbot_ros.analysis.topic_samples import TopicSamples, read_topic, topics_with_signals
 from ballbot_ros.brick.brick import Tone
+from ballbot_ros.errors import ViewerError
 from ballbot_ros.messages.topics import BATTERY_STATE, PLANT_IMU, PLANT_ODOM, SONAR_RANGE
 from ballbot_ros.parameters import Dimensions
 from ballbot_ros.progress import ProgressCallback
 from ballbot_ros.recording.playback import SKIP_S, PlaybackAction, faster, slower
 from ballbot_ros.timing import TICK_NS, TICK_S
-from ballbot_ros.viewer.errors import ViewerError
 from ballbot_ros.viewer.overlay import Mark, MarkKind
 from ballbot_ros.viewer.robot import TRAIL_STEP
 from ballbot_ros.viewer.rotations import RolledBall

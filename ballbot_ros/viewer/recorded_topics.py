@@ -15,8 +15,8 @@ import viser
 
 from ballbot_ros.analysis.table import envelope
 from ballbot_ros.analysis.topic_samples import TopicSamples
+from ballbot_ros.errors import RecordingError
 from ballbot_ros.progress import ProgressCallback
-from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.viewer.playback_run import PlaybackRun
 from ballbot_ros.viewer.plots import (
     MAX_ROWS,

@@ -21,10 +21,10 @@ import PIL.Image
 import PIL.ImageDraw
 import PIL.ImageFont
 
+from ballbot_ros.errors import ViewerError
 from ballbot_ros.parameters import Dimensions, PlantParameters
 from ballbot_ros.plant.ground_truth import GroundTruth
 from ballbot_ros.progress import ProgressCallback
-from ballbot_ros.viewer.errors import ViewerError
 from ballbot_ros.viewer.floor import Area
 from ballbot_ros.viewer.offscreen import Image, offscreen_scene
 from ballbot_ros.viewer.playback_run import PlaybackRun

@@ -11,7 +11,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from ballbot_ros.world.errors import WorldError
+from ballbot_ros.errors import WorldError
 from ballbot_ros.world.floor_map import CELL_M, FLOOR, LINE, WALL, FloorMap
 
 WALL_HEIGHT_CM = 20

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
+from ballbot_ros.errors import WorldError
 from ballbot_ros.files import open_regular
-from ballbot_ros.world.errors import WorldError
 from ballbot_ros.world.floor_map import FLOOR, LINE, WALL, FloorMap
 
 MAX_SIDE_PIXELS = 4000

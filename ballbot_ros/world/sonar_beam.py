@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot_ros.errors import WorldError
 from ballbot_ros.numerics.elementary import sine_cosine
 from ballbot_ros.parameters import SonarParameters
 from ballbot_ros.plant.ground_truth import Pair
-from ballbot_ros.world.errors import WorldError
 from ballbot_ros.world.floor_map import FloorMap, load_map
 
 MAX_RAY_CELLS = 255

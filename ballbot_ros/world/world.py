@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot_ros.errors import WorldError
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.plant.ground_truth import Pair
 from ballbot_ros.world.clearance import Walls, clearance, walls_around
-from ballbot_ros.world.errors import WorldError
 from ballbot_ros.world.floor_map import CELL_M, CELLS_PER_METRE, FloorMap, load_map, map_point
 from ballbot_ros.world.sonar_beam import wall_distance
 

@@ -19,9 +19,8 @@ from ballbot_ros.analysis.recorded_controller import (
     identity_of,
 )
 from ballbot_ros.analysis.recording_replay import RecordingReplay
-from ballbot_ros.controllers.errors import ControllerError
+from ballbot_ros.errors import ControllerError, RecordingError
 from ballbot_ros.parameters import ParameterError
-from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import AttachedFile, RecordingReader
 from ballbot_ros.run.execution import execute
 from ballbot_ros.run.processes import Processes

@@ -15,6 +15,7 @@ from ballbot_ros.analysis.recorded_runs import (
 )
 from ballbot_ros.analysis.replay import RunInputs, read_inputs
 from ballbot_ros.analysis.robot_topics import robot_namespace, robot_topics
+from ballbot_ros.errors import RecordingError
 from ballbot_ros.messages.conversions import fill_header
 from ballbot_ros.messages.topics import (
     BATTERY_STATE,
@@ -29,7 +30,6 @@ from ballbot_ros.messages.topics import (
     WALL_HIT,
 )
 from ballbot_ros.plant.ground_truth import Push
-from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.schemas import encoder, new_message
 from ballbot_ros.recording.writer import RecordingWriter

@@ -12,8 +12,8 @@ from ballbot_ros import simulate
 from ballbot_ros.analysis.assessment import assess
 from ballbot_ros.analysis.metrics import measure
 from ballbot_ros.analysis.run_data import read_run
+from ballbot_ros.errors import RecordingError
 from ballbot_ros.messages.topics import ACCEPTED_PUSH, CONTROLLER_STATE, MOTOR_DUTY, PLANT_IMU
-from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.schemas import new_message
 from ballbot_ros.recording.writer import RecordingWriter

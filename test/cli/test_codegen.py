@@ -9,7 +9,7 @@ from generated import need
 from graph import call, record
 
 from ballbot_ros.cli import codegen
-from ballbot_ros.codegen.errors import CodegenError
+from ballbot_ros.errors import CodegenError
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.simulation import scenario_steps
 

@@ -10,9 +10,9 @@ from notebook_cells import IMPORT, controller_class, notebook
 import ballbot_ros as bb
 from ballbot_ros.controllers import Controller
 from ballbot_ros.controllers.class_reference import reference_to, require_unchanged
-from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.controllers.loading import load_controller
 from ballbot_ros.controllers.lqg import LQG
+from ballbot_ros.errors import ControllerError
 from ballbot_ros.recording.reader import RecordingReader
 
 __all__ = ['notebook']

@@ -11,7 +11,7 @@ from ballbot_ros.brick.brick import Tone
 from ballbot_ros.codegen.implementation import compose_controller, implementation_for
 from ballbot_ros.controllers import Controller
 from ballbot_ros.controllers.controller_program import TickTimes
-from ballbot_ros.controllers.errors import ControllerError
+from ballbot_ros.errors import ControllerError
 from ballbot_ros.parameters import CONTROLLER, ControllerParameters, ParameterSet
 
 START_MS = 2**32 - 100  # the system time wraps

@@ -9,7 +9,6 @@ import pytest
 from own_controllers import BALANCE
 
 from ballbot_ros.controllers import loading
-from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.controllers.loading import (
     Source,
     find_code,
@@ -17,6 +16,7 @@ from ballbot_ros.controllers.loading import (
     public_reference,
     resolve_reference,
 )
+from ballbot_ros.errors import ControllerError
 
 
 def refusal(reference):

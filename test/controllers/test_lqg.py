@@ -9,7 +9,6 @@ from laws import given
 from robot import physical
 from shipped_controllers import duties, exchanged, run_shipped
 
-from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.controllers.lqg import (
     LQG,
     LQGParameters,
@@ -18,6 +17,7 @@ from ballbot_ros.controllers.lqg import (
     discrete_model,
     measurement,
 )
+from ballbot_ros.errors import ControllerError
 from ballbot_ros.timing import TICK_MS, TICK_S
 
 REFERENCE = 'lqg'

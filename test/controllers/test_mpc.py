@@ -8,8 +8,8 @@ from shipped_controllers import duties, exchanged, run_shipped
 
 pytest.importorskip('osqp')
 
-from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.controllers.mpc import HORIZON, MPC, MPCParameters, Predictions, PredictivePlane
+from ballbot_ros.errors import ControllerError
 
 MPC_NAME = 'mpc'
 NO_LIMIT = 'controller.user.pitch_limit=45'

@@ -10,7 +10,6 @@ import pytest
 import yaml
 
 from ballbot_ros.controllers import new_package
-from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.controllers.new_package import (
     MAX_NAME,
     TEMPLATES,
@@ -18,6 +17,7 @@ from ballbot_ros.controllers.new_package import (
     package_files,
     write_package,
 )
+from ballbot_ros.errors import ControllerError
 
 PROJECT = Path(__file__).parents[2]
 SHORT, LONG = 'pd', 'long_' + 'x' * (MAX_NAME - len('long_'))

@@ -12,9 +12,9 @@ from shipped_controllers import duties
 from ballbot_ros.brick.brick import DeviceInputs
 from ballbot_ros.codegen.implementation import compose_controller, implementation_for
 from ballbot_ros.controllers import glide
-from ballbot_ros.controllers.errors import ControllerError
 from ballbot_ros.controllers.glide import GLIDE_TICKS
 from ballbot_ros.controllers.interface import OperatingState
+from ballbot_ros.errors import ControllerError
 from ballbot_ros.parameters import (
     CONTROLLER,
     ControllerParameters,

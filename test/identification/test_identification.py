@@ -8,7 +8,7 @@ from laws import refusal
 
 import ballbot_ros as bb
 from ballbot_ros.analysis.run_data import read_run
-from ballbot_ros.identification.errors import IdentificationError
+from ballbot_ros.errors import IdentificationError
 from ballbot_ros.identification.estimation import ExperimentFit
 from ballbot_ros.identification.experiment import ENCODER, GYRO, recorded_experiment
 from ballbot_ros.identification.identification import (

@@ -9,7 +9,7 @@ from laws import refusal
 import ballbot_ros.identification.segments as segments_module
 from ballbot_ros.brick.bluetooth import LogPacket
 from ballbot_ros.engine.plant import Plant
-from ballbot_ros.identification.errors import IdentificationError
+from ballbot_ros.errors import IdentificationError
 from ballbot_ros.identification.estimation import ExperimentFit
 from ballbot_ros.identification.experiment import (
     LOGGED_ENCODER,

@@ -11,6 +11,7 @@ rclpy = pytest.importorskip('rclpy')
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy  # noqa: E402
 from stubs import bare  # noqa: E402
 
+from ballbot_ros.errors import RecordingError  # noqa: E402
 from ballbot_ros.messages.conversions import (  # noqa: E402
     encode_duty,
     encode_header,
@@ -37,7 +38,6 @@ from ballbot_ros.nodes.recorder import (  # noqa: E402
     Recorder,
 )
 from ballbot_ros.parameters import RecorderParameters  # noqa: E402
-from ballbot_ros.recording.errors import RecordingError  # noqa: E402
 from ballbot_ros.recording.rosbag2 import RELIABLE_LATCHED, QosProfile  # noqa: E402
 from ballbot_ros.recording.writer import RUN_PARTICIPANTS  # noqa: E402
 from ballbot_ros.simulation.lockstep import Run, SampleStatus  # noqa: E402

@@ -15,7 +15,7 @@ from stubs import bare
 
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.codegen.implementation import Implementation
-from ballbot_ros.controllers.errors import ControllerError
+from ballbot_ros.errors import ControllerError
 from ballbot_ros.messages.conversions import stamp_ns
 from ballbot_ros.messages.topics import MOTOR_DUTY, OPERATING_STATE, PARAMETER_EVENTS, PLANT_IMU
 from ballbot_ros.nodes.controller import Controller

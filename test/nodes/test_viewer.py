@@ -10,6 +10,7 @@ pytest.importorskip('rclpy')
 
 from stubs import bare
 
+from ballbot_ros.errors import WorldError
 from ballbot_ros.messages.conversions import encode_joy
 from ballbot_ros.messages.run_reports import PlantReport
 from ballbot_ros.messages.topics import MAP, PLANT_IMU, PLANT_ODOM, RUN, SOUND
@@ -20,7 +21,6 @@ from ballbot_ros.timing import MILLISECOND_NS, SECOND_NS
 from ballbot_ros.viewer.overlay import Hold, Press
 from ballbot_ros.viewer.run_activity import PAUSE, RealTimeFactor, RunActivity
 from ballbot_ros.viewer.snapshot import History, Snapshot
-from ballbot_ros.world.errors import WorldError
 
 
 def test_released_sticks_are_published_as_neutral_once():

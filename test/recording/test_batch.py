@@ -10,8 +10,8 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 from text_messages import STRING, string
 
+from ballbot_ros.errors import RecordingError
 from ballbot_ros.recording.batch import Batch
-from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.schemas import encoder, new_message
 from ballbot_ros.recording.writer import RecordingWriter

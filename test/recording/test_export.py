@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from recorded_bytes import UNCOMPRESSED, flip, write_foreign
 
+from ballbot_ros.errors import RecordingError
 from ballbot_ros.recording import columns as tables
 from ballbot_ros.recording.columns import ColumnHints, ComputedColumn, TopicColumns
-from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.export import Exporter
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.schemas import encoder, new_message

@@ -2,7 +2,7 @@
 
 import pytest
 
-from ballbot_ros.recording.errors import RecordingError
+from ballbot_ros.errors import RecordingError
 from ballbot_ros.recording.playback import Playback, PlaybackAction
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.schemas import encoder, new_message

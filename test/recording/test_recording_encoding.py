@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from laws import given
 from rosbags.serde import SerdeError
 
-from ballbot_ros.recording.errors import RecordingError
+from ballbot_ros.errors import RecordingError
 from ballbot_ros.recording.schemas import encoder, new_message, typestore
 
 

@@ -12,8 +12,8 @@ from mcap.opcode import Opcode
 from recorded_bytes import FOREIGN, UNCHUNKED, UNCOMPRESSED, flip, write_foreign
 from text_messages import STRING, string
 
+from ballbot_ros.errors import RecordingError
 from ballbot_ros.recording import reader as reading
-from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.mcap_records import LimitedReader
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.schemas import encoder, new_message

@@ -24,7 +24,7 @@ from rosbags.rosbag2 import Reader
 from ruamel.yaml import YAML
 from text_messages import STRING, string
 
-from ballbot_ros.recording.errors import RecordingError
+from ballbot_ros.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.rosbag2 import RELIABLE_LATCHED, QosProfile, parse_offered_qos
 from ballbot_ros.recording.schemas import schema

@@ -23,7 +23,7 @@ from recorded_bytes import (
 from rosbags.highlevel import AnyReader
 from text_messages import STRING, string
 
-from ballbot_ros.recording.errors import RecordingError
+from ballbot_ros.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.repair import Repair, repair
 from ballbot_ros.recording.writer import RecordingWriter

@@ -17,11 +17,10 @@ from ballbot_ros.analysis.assessment import assess
 from ballbot_ros.analysis.metrics import Judgement, Verdict
 from ballbot_ros.analysis.recorded_scenario import RecordedPush
 from ballbot_ros.analysis.run_data import read_run
-from ballbot_ros.errors import BallbotError
+from ballbot_ros.errors import BallbotError, RecordingError
 from ballbot_ros.messages.topics import CLOCK
 from ballbot_ros.nodes.intra_process import intra_process
 from ballbot_ros.parameters import NODES, PLANT, RECORDER
-from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.writer import RecordingWriter
 from ballbot_ros.run import execution, offline, requirements
 from ballbot_ros.run.execution import execute

@@ -9,8 +9,7 @@ from graph import BALLBOT, environment
 
 from ballbot_ros.analysis.metrics import Verdict
 from ballbot_ros.cli.result import run_and_print
-from ballbot_ros.errors import BallbotError
-from ballbot_ros.recording.errors import RecordingError
+from ballbot_ros.errors import BallbotError, RecordingError
 from ballbot_ros.recording.writer import RecordingWriter
 from ballbot_ros.run import execution, spec
 from ballbot_ros.run.execution import execute

@@ -20,10 +20,9 @@ from ballbot_ros.analysis.metrics import ExpectationVerdict, Verdict
 from ballbot_ros.controllers.lqg import LQG
 from ballbot_ros.design.linear_model import design_servo
 from ballbot_ros.design.loop_analysis import analyse_ideal
-from ballbot_ros.errors import BallbotError
+from ballbot_ros.errors import BallbotError, RecordingError
 from ballbot_ros.parameters import ControllerParameters, ParameterSet, PlantParameters
 from ballbot_ros.plant.model import PhysicalParameters, state_space
-from ballbot_ros.recording.errors import RecordingError
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.run import library
 from ballbot_ros.run.execution import execute

@@ -8,7 +8,7 @@ import pytest
 from robot import AT_REST
 
 from ballbot_ros.codegen.implementation import compose_controller, implementation_for
-from ballbot_ros.controllers.errors import ControllerError
+from ballbot_ros.errors import ControllerError
 from ballbot_ros.parameters import CONTROLLER, ControllerParameters, ParameterSet, PlantParameters
 from ballbot_ros.run import tick_timer
 from ballbot_ros.run.tick_timer import TickTimer

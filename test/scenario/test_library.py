@@ -6,7 +6,7 @@ import pytest
 from hypothesis import strategies as st
 from laws import given, is_read_or_refused_in_one_line, refusal
 
-from ballbot_ros.errors import BallbotError
+from ballbot_ros.errors import BallbotError, ScenarioError
 from ballbot_ros.parameters import (
     GYRO,
     PLANT,
@@ -16,7 +16,6 @@ from ballbot_ros.parameters import (
     PlantParameters,
     SonarParameters,
 )
-from ballbot_ros.scenario.errors import ScenarioError
 from ballbot_ros.scenario.library import load_profile, load_scenario, scenario_names
 from ballbot_ros.scenario.scenario import Expectation, ScheduledPush
 

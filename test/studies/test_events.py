@@ -7,10 +7,10 @@ import pytest
 from laws import refusal
 from study_reruns import rerun_of
 
+from ballbot_ros.errors import StudyError
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.run.execution import execute
 from ballbot_ros.scenario.scenario import ScheduledPush
-from ballbot_ros.studies.errors import StudyError
 from ballbot_ros.studies.reader import read_study
 from ballbot_ros.studies.runs import (
     CompiledSimulator,

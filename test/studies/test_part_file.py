@@ -13,9 +13,9 @@ from study_folders import MEASURES, NOW, VARIED, record, rows_of, write_study
 pytest.importorskip('pyarrow')
 import pyarrow.parquet
 
+from ballbot_ros.errors import StudyError
 from ballbot_ros.studies.columns import DUTY_SHA256, Column
 from ballbot_ros.studies.data_set import begin_or_resume
-from ballbot_ros.studies.errors import StudyError
 from ballbot_ros.studies.manifest import PartSummary
 from ballbot_ros.studies.part_file import (
     DamagedPartError,

@@ -7,11 +7,10 @@ import pytest
 from laws import given, is_read_or_refused_in_one_line, refusal
 
 from ballbot_ros.controllers.document.axis import ProgramConstants
-from ballbot_ros.errors import BallbotError
+from ballbot_ros.errors import BallbotError, StudyError
 from ballbot_ros.parameters import ControllerParameters, PlantParameters
 from ballbot_ros.scenario.scenario import Expectation, Measure
 from ballbot_ros.studies.distributions import Levels, LogUniform, Normal, Uniform
-from ballbot_ros.studies.errors import StudyError
 from ballbot_ros.studies.reader import STUDY_KEYS, read_study
 from ballbot_ros.studies.rows import ROBOT_CLASSES
 from ballbot_ros.studies.study import Sampling, grid_shape

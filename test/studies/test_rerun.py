@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from ballbot_ros.studies.errors import StudyError
+from ballbot_ros.errors import StudyError
 from ballbot_ros.studies.rerun import study_parameters
 
 MODULE = 'mine:Mine'

@@ -5,12 +5,12 @@ import pytest
 from laws import refusal
 from pushes import pushes
 
+from ballbot_ros.errors import StudyError
 from ballbot_ros.parameters import ControllerParameters, ParameterError
 from ballbot_ros.run.processes import Processes
 from ballbot_ros.run.spec import RunOptions, RunSpec
 from ballbot_ros.scenario.metrics import METRICS
 from ballbot_ros.scenario.scenario import Measure, Scenario
-from ballbot_ros.studies.errors import StudyError
 from ballbot_ros.studies.runs import (
     CompiledSimulator,
     OrdinarySimulator,

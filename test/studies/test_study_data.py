@@ -12,9 +12,8 @@ from study_folders import MEASURES, NOW, record, rows_of, write_study
 pytest.importorskip('pyarrow')
 
 from ballbot_ros.analysis.proportion import wilson_interval
-from ballbot_ros.errors import BallbotError
+from ballbot_ros.errors import BallbotError, StudyError
 from ballbot_ros.studies.data_set import begin_or_resume
-from ballbot_ros.studies.errors import StudyError
 from ballbot_ros.studies.part_file import PartRows, write_part
 from ballbot_ros.studies.runs import Results
 from ballbot_ros.studies.study_data import QUANTILES, Row, StudyData

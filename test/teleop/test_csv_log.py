@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from ballbot_ros.brick.bluetooth import LogPacket
+from ballbot_ros.errors import TeleopError
 from ballbot_ros.teleop.csv_log import HEADER, CsvLog, read_csv_log
-from ballbot_ros.teleop.errors import TeleopError
 
 
 def packet(time_ms):

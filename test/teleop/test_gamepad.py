@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from graph import wait_for
 
+from ballbot_ros.errors import TeleopError
 from ballbot_ros.teleop import gamepad as device_list
-from ballbot_ros.teleop.errors import TeleopError
 from ballbot_ros.teleop.gamepad import NO_MAPPING, Gamepad, GamepadDevice, GamepadState
 
 PAD = GamepadDevice(0, 'Fancy Pad', True)

@@ -4,8 +4,8 @@ import pytest
 
 pytest.importorskip('playwright', reason='the extra viewer is not installed')
 
+from ballbot_ros.errors import ViewerError
 from ballbot_ros.viewer.browser import browser_page
-from ballbot_ros.viewer.errors import ViewerError
 
 
 @pytest.mark.parametrize(

@@ -22,8 +22,8 @@ from viser.infra import _infra
 from websockets.exceptions import ConnectionClosedError, InvalidStatus
 from websockets.sync.client import connect
 
+from ballbot_ros.errors import ViewerError
 from ballbot_ros.parameters import Dimensions, ParameterSet, ViewerParameters
-from ballbot_ros.viewer.errors import ViewerError
 from ballbot_ros.viewer.live_controls import LiveControls
 from ballbot_ros.viewer.overlay import Banner, OverlayState, Press
 from ballbot_ros.viewer.page import Page

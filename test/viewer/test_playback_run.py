@@ -14,6 +14,7 @@ import ballbot_ros as bb
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.brick.brick import Tone
 from ballbot_ros.cli.recordings import read_playback_run
+from ballbot_ros.errors import ViewerError
 from ballbot_ros.parameters import VIEWER, Dimensions, ParameterSet, ViewerParameters
 from ballbot_ros.run.processes import Processes
 from ballbot_ros.run.requirements import require_viewer
@@ -26,7 +27,6 @@ from ballbot_ros.viewer.address import (
     network_warning,
     url_authority,
 )
-from ballbot_ros.viewer.errors import ViewerError
 from ballbot_ros.viewer.panel import tone_html
 from ballbot_ros.viewer.playback_run import PlaybackRun
 

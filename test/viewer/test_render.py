@@ -9,8 +9,8 @@ import pytest
 from browsing import shared_page
 
 from ballbot_ros.cli.render import parse_view
+from ballbot_ros.errors import ViewerError
 from ballbot_ros.viewer import render
-from ballbot_ros.viewer.errors import ViewerError
 from ballbot_ros.viewer.playback_run import PlaybackRun
 from ballbot_ros.viewer.render import (
     FORMATS,

@@ -4,7 +4,7 @@ from browsing import receive
 from graph import wait_for
 from robot import DIMENSIONS
 
-from ballbot_ros.recording.errors import RecordingError
+from ballbot_ros.errors import RecordingError
 from ballbot_ros.viewer.page import Page
 from ballbot_ros.viewer.plots import Plots, topic_kind
 from ballbot_ros.viewer.recorded_topics import TopicChooser, TopicPlots

@@ -10,7 +10,7 @@ from laws import given
 from maps import drawn
 from PIL import Image
 
-from ballbot_ros.world.errors import WorldError
+from ballbot_ros.errors import WorldError
 from ballbot_ros.world.exports import FREE, OCCUPIED, floor_map_of, occupancy_grid, write_files
 from ballbot_ros.world.floor_map import FLOOR, LINE, WALL, FloorMap, load_map
 

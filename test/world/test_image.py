@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from laws import given, is_read_or_refused_in_one_line, refusal
 from PIL import Image
 
-from ballbot_ros.world.errors import WorldError
+from ballbot_ros.errors import WorldError
 from ballbot_ros.world.floor_map import FLOOR, LINE, WALL
 from ballbot_ros.world.image import read_map
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from maps import drawn, save
 
-from ballbot_ros.world.errors import WorldError
+from ballbot_ros.errors import WorldError
 from ballbot_ros.world.floor_map import LINE, load_map, map_names
 
 

@@ -9,8 +9,8 @@ from maps import save, with_walls
 from robot import values_of
 
 from ballbot_ros.engine.devices import distance_ahead, numbers_of, sonar_constants
+from ballbot_ros.errors import WorldError
 from ballbot_ros.parameters import SONAR
-from ballbot_ros.world.errors import WorldError
 from ballbot_ros.world.sonar_beam import sides_of
 
 

@@ -10,9 +10,9 @@ from maps import drawn, open_floor, save, with_walls
 from robot import values_of
 
 from ballbot_ros.engine.compilation import compiled
+from ballbot_ros.errors import WorldError
 from ballbot_ros.parameters import PLANT
 from ballbot_ros.world.clearance import clearance
-from ballbot_ros.world.errors import WorldError
 from ballbot_ros.world.floor_map import load_map
 from ballbot_ros.world.world import World
 
