@@ -1,6 +1,6 @@
 """What a run shows, in sentences: its limit cycles, and why the estimated pitch is off.
 
-The document's program integrates the gyro's reading minus an offset. It measures the offset in the
+The pitch that the document's program estimates is off because it integrates the gyro's reading minus an offset. It measures the offset in the
 calibration, and moves it to later readings by a low pass with the coefficient a = a_gd. With
 o_hat as the result of the calibration, its estimate is psi_hat[k+1] = a psi_hat[k] +
 T a (reading[k] - o_hat). For the true offset o[k] of the gyro, the error of the estimate follows

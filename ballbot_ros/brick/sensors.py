@@ -2,12 +2,13 @@
 
 An integer sent as rad or m comes back as the same integer.
 
-A reading is the angular rate in deg/s plus the zero-rate offset, as a 10-bit number. The rate
-saturates at the gyro's range; offset, drift and noise add to it; the sum is rounded and bounded by
+The reading of a gyro is the angular rate in deg/s plus the zero-rate offset, as a 10-bit number.
+The rate saturates at the gyro's range; offset, drift and noise add to it; the sum is rounded and bounded by
 the converter. The drift is a sine whose phase is drawn from the seed.
 
-It is in whole physics steps, and depends on parameters, the seed and the time alone, like the noise
-of a device: a driver that restarts in mid-run continues with the same ages.
+Dead time is how old samples are, and how late a duty takes effect. It is in whole physics steps, and
+depends on parameters, the seed and the time alone, like the noise of a device: a driver that
+restarts in mid-run continues with the same ages.
 """
 
 from __future__ import annotations

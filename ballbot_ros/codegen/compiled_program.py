@@ -1,6 +1,7 @@
 """The compiled control program, as a replacement for the Python one.
 
-``target/brick.c`` defines both records.
+It is a process, with one request and one answer per tick through pipes; ``target/brick.c`` defines
+both records.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The samples of a tick, and a whole run of the document's program as one loop over ticks.
 
-After them the controller acts, and then the plant moves: the lockstep imposes this order on the
+After the samples the controller acts, and then the plant moves: the lockstep imposes this order on the
 graph, too.
 """
 

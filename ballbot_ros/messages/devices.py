@@ -2,8 +2,6 @@
 
 The functions that encode and decode messages are like those of
 :mod:`ballbot_ros.messages.conversions`.
-
-A message has no fixed layout, since the number of steps depends on the drivers of the run.
 """
 
 from __future__ import annotations
@@ -72,7 +70,10 @@ _encoder, _decoder = cache(encoder), cache(decoder)
 
 
 def encode_steps(truth: GroundTruth) -> bytes:
-    """Return ``plant/steps``: a point for each step, the oldest first, that of the stamp last."""
+    """Return ``plant/steps``: a point for each step, the oldest first, that of the stamp last.
+
+    It has no fixed layout, since the number of steps depends on the drivers of the run.
+    """
     message = new_message(PLANT_STEPS.type_name)
     fill_header(message.header, truth.stamp_ns, 'map')
     message.fields = _fields()
