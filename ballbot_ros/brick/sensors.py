@@ -3,11 +3,11 @@
 An integer sent as rad or m comes back as the same integer.
 
 The reading of a gyro is the angular rate in deg/s plus the zero-rate offset, as a 10-bit number.
-The rate saturates at the gyro's range; offset, drift and noise add to it; the sum is rounded and bounded by
-the converter. The drift is a sine whose phase is drawn from the seed.
+The rate saturates at the gyro's range; offset, drift and noise add to it; the sum is rounded and
+bounded by the converter. The drift is a sine whose phase is drawn from the seed.
 
-Dead time is how old samples are, and how late a duty takes effect. It is in whole physics steps, and
-depends on parameters, the seed and the time alone, like the noise of a device: a driver that
+Dead time is how old samples are, and how late a duty takes effect. It is in whole physics steps,
+and depends on parameters, the seed and the time alone, like the noise of a device: a driver that
 restarts in mid-run continues with the same ages.
 """
 

@@ -1,7 +1,7 @@
 """The samples of a tick, and a whole run of the document's program as one loop over ticks.
 
-After the samples the controller acts, and then the plant moves: the lockstep imposes this order on the
-graph, too.
+After the samples the controller acts, and then the plant moves: the lockstep imposes this order on
+the graph, too.
 """
 
 from __future__ import annotations
