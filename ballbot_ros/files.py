@@ -1,4 +1,4 @@
-"""Access to files, with errors that fit on one line."""
+"""Access to files, and to those of the package; every error fits on one line."""
 
 from __future__ import annotations
 
@@ -95,3 +95,18 @@ def shown_path(path: str | Path) -> str:
         return str(path.relative_to(Path.cwd()))
     except (ValueError, OSError):
         return str(path)
+
+
+def share_directory() -> Path:
+    """Return the folder that holds ``config`` and ``launch``.
+
+    Raises
+    ------
+    BallbotError
+        If the installation is incomplete.
+    """
+    for parent in Path(__file__).resolve().parents:
+        for candidate in (parent, parent / 'share' / 'ballbot_ros'):
+            if (candidate / 'package.xml').is_file() and (candidate / 'config').is_dir():
+                return candidate
+    raise BallbotError('share/ballbot_ros/config not found in the installation of ballbot_ros')

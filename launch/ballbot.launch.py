@@ -12,7 +12,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.substitutions import FindPackagePrefix
 
-from ballbot_ros.files import temporary_folder
+from ballbot_ros.files import share_directory, temporary_folder
 from ballbot_ros.messages.topics import MAP, MARKERS, PLANT_ODOM, ROBOT_DESCRIPTION
 from ballbot_ros.parameters import (
     ALL_NODES,
@@ -23,7 +23,6 @@ from ballbot_ros.parameters import (
 from ballbot_ros.parameters.files import write_parameter_file
 from ballbot_ros.run.graph import graph_parameters
 from ballbot_ros.run.spec import RunOptions, RunSpec
-from ballbot_ros.share import share_directory
 
 ARGUMENTS = {
     'scenario': ('', 'name or file of a scenario; empty: balance until stopped'),

@@ -25,6 +25,7 @@ import scipy
 from pushes import pushes
 from scipy.linalg import expm
 
+from ballbot_ros.files import share_directory
 from ballbot_ros.numerics.random_numbers import bits_53, philox4x32, uniform
 from ballbot_ros.parameters import (
     CONTROLLER,
@@ -36,7 +37,6 @@ from ballbot_ros.parameters import (
 )
 from ballbot_ros.scenario.library import load_scenario, scenario_names
 from ballbot_ros.scenario.scenario import Scenario, Segment, StickSignal
-from ballbot_ros.share import share_directory
 from ballbot_ros.simulation.closed_loop import ClosedLoop
 from ballbot_ros.simulation.golden import GOLDEN_FILE, arithmetic_sha256, duty_sha256
 

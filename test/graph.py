@@ -21,8 +21,8 @@ from ballbot_ros.nodes import processes
 from ballbot_ros.nodes.fork_server import NodeRequest
 from ballbot_ros.nodes.presence import PORT_BASE, PORTS_PER_DOMAIN, bound_udp_ports
 from ballbot_ros.parameters import NODES
+from ballbot_ros.process import STOP_SIGNALS
 from ballbot_ros.recording.reader import RecordingReader
-from ballbot_ros.stop_request import STOP_SIGNALS
 
 BALLBOT = [sys.executable, '-m', 'ballbot_ros.cli.main']
 # Domains whose UDP ports the system does not assign to other programs: beyond 101 most domains use

@@ -27,7 +27,7 @@ from ballbot_ros.simulation import run_actions as do
 from ballbot_ros.simulation.liveness import Observation, ThreadTime
 from ballbot_ros.simulation.lockstep_master import LockstepMaster
 from ballbot_ros.simulation.participants import Announcement, Objection, Participant
-from ballbot_ros.simulation.run_setup import RunSetup
+from ballbot_ros.simulation.run_actions import RunSetup
 from ballbot_ros.simulation.strangers import Publisher
 from ballbot_ros.timing import TICK_NS
 from ballbot_ros.world.world import World

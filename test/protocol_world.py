@@ -63,8 +63,8 @@ from ballbot_ros.simulation.participants import (
     RunMember,
 )
 from ballbot_ros.simulation.recording_order import ArrivalOrder, Stream
+from ballbot_ros.simulation.run_actions import RunSetup
 from ballbot_ros.simulation.run_recording import RunRecording
-from ballbot_ros.simulation.run_setup import RunSetup
 from ballbot_ros.simulation.strangers import Publisher
 from ballbot_ros.teleop.sticks import Arbiter, GivenAnswers
 from ballbot_ros.timing import RESEND_S, SLOW_PERIOD_NS

@@ -12,8 +12,8 @@ from functools import partial
 from lockstep_world import DRIVERS, ROLES, LockstepWorld, data_of
 
 from ballbot_ros.brick.sensors import battery_mv
+from ballbot_ros.controllers.document.axis import task_timings
 from ballbot_ros.controllers.document.program import ControlProgram
-from ballbot_ros.controllers.document.tasks import task_timings
 from ballbot_ros.messages.devices import DEVICE_MESSAGES, INPUT_READERS, device_inputs
 from ballbot_ros.messages.topics import (
     BATTERY_STATE,
@@ -28,9 +28,8 @@ from ballbot_ros.parameters import (
     PlantParameters,
 )
 from ballbot_ros.simulation import run_actions as do
-from ballbot_ros.simulation.lockstep import LockstepTicks, SampleReaction
+from ballbot_ros.simulation.lockstep import DueTick, LockstepTicks, SampleReaction
 from ballbot_ros.simulation.lockstep_master import LockstepMaster
-from ballbot_ros.simulation.task_releases import DueTick
 from ballbot_ros.timing import (
     BATTERY_PERIOD_NS,
     MILLISECOND_NS,

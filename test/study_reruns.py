@@ -1,6 +1,6 @@
 """Runs of a study once more, without its results."""
 
-from ballbot_ros.parameters.assignment import plain_value
+from ballbot_ros.parameters.files import plain_value
 from ballbot_ros.run.processes import Processes
 from ballbot_ros.simulation.run_actions import Outcome
 from ballbot_ros.studies.job import job_of

@@ -5,6 +5,7 @@ from hypothesis import strategies as st
 from laws import given, is_read_or_refused_in_one_line, refusal
 
 from ballbot_ros.errors import BallbotError
+from ballbot_ros.files import share_directory
 from ballbot_ros.parameters import (
     ALL_NODES,
     CONTROLLER,
@@ -20,7 +21,6 @@ from ballbot_ros.parameters.files import (
     read_parameter_file,
     write_parameter_file,
 )
-from ballbot_ros.share import share_directory
 
 values_of_rows = {
     row: st.sampled_from(row.choices)

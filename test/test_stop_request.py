@@ -7,7 +7,7 @@ import sys
 import pytest
 from graph import LAST_RESORT_S, kept_handlers
 
-from ballbot_ros.stop_request import STOP_SIGNALS, DeferredSignals, ProgramEnd, StopRequest
+from ballbot_ros.process import STOP_SIGNALS, DeferredSignals, ProgramEnd, StopRequest
 
 
 def test_the_first_signal_is_noted():
@@ -83,10 +83,10 @@ def test_the_first_signal_ends_a_program_and_later_ones_do_not_disturb_its_end(n
 def test_a_signal_in_the_callback_of_a_weak_reference_ends_a_program(number, status, delay_s):
     script = f"""
 import signal, sys, time, weakref
-from ballbot_ros import stop_request
-from ballbot_ros.stop_request import ProgramEnd
+from ballbot_ros import process
+from ballbot_ros.process import ProgramEnd
 
-stop_request._AGAIN_S = {delay_s}
+process._AGAIN_S = {delay_s}
 
 class Item:
     pass

@@ -2,7 +2,7 @@
 
 import pytest
 
-from ballbot_ros.suggestions import did_you_mean, similar
+from ballbot_ros.errors import did_you_mean, similar
 
 
 @pytest.mark.parametrize(

@@ -20,10 +20,9 @@ from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.analysis.run_metrics import RUN_METRICS
 from ballbot_ros.parameters import GyroParameters, PlantParameters
 from ballbot_ros.simulation.run_actions import changes_text
-from ballbot_ros.world.clearance import NO_WALLS, Walls
 from ballbot_ros.world.exports import floor_map_of
 from ballbot_ros.world.floor_map import CELL_M
-from ballbot_ros.world.world import World
+from ballbot_ros.world.world import NO_WALLS, Walls, World
 
 
 @dataclass(frozen=True)

@@ -44,9 +44,8 @@ from ballbot_ros.analysis.style import (
     png_of,
 )
 from ballbot_ros.analysis.table import Table, csv_text
-from ballbot_ros.errors import BallbotError
+from ballbot_ros.errors import BallbotError, similar
 from ballbot_ros.messages.topics import MOTOR_DUTY, PLANT_IMU, PLANT_ODOM, Topic
-from ballbot_ros.suggestions import similar
 from ballbot_ros.world.exports import OccupancyGrid
 from ballbot_ros.world.floor_map import FloorMap
 

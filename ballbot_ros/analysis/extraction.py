@@ -56,7 +56,7 @@ from ballbot_ros.messages.topics import (
     Topic,
 )
 from ballbot_ros.parameters import Value
-from ballbot_ros.progress import ProgressCallback
+from ballbot_ros.process import ProgressCallback
 from ballbot_ros.recording.batch import Batch, RawMessage, Rows
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.timing import SECOND_NS

@@ -15,7 +15,7 @@ from ballbot_ros.scenario.scenario import Expectation, Measure
 from ballbot_ros.simulation.trajectory import Trajectory
 from ballbot_ros.text_enum import TextEnum
 from ballbot_ros.timing import TICK_S
-from ballbot_ros.world.clearance import NO_WALLS, Walls
+from ballbot_ros.world.world import NO_WALLS, Walls
 
 
 class Verdict(TextEnum):

@@ -46,8 +46,7 @@ from ballbot_ros.parameters import (
     ParameterSet,
     PlantParameters,
 )
-from ballbot_ros.parameters.assignment import assign
-from ballbot_ros.parameters.files import read_parameter_file
+from ballbot_ros.parameters.files import assign, read_parameter_file
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.rosbag2 import CONTROLLER_INFO, PARAMETERS
 from ballbot_ros.simulation.closed_loop import Tick

@@ -38,7 +38,7 @@ from ballbot_ros.parameters import (
     ControllerParameters,
     PlantParameters,
 )
-from ballbot_ros.progress import ProgressCallback
+from ballbot_ros.process import ProgressCallback
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.writer import RUN_OUTCOME
 from ballbot_ros.scenario.metrics import Floats

@@ -17,7 +17,7 @@ from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.errors import RecordingError
 from ballbot_ros.messages.column_hints import column_hints
 from ballbot_ros.messages.topics import RUN, Topic
-from ballbot_ros.progress import ProgressCallback
+from ballbot_ros.process import ProgressCallback
 from ballbot_ros.recording.batch import Batch, Rows
 from ballbot_ros.recording.columns import Column, ColumnHints, TopicColumns, has_signals
 from ballbot_ros.recording.reader import RecordingReader

@@ -21,12 +21,12 @@ from ballbot_ros.codegen.measure import (
     SRAM_BYTES,
 )
 from ballbot_ros.codegen.toolchain import ARM, HOST, missing_tool
-from ballbot_ros.controllers.document.tasks import TS1_MS
+from ballbot_ros.controllers.document.axis import TS1_MS
 from ballbot_ros.errors import CodegenError, RecordingError
 from ballbot_ros.files import temporary_folder
-from ballbot_ros.own_command import own_command
 from ballbot_ros.parameters import CONTROLLER, ControllerParameters, ParameterSet
 from ballbot_ros.parameters.files import read_parameter_file
+from ballbot_ros.process import own_command
 from ballbot_ros.simulation.scenario_steps import check_sequences
 
 

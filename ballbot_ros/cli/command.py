@@ -7,8 +7,8 @@ from importlib import import_module
 import click
 
 from ballbot_ros import __version__
-from ballbot_ros.own_command import program
-from ballbot_ros.suggestions import similar
+from ballbot_ros.errors import similar
+from ballbot_ros.process import program
 
 COMMANDS = {
     'run': 'Run a scenario and judge it by its expectations.',

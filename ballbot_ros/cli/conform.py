@@ -14,7 +14,7 @@ from rich.text import Text
 
 from ballbot_ros.cli.options import Choice
 from ballbot_ros.parameters import ROLES
-from ballbot_ros.standard_streams import stdout_to_stderr
+from ballbot_ros.process import stdout_to_stderr
 
 if TYPE_CHECKING:  # importing it takes a while
     from ballbot_ros.conformance.examination import Row

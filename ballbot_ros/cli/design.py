@@ -15,11 +15,10 @@ from ballbot_ros.cli.options import NEW_FILE, PATH, Choice, set_option
 from ballbot_ros.cli.written_file import command_line, heading, write_file
 from ballbot_ros.codegen.implementation import compose_controller
 from ballbot_ros.parameters import CONTROLLER, MAX_DELAY_MS, PLANT, ParameterSet, PlantParameters
-from ballbot_ros.parameters.assignment import assign
 from ballbot_ros.parameters.controller import MODEL
-from ballbot_ros.parameters.files import format_parameters, read_parameter_file
+from ballbot_ros.parameters.files import assign, format_parameters, read_parameter_file
 from ballbot_ros.plant.model import PhysicalParameters
-from ballbot_ros.standard_streams import stdout_to_stderr
+from ballbot_ros.process import stdout_to_stderr
 from ballbot_ros.text_enum import TextEnum
 
 LOOP_PARAMETERS = ('k_f', 'k_i', 'a_d', 'a_gd')

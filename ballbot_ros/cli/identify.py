@@ -14,8 +14,7 @@ from ballbot_ros.cli.recordings import file_progress
 from ballbot_ros.cli.written_file import command_line, heading, write_file
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.parameters import PLANT, ParameterSet, Value
-from ballbot_ros.parameters.assignment import assign
-from ballbot_ros.parameters.files import read_parameter_file
+from ballbot_ros.parameters.files import assign, read_parameter_file
 
 if TYPE_CHECKING:
     from ballbot_ros.identification.experiment import Experiment

@@ -17,8 +17,7 @@ from ballbot_ros.cli.options import RECORDING
 from ballbot_ros.cli.recordings import file_progress
 from ballbot_ros.errors import printable
 from ballbot_ros.messages.topics import RUN
-from ballbot_ros.own_command import own_command
-from ballbot_ros.progress import ProgressCallback
+from ballbot_ros.process import ProgressCallback, own_command
 from ballbot_ros.recording.overview import read_topics
 from ballbot_ros.recording.reader import AttachedFile, RecordingReader
 from ballbot_ros.recording.rosbag2 import METADATA_NAME, PARAMETERS, SCENARIO, VERSIONS

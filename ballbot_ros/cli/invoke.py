@@ -7,11 +7,7 @@ import os
 import click
 
 from ballbot_ros.errors import BallbotError, printable
-from ballbot_ros.standard_streams import (
-    STANDARD_OUTPUT,
-    open_standard_streams,
-    prepare_standard_output,
-)
+from ballbot_ros.process import STANDARD_OUTPUT, open_standard_streams, prepare_standard_output
 
 
 def invoke(command: click.Command, name: str, failed: int = 2) -> int:

@@ -6,7 +6,7 @@ import gc
 import os
 import sys
 
-from ballbot_ros.stop_request import DeferredSignals, ProgramEnd
+from ballbot_ros.process import DeferredSignals, ProgramEnd
 
 # Use one thread: matrices of four rows need no more, and others would compete with the nodes.
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')

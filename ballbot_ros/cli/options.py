@@ -11,8 +11,8 @@ from typing import Any
 import click
 
 from ballbot_ros.cli.web_page import PageOptions
+from ballbot_ros.errors import did_you_mean
 from ballbot_ros.run.processes import Processes
-from ballbot_ros.suggestions import did_you_mean
 
 
 class _Path(click.Path):

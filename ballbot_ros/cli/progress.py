@@ -12,7 +12,7 @@ from rich.progress import BarColumn, TextColumn
 from rich.progress import Progress as Bar
 
 from ballbot_ros.parameters import CONTROLLER, PLANT
-from ballbot_ros.progress import PROGRESS_PERIOD_S
+from ballbot_ros.process import PROGRESS_PERIOD_S
 
 LINE_PERIOD_S = 10.0
 

@@ -11,9 +11,8 @@ import click
 
 from ballbot_ros.cli.options import NEW_FILE, RECORDING, FloatRange
 from ballbot_ros.cli.recordings import file_progress
-from ballbot_ros.errors import ViewerError, importing_viewer
-from ballbot_ros.stop_request import DeferredSignals
-from ballbot_ros.suggestions import did_you_mean
+from ballbot_ros.errors import ViewerError, did_you_mean, importing_viewer
+from ballbot_ros.process import DeferredSignals
 from ballbot_ros.timing import TICK_S
 from ballbot_ros.viewer.address import require_viser
 from ballbot_ros.viewer.browser import browser_program

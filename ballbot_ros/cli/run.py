@@ -19,9 +19,9 @@ from ballbot_ros.cli.options import (
     set_option,
 )
 from ballbot_ros.parameters import ROLES
+from ballbot_ros.process import DeferredSignals
 from ballbot_ros.run.node_process import ForkClient
 from ballbot_ros.run.processes import Processes
-from ballbot_ros.stop_request import DeferredSignals
 
 
 @click.command('run')

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import click
 
 from ballbot_ros.cli.options import PATH, processes_option
+from ballbot_ros.errors import similar
 from ballbot_ros.run.processes import Processes
-from ballbot_ros.suggestions import similar
 
 if TYPE_CHECKING:
     from ballbot_ros.run.spec import RunSpec
@@ -88,7 +88,7 @@ def run(
     2 for a mistake in the arguments; 130 after Ctrl-C.
     """
     from ballbot_ros.cli.study_output import StudyProgress, print_json, print_summary
-    from ballbot_ros.standard_streams import stdout_to_stderr
+    from ballbot_ros.process import stdout_to_stderr
     from ballbot_ros.studies.execution import LocalWorkers, folder_of, run_study
     from ballbot_ros.studies.job import job_of
     from ballbot_ros.studies.reader import read_study
@@ -204,9 +204,9 @@ def _execute(spec: RunSpec, expected: str, as_json: bool) -> int:
     """Execute a run, print its result, and compare its duties with those of the study."""
     from ballbot_ros.cli.progress import Progress
     from ballbot_ros.cli.result import print_json, print_table
+    from ballbot_ros.process import stdout_to_stderr
     from ballbot_ros.run.execution import execute
     from ballbot_ros.simulation.run_actions import Outcome
-    from ballbot_ros.standard_streams import stdout_to_stderr
 
     with Progress(spec.name, spec.plant.duration) as progress, stdout_to_stderr():
         result = execute(spec, progress)

@@ -15,8 +15,7 @@ from rich.table import Table
 from ballbot_ros.analysis.metrics import number
 from ballbot_ros.analysis.proportion import wilson_interval
 from ballbot_ros.cli.progress import ProgressLines, stderr_console
-from ballbot_ros.own_command import own_command
-from ballbot_ros.progress import PROGRESS_PERIOD_S
+from ballbot_ros.process import PROGRESS_PERIOD_S, own_command
 from ballbot_ros.scenario.scenario import bounds_text
 from ballbot_ros.studies.columns import MeasureColumn
 from ballbot_ros.studies.manifest import PartSummary

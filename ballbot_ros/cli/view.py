@@ -9,7 +9,7 @@ import click
 
 from ballbot_ros.cli.options import RECORDING, no_browser_option
 from ballbot_ros.cli.web_page import open_browser
-from ballbot_ros.stop_request import DeferredSignals, StopRequest
+from ballbot_ros.process import DeferredSignals, StopRequest
 from ballbot_ros.viewer.address import NEXT_FREE, address_line, network_warning, require_viser
 
 

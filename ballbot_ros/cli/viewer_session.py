@@ -17,6 +17,7 @@ from ballbot_ros.files import temporary_folder
 from ballbot_ros.nodes.supervisor import Supervisor
 from ballbot_ros.parameters import VIEWER, ParameterSet, ViewerParameters
 from ballbot_ros.parameters.files import write_parameter_file
+from ballbot_ros.process import StopRequest, stdout_to_stderr
 from ballbot_ros.run.execution import execute
 from ballbot_ros.run.node_process import ForkClient, NodeProcess, stop_all
 from ballbot_ros.run.observer import RunObserver, StartObserver
@@ -24,8 +25,6 @@ from ballbot_ros.run.one_process import NodeThread, ros
 from ballbot_ros.run.requirements import require_viewer
 from ballbot_ros.run.result import RunResult
 from ballbot_ros.run.spec import RunOptions, RunSpec
-from ballbot_ros.standard_streams import stdout_to_stderr
-from ballbot_ros.stop_request import StopRequest
 from ballbot_ros.teleop.terminal import KeyPress, can_read_keys
 
 POLL_S = 0.05

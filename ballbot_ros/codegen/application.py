@@ -16,13 +16,12 @@ from ballbot_ros.brick.bluetooth import PACKET_SIZE
 from ballbot_ros.brick.schedule import TaskTiming
 from ballbot_ros.brick.sensors import NO_ECHO_CM
 from ballbot_ros.codegen.state_variables import PLANE_VARIABLES, PROGRAM_VARIABLES
-from ballbot_ros.controllers.document.axis import ProgramConstants, Single
+from ballbot_ros.controllers.document.axis import PROGRAM_NAME, TS1_MS, ProgramConstants, Single
 from ballbot_ros.controllers.document.program import LOWEST_TONE_HZ, VOLTAGE_OFFSET, VOLTAGE_SLOPE
-from ballbot_ros.controllers.document.tasks import PROGRAM_NAME, TS1_MS
 from ballbot_ros.errors import CodegenError
 from ballbot_ros.files import read_bytes, read_text
-from ballbot_ros.own_command import program
 from ballbot_ros.parameters import CONTROLLER, ControllerParameters, Parameter, parameters_of
+from ballbot_ros.process import program
 
 _INTEGERS = {
     'U8': (0, 2**8 - 1),

@@ -17,8 +17,8 @@ from ballbot_ros.codegen.compiled_program import Answer, BrickProcess, CompiledP
 from ballbot_ros.codegen.measure import Memory, count_instructions, measure_memory
 from ballbot_ros.codegen.state_variables import members, named_values, state_bytes
 from ballbot_ros.codegen.toolchain import Target, build
+from ballbot_ros.controllers.document.axis import TS1_MS
 from ballbot_ros.controllers.document.program import ControlProgram
-from ballbot_ros.controllers.document.tasks import TS1_MS
 from ballbot_ros.errors import CodegenError
 from ballbot_ros.parameters import ControllerParameters, ParameterSet
 from ballbot_ros.parameters.files import read_parameter_file

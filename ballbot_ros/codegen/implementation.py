@@ -8,8 +8,8 @@ from pathlib import Path
 
 from ballbot_ros.brick.schedule import TaskTiming
 from ballbot_ros.controllers.controller_program import ControllerProgram, TickTimes
+from ballbot_ros.controllers.document.axis import task_timings
 from ballbot_ros.controllers.document.program import ControlProgram
-from ballbot_ros.controllers.document.tasks import task_timings
 from ballbot_ros.controllers.interface import Program
 from ballbot_ros.controllers.loading import (
     LoadedController,

@@ -25,10 +25,16 @@ from typing import Any
 
 from ballbot_ros.brick.schedule import TaskTiming
 from ballbot_ros.controllers.controller import Controller, tasks_of
-from ballbot_ros.errors import BallbotError, ControllerError, TickTimeoutError, one_line, short_repr
+from ballbot_ros.errors import (
+    BallbotError,
+    ControllerError,
+    TickTimeoutError,
+    did_you_mean,
+    one_line,
+    short_repr,
+)
 from ballbot_ros.files import read_bytes, shown_path
 from ballbot_ros.parameters import DOCUMENTS_PROGRAM
-from ballbot_ros.suggestions import did_you_mean
 
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 """The time of every file in an archive, so that the same files always give the same bytes."""

@@ -17,8 +17,8 @@ from ballbot_ros.controllers.driving import (
 )
 from ballbot_ros.controllers.interface import Estimates
 from ballbot_ros.errors import ControllerError
-from ballbot_ros.numerics.discretisation import zero_order_hold
 from ballbot_ros.parameters import ControllerParameters, TakesEffect, designed, quantity
+from ballbot_ros.plant.integration import zero_order_hold
 from ballbot_ros.plant.model import Matrix, PhysicalParameters, state_space
 from ballbot_ros.timing import TICK_MS, TICK_S
 

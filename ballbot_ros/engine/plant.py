@@ -20,7 +20,7 @@ from ballbot_ros.engine.plant_tick import (
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.plant.actuator import motor_current
 from ballbot_ros.plant.ground_truth import GroundTruth, MeasuredState, Push
-from ballbot_ros.plant.wall_contact import Floor, WallHit
+from ballbot_ros.plant.laws import Floor, WallHit
 from ballbot_ros.timing import STEP_NS
 
 _FLOAT32 = struct.Struct('<f')

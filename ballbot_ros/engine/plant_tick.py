@@ -29,15 +29,17 @@ from ballbot_ros.plant.integration import (
 )
 from ballbot_ros.plant.laws import (
     add_push_forces,
+    ball_position,
     has_fallen,
     is_release,
+    planes_at_wall,
     released,
     shaft_angle,
     state_after_fall,
+    state_after_impact,
     wheel_angle,
 )
 from ballbot_ros.plant.model import MassMatrix, gear_ratio, mass_matrix, torque_per_volt
-from ballbot_ros.plant.wall_contact import ball_position, planes_at_wall, state_after_impact
 from ballbot_ros.timing import SLOW_PERIOD_NS, STEP_NS, STEPS_PER_TICK, TICK_NS
 from ballbot_ros.world.world import Footprint, half_cells, is_blocked
 

@@ -22,8 +22,12 @@ from ballbot_ros.parameters import (
     PlantParameters,
     SonarParameters,
 )
-from ballbot_ros.parameters.assignment import Parameters, assign_values, plain_values
-from ballbot_ros.parameters.files import read_parameter_file
+from ballbot_ros.parameters.files import (
+    Parameters,
+    assign_values,
+    plain_values,
+    read_parameter_file,
+)
 from ballbot_ros.parameters.shared import DeviceSeed
 from ballbot_ros.scenario.library import load_profile
 from ballbot_ros.scenario.reader import IDEAL

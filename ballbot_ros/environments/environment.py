@@ -36,7 +36,7 @@ from ballbot_ros.environments.episode import (
 )
 from ballbot_ros.errors import EnvironmentConfigurationError, importing_viewer, short_repr
 from ballbot_ros.parameters import GYRO, PLANT, ControllerParameters, PlantParameters, parameters_of
-from ballbot_ros.parameters.assignment import Parameters, plain_value
+from ballbot_ros.parameters.files import Parameters, plain_value
 from ballbot_ros.simulation.closed_loop import Robot
 from ballbot_ros.timing import TICK_MS
 

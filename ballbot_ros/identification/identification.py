@@ -23,7 +23,7 @@ from ballbot_ros.identification.experiment import GYRO, Experiment, with_values
 from ballbot_ros.identification.segment_model import SegmentModel
 from ballbot_ros.identification.segments import Segments, cut, segment_length
 from ballbot_ros.parameters import PLANT, PlantParameters, parameters_of, suggest
-from ballbot_ros.progress import ProgressCallback
+from ballbot_ros.process import ProgressCallback
 from ballbot_ros.text_enum import TextEnum
 
 HARD_TO_MEASURE = (

@@ -27,7 +27,7 @@ from ballbot_ros.nodes.intra_process import IntraProcess, intra_process
 from ballbot_ros.nodes.middleware import prepare_middleware
 from ballbot_ros.nodes.node_parameters import P, ParameterNode
 from ballbot_ros.nodes.processes import END_WITH_PARENT, end_with_parent
-from ballbot_ros.stop_request import StopRequest
+from ballbot_ros.process import StopRequest
 
 DIAGNOSTICS_PERIOD_S = 1.0
 SIGNAL_PERIOD_S = 0.05

@@ -24,7 +24,7 @@ from ballbot_ros.nodes.endpoints import (
     reliable_qos,
 )
 from ballbot_ros.nodes.processes import exit_description
-from ballbot_ros.stop_request import StopRequest
+from ballbot_ros.process import StopRequest
 
 POLL_S = 2e-4
 END_S = 5.0

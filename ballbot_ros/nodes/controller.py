@@ -44,9 +44,8 @@ from ballbot_ros.parameters import (
     ParameterError,
 )
 from ballbot_ros.simulation.free_running import FreeRunningTicks
-from ballbot_ros.simulation.lockstep import DEPTH, LockstepTicks, Run, SampleReaction
+from ballbot_ros.simulation.lockstep import DEPTH, DueTick, LockstepTicks, Run, SampleReaction
 from ballbot_ros.simulation.participants import SOURCE_HASH, TUNABLE, Objection
-from ballbot_ros.simulation.task_releases import DueTick
 from ballbot_ros.timing import MILLISECOND_NS, SECOND_NS, TICK_NS
 
 

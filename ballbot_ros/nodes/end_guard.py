@@ -31,7 +31,7 @@ def guarded_end() -> Iterator[None]:
         yield
         return
     # Imported here: as a program, this file has no packages.
-    from ballbot_ros.stop_request import STOP_SIGNALS
+    from ballbot_ros.process import STOP_SIGNALS
 
     ours, theirs = socket.socketpair()
     with ours:

@@ -10,8 +10,7 @@ import sys
 from collections.abc import Callable
 from functools import partial
 
-from ballbot_ros.standard_streams import open_standard_streams
-from ballbot_ros.stop_request import StopRequest
+from ballbot_ros.process import StopRequest, open_standard_streams
 
 
 def start(node: str | None) -> None:

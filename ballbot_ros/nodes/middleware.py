@@ -10,10 +10,9 @@ import sys
 from pathlib import Path
 
 from ballbot_ros.errors import BallbotError, one_line
-from ballbot_ros.files import make_folder
+from ballbot_ros.files import make_folder, share_directory
 from ballbot_ros.nodes.presence import living_participants
 from ballbot_ros.nodes.processes import END_WITH_PARENT
-from ballbot_ros.share import share_directory
 
 PROFILES = 'FASTRTPS_DEFAULT_PROFILES_FILE'
 """Environment variable: Fast DDS's profiles. Other middleware ignores it."""

@@ -72,9 +72,8 @@ from ballbot_ros.simulation.free_running import FreeRunningMaster
 from ballbot_ros.simulation.lockstep import DEPTH
 from ballbot_ros.simulation.lockstep_master import LockstepMaster
 from ballbot_ros.simulation.participants import Announcement
-from ballbot_ros.simulation.run_actions import Actions
+from ballbot_ros.simulation.run_actions import Actions, RunSetup
 from ballbot_ros.simulation.run_master import RunMaster
-from ballbot_ros.simulation.run_setup import RunSetup
 from ballbot_ros.simulation.trajectory import TrajectoryLog, save_trajectory
 from ballbot_ros.timing import RESEND_S, SECOND_NS, TICK_S
 from ballbot_ros.world.world import World

@@ -5,12 +5,18 @@ from ballbot_ros.parameters.controller import (
     ControllerParameters,
     is_own,
 )
-from ballbot_ros.parameters.devices import (
+from ballbot_ros.parameters.nodes import (
     DEVICES,
     DeviceParameters,
     EncoderParameters,
+    GamepadParameters,
     GyroParameters,
+    PlayerParameters,
+    RecorderParameters,
     SonarParameters,
+    SupervisorParameters,
+    ViewerParameters,
+    VisualizerParameters,
 )
 from ballbot_ros.parameters.parameter import (
     MAX_DELAY_MS,
@@ -56,14 +62,6 @@ from ballbot_ros.parameters.table import (
     VISUALIZER,
     parameters_of,
     suggest,
-)
-from ballbot_ros.parameters.teleop import GamepadParameters
-from ballbot_ros.parameters.tools import (
-    PlayerParameters,
-    RecorderParameters,
-    SupervisorParameters,
-    ViewerParameters,
-    VisualizerParameters,
 )
 
 __all__ = [

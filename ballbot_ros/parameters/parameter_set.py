@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import TypeVar
 
+from ballbot_ros.errors import did_you_mean
 from ballbot_ros.parameters.controller import is_own
 from ballbot_ros.parameters.parameter import NodeParameters, Parameter, ParameterError, Value
 from ballbot_ros.parameters.table import (
@@ -14,7 +15,6 @@ from ballbot_ros.parameters.table import (
     parameters_of,
     suggest,
 )
-from ballbot_ros.suggestions import did_you_mean
 
 _Node = TypeVar('_Node', bound=NodeParameters)
 

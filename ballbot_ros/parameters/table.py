@@ -8,11 +8,18 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
+from ballbot_ros.errors import similar
 from ballbot_ros.parameters.controller import ControllerParameters
-from ballbot_ros.parameters.devices import (
+from ballbot_ros.parameters.nodes import (
     DEVICES,
+    GamepadParameters,
     GyroParameters,
+    PlayerParameters,
+    RecorderParameters,
     SonarParameters,
+    SupervisorParameters,
+    ViewerParameters,
+    VisualizerParameters,
 )
 from ballbot_ros.parameters.parameter import (
     DriverParameters,
@@ -21,15 +28,6 @@ from ballbot_ros.parameters.parameter import (
     table,
 )
 from ballbot_ros.parameters.plant import PlantParameters
-from ballbot_ros.parameters.teleop import GamepadParameters
-from ballbot_ros.parameters.tools import (
-    PlayerParameters,
-    RecorderParameters,
-    SupervisorParameters,
-    ViewerParameters,
-    VisualizerParameters,
-)
-from ballbot_ros.suggestions import similar
 
 PARTICIPANTS: tuple[type[NodeParameters], ...] = (
     PlantParameters,

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ballbot_ros.errors import RecordingError
-from ballbot_ros.progress import ProgressCallback
+from ballbot_ros.process import ProgressCallback
 from ballbot_ros.recording.columns import (
     FORMATS,
     OWN_STAMP,

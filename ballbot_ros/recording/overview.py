@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ballbot_ros.progress import ProgressCallback
+from ballbot_ros.process import ProgressCallback
 from ballbot_ros.recording.reader import RecordingReader
 
 

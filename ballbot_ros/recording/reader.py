@@ -32,14 +32,13 @@ from rosbags.serde import SerdeError
 from rosbags.typesys.store import Typestore
 from zstandard import ZstdError
 
-from ballbot_ros.errors import RecordingError, printable
+from ballbot_ros.errors import RecordingError, did_you_mean, printable
 from ballbot_ros.files import open_regular
 from ballbot_ros.recording.batch import Batch, BatchLayout, RawMessage, Rows
 from ballbot_ros.recording.mcap_records import MESSAGE, LimitedReader, LimitError
 from ballbot_ros.recording.rosbag2 import DERIVED, QosProfile, TimeRange, parse_offered_qos
 from ballbot_ros.recording.schemas import recorded_typestore
 from ballbot_ros.recording.writer import INCOMPLETE, is_locked
-from ballbot_ros.suggestions import did_you_mean
 
 DAMAGE = (McapError, struct.error, ValueError, OverflowError, RuntimeError, MemoryError, ZstdError)
 """Errors of mcap, lz4 and zstandard for corrupt bytes."""

@@ -17,7 +17,7 @@ from mcap.records import Attachment, Channel, Message, Metadata, Schema, Statist
 from mcap.writer import MCAP0_MAGIC
 
 from ballbot_ros.errors import RecordingError
-from ballbot_ros.progress import ProgressCallback
+from ballbot_ros.process import ProgressCallback
 from ballbot_ros.recording.mcap_records import MESSAGE, LimitedReader, LimitError
 from ballbot_ros.recording.reader import DAMAGE, RecordingReader, summary_holds
 from ballbot_ros.recording.rosbag2 import METADATA_NAME, RecordedTopic

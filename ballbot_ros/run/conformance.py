@@ -11,8 +11,8 @@ from ballbot_ros.conformance.examination import Row
 from ballbot_ros.nodes.conformance_bench import ConformanceBench
 from ballbot_ros.nodes.middleware import require_discovery, ros_domain
 from ballbot_ros.nodes.presence import DomainLock
+from ballbot_ros.process import StopRequest
 from ballbot_ros.run.one_process import ros
-from ballbot_ros.stop_request import StopRequest
 
 
 def examine(role: str, command: Sequence[str] = ()) -> Iterator[Row]:

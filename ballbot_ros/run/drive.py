@@ -23,7 +23,8 @@ from ballbot_ros.parameters import (
     ParameterSet,
     PlantParameters,
 )
-from ballbot_ros.parameters.assignment import assign
+from ballbot_ros.parameters.files import assign
+from ballbot_ros.process import StopRequest
 from ballbot_ros.run.graph import graph_parameters
 from ballbot_ros.run.node_process import ForkClient
 from ballbot_ros.run.observer import RunObserver, StartObserver
@@ -34,7 +35,6 @@ from ballbot_ros.run.separate_processes import run_nodes
 from ballbot_ros.run.spec import RunSpec, check_reserved_parameters, resolve_map
 from ballbot_ros.scenario.library import load_profile
 from ballbot_ros.scenario.scenario import Scenario
-from ballbot_ros.stop_request import StopRequest
 from ballbot_ros.teleop.terminal import KeyPress
 
 NAME = 'drive'

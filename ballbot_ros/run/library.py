@@ -28,9 +28,14 @@ from ballbot_ros.parameters import (
     ParameterSet,
     PlantParameters,
 )
-from ballbot_ros.parameters.assignment import Parameters, assign_values, plain_value, plain_values
 from ballbot_ros.parameters.controller import MODEL, USER
-from ballbot_ros.parameters.files import read_parameter_file
+from ballbot_ros.parameters.files import (
+    Parameters,
+    assign_values,
+    plain_value,
+    plain_values,
+    read_parameter_file,
+)
 from ballbot_ros.plant.model import PhysicalParameters
 from ballbot_ros.run.observer import LogObserver
 from ballbot_ros.run.offline import run_offline

@@ -15,6 +15,7 @@ from pathlib import Path
 
 from ballbot_ros.codegen.toolchain import ARM, HOST, Target, missing_tool
 from ballbot_ros.errors import BallbotError
+from ballbot_ros.files import share_directory
 from ballbot_ros.nodes.discovery_probe import LIMIT_S
 from ballbot_ros.nodes.middleware import (
     DISCOVERY_RANGE,
@@ -29,7 +30,6 @@ from ballbot_ros.nodes.presence import PORT_BASE, PORTS_PER_DOMAIN
 from ballbot_ros.nodes.processes import END_WITH_PARENT
 from ballbot_ros.parameters import ParameterSet, ViewerParameters
 from ballbot_ros.scenario.library import load_scenario
-from ballbot_ros.share import share_directory
 from ballbot_ros.simulation.golden import arithmetic_sha256, duty_sha256, load_golden
 from ballbot_ros.teleop.gamepad import describe, wait_for_devices
 from ballbot_ros.viewer.address import check_address, require_viser

@@ -16,6 +16,7 @@ from ballbot_ros.messages.run_reports import summary_json
 from ballbot_ros.messages.topics import Topic
 from ballbot_ros.parameters import CONTROLLER, ControllerParameters, ParameterSet, PlantParameters
 from ballbot_ros.plant.ground_truth import Push
+from ballbot_ros.process import StopRequest
 from ballbot_ros.recording.rosbag2 import OUTCOME_KEYS, RecordedTopic, media_type
 from ballbot_ros.recording.writer import RecordingWriter
 from ballbot_ros.run.graph import attachments_of
@@ -27,7 +28,6 @@ from ballbot_ros.simulation.closed_loop import ClosedLoop, Tick
 from ballbot_ros.simulation.pacer import Pacer
 from ballbot_ros.simulation.run_actions import Outcome, RunSummary
 from ballbot_ros.simulation.trajectory import TrajectoryLog
-from ballbot_ros.stop_request import StopRequest
 from ballbot_ros.timing import FIRST_TICK_NS, SECOND_NS, TICK_NS
 from ballbot_ros.viewer.derived_messages import DerivedChannels, DerivedMessages
 from ballbot_ros.world.world import World

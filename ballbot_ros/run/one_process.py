@@ -33,13 +33,12 @@ from ballbot_ros.parameters import (
     PlantParameters,
     RecorderParameters,
 )
-from ballbot_ros.progress import PROGRESS_PERIOD_S
+from ballbot_ros.process import PROGRESS_PERIOD_S, StopRequest
 from ballbot_ros.run.graph import call_for_external, graph_parameters
 from ballbot_ros.run.observer import RunObserver
 from ballbot_ros.run.result import RunResult
 from ballbot_ros.run.spec import RunSpec
 from ballbot_ros.run.tick_timer import TickTimer
-from ballbot_ros.stop_request import StopRequest
 from ballbot_ros.timing import SECOND_NS, TICK_NS
 
 RCLError = rclpy_implementation.RCLError

@@ -22,6 +22,7 @@ from ballbot_ros.nodes.presence import LOCK_FD_ENV, DomainLock
 from ballbot_ros.nodes.processes import started_nodes_variable, threads_by_process
 from ballbot_ros.parameters import ALL_NODES, NODES, PLANT, RECORDER, ParameterSet
 from ballbot_ros.parameters.files import write_parameter_file
+from ballbot_ros.process import StopRequest
 from ballbot_ros.run.graph import call_for_external, graph_parameters
 from ballbot_ros.run.node_process import ForkClient, NodeProcess, stop_all
 from ballbot_ros.run.observer import RunObserver
@@ -31,7 +32,6 @@ from ballbot_ros.run.spec import RunSpec
 from ballbot_ros.simulation.liveness import SilenceTimer, Threads
 from ballbot_ros.simulation.run_actions import Outcome
 from ballbot_ros.simulation.trajectory import load_trajectory
-from ballbot_ros.stop_request import StopRequest
 from ballbot_ros.timing import FIRST_TICK_NS, SECOND_NS
 
 PLANT_SILENCE_S = 2.3

@@ -26,8 +26,7 @@ from ballbot_ros.parameters import (
     RecorderParameters,
     SupervisorParameters,
 )
-from ballbot_ros.parameters.assignment import assign, assign_values
-from ballbot_ros.parameters.files import read_parameter_file
+from ballbot_ros.parameters.files import assign, assign_values, read_parameter_file
 from ballbot_ros.run.processes import Processes
 from ballbot_ros.scenario.library import load_profile, load_scenario
 from ballbot_ros.scenario.reader import IDEAL

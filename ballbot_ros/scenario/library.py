@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ballbot_ros.errors import ScenarioError
+from ballbot_ros.errors import ScenarioError, did_you_mean
+from ballbot_ros.files import share_directory
 from ballbot_ros.parameters import ParameterSet
 from ballbot_ros.parameters.files import read_parameter_file
 from ballbot_ros.scenario.reader import IDEAL, ScenarioReader
 from ballbot_ros.scenario.scenario import Scenario
-from ballbot_ros.share import share_directory
-from ballbot_ros.suggestions import did_you_mean
 from ballbot_ros.yaml_document import YamlDocument
 
 

@@ -10,12 +10,12 @@ import numpy as np
 import yaml
 
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.numerics.discretisation import zero_order_hold
+from ballbot_ros.files import share_directory
 from ballbot_ros.numerics.elementary import natural_log, sine_cosine
 from ballbot_ros.numerics.random_numbers import bits_53, normal, philox4x32, uniform
 from ballbot_ros.parameters import PlantParameters
+from ballbot_ros.plant.integration import zero_order_hold
 from ballbot_ros.scenario.scenario import Scenario
-from ballbot_ros.share import share_directory
 from ballbot_ros.simulation.closed_loop import ClosedLoop
 from ballbot_ros.simulation.trajectory import TrajectoryLog
 

@@ -14,9 +14,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ballbot_ros.engine.plant import Plant
 from ballbot_ros.errors import printable
-from ballbot_ros.parameters import Value, value_text
+from ballbot_ros.parameters import PlantParameters, Value, value_text
 from ballbot_ros.plant.ground_truth import GroundTruth, Push
+from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.simulation.lockstep import Run
 from ballbot_ros.simulation.participants import Membership, Participant
 from ballbot_ros.text_enum import TextEnum
@@ -252,3 +254,14 @@ Action = (
     | WakeIn | CancelWake | EndRun
 )  # fmt: skip
 Actions = list[Action]
+
+
+@dataclass(frozen=True)
+class RunSetup:
+    """Components of a run; without a world, the floor is unlimited and without walls."""
+
+    parameters: PlantParameters
+    plant: Plant
+    world: World | None
+    scenario: Scenario
+    participant: Participant

@@ -21,9 +21,15 @@ from ballbot_ros.simulation.lockstep import Run
 from ballbot_ros.simulation.pacer import Pacer, PauseControl
 from ballbot_ros.simulation.participants import Announcement
 from ballbot_ros.simulation.roster import Readiness, ReadinessState
-from ballbot_ros.simulation.run_actions import Action, Actions, Outcome, ParameterChange, RunSummary
+from ballbot_ros.simulation.run_actions import (
+    Action,
+    Actions,
+    Outcome,
+    ParameterChange,
+    RunSetup,
+    RunSummary,
+)
 from ballbot_ros.simulation.run_participants import Graph, RunParticipants, RunTopics
-from ballbot_ros.simulation.run_setup import RunSetup
 from ballbot_ros.simulation.trajectory import TrajectoryLog
 from ballbot_ros.timing import FIRST_TICK_NS, SECOND_NS, TICK_NS, next_start_ns
 

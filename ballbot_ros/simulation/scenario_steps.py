@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from ballbot_ros.codegen.folder_check import InputSequence, ProgramInput, random_steps
-from ballbot_ros.controllers.document.tasks import TS1_MS
+from ballbot_ros.controllers.document.axis import TS1_MS
 from ballbot_ros.parameters import ControllerParameters, ParameterSet, PlantParameters
 from ballbot_ros.scenario.library import load_scenario, scenario_names
 from ballbot_ros.scenario.scenario import Scenario

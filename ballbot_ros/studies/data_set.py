@@ -25,7 +25,7 @@ from typing import NamedTuple
 
 from ballbot_ros.errors import StudyError
 from ballbot_ros.files import read_text
-from ballbot_ros.progress import ProgressCallback
+from ballbot_ros.process import ProgressCallback
 from ballbot_ros.studies.manifest import Manifest, PartSummary, StudyRecord
 from ballbot_ros.studies.part_file import (
     PARTS,

@@ -18,7 +18,7 @@ from typing import Protocol, TypeVar, cast
 from ballbot_ros.engine.compilation import REMEDY, is_kept
 from ballbot_ros.errors import BallbotError, StudyError, one_line
 from ballbot_ros.nodes.processes import END_WITH_PARENT, end_with_parent, exit_description
-from ballbot_ros.stop_request import StopRequest
+from ballbot_ros.process import StopRequest
 from ballbot_ros.studies.data_set import StudyFolder, begin_or_resume
 from ballbot_ros.studies.job import Job
 from ballbot_ros.studies.manifest import PartSummary

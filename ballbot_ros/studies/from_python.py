@@ -16,7 +16,7 @@ from ballbot_ros.controllers.controller import Controller
 from ballbot_ros.controllers.loading import MAIN
 from ballbot_ros.errors import BallbotError, short_repr
 from ballbot_ros.files import temporary_folder
-from ballbot_ros.parameters.assignment import plain_value
+from ballbot_ros.parameters.files import plain_value
 from ballbot_ros.studies.execution import QuietObserver, run_study
 from ballbot_ros.studies.job import job_of
 from ballbot_ros.studies.reader import read_study

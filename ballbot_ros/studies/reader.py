@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import ClassVar
 
 from ballbot_ros.controllers.loading import resolve_reference
-from ballbot_ros.errors import BallbotError, StudyError, short_repr
-from ballbot_ros.files import read_text
+from ballbot_ros.errors import BallbotError, StudyError, did_you_mean, short_repr
+from ballbot_ros.files import read_text, share_directory
 from ballbot_ros.parameters import CONTROLLER, PLANT, ParameterSet, PlantParameters, suggest
 from ballbot_ros.parameters.files import leaves
 from ballbot_ros.run.processes import Processes
@@ -19,7 +19,6 @@ from ballbot_ros.scenario.library import load_profile, load_scenario, scenario_n
 from ballbot_ros.scenario.metrics import METRICS
 from ballbot_ros.scenario.reader import window_fault
 from ballbot_ros.scenario.scenario import Expectation
-from ballbot_ros.share import share_directory
 from ballbot_ros.studies.distributions import GRID, LIST, DistributionReader, Levels
 from ballbot_ros.studies.events import check_extremes
 from ballbot_ros.studies.rows import robot_parameter
@@ -33,7 +32,6 @@ from ballbot_ros.studies.variables import (
     fixed_identities,
     identity,
 )
-from ballbot_ros.suggestions import did_you_mean
 from ballbot_ros.timing import TICK_S
 from ballbot_ros.world.floor_map import is_file_name
 from ballbot_ros.yaml_document import YamlDocument

@@ -26,7 +26,7 @@ from ballbot_ros.analysis.run_figures import RenderedFigure
 from ballbot_ros.analysis.style import png_of
 from ballbot_ros.analysis.table import Table, csv_of
 from ballbot_ros.errors import BallbotError, one_line
-from ballbot_ros.own_command import own_command
+from ballbot_ros.process import own_command
 from ballbot_ros.scenario.scenario import bounds_text
 from ballbot_ros.studies.axes import Axis
 from ballbot_ros.studies.charts import Histogram, ShareChart, draw_sensitivity, sensitivity_table

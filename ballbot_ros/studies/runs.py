@@ -27,7 +27,7 @@ from ballbot_ros.parameters import (
     PlantParameters,
     SonarParameters,
 )
-from ballbot_ros.parameters.assignment import assign_values, plain_values
+from ballbot_ros.parameters.files import assign_values, plain_values
 from ballbot_ros.run.spec import RunSpec
 from ballbot_ros.run.tick_timer import TickTimer
 from ballbot_ros.scenario.metrics import METRICS, wall_clearance_m
@@ -39,8 +39,7 @@ from ballbot_ros.studies.measurement import measure_runs
 from ballbot_ros.studies.rows import RobotRows, Rows, program_rows, whole_values
 from ballbot_ros.studies.variables import DURATION
 from ballbot_ros.timing import FIRST_TICK_NS, SECOND_NS, TICK_NS
-from ballbot_ros.world.clearance import NO_WALLS, Walls, walls_around
-from ballbot_ros.world.world import World, half_cells, is_blocked
+from ballbot_ros.world.world import NO_WALLS, Walls, World, half_cells, is_blocked, walls_around
 
 
 def simulate_runs(

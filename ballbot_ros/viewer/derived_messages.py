@@ -8,6 +8,7 @@ from functools import cache, partial
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 
 from ballbot_ros.brick.odometry import WINDOW_NS, Odometry, OdometryState
+from ballbot_ros.files import share_directory
 from ballbot_ros.messages.conversions import (
     decode_ball_position,
     decode_body_pitch,
@@ -48,7 +49,6 @@ from ballbot_ros.plant.model import Bodies
 from ballbot_ros.recording.rosbag2 import QosProfile, RecordedTopic
 from ballbot_ros.recording.schemas import encoder, new_message
 from ballbot_ros.recording.writer import RecordingWriter
-from ballbot_ros.share import share_directory
 from ballbot_ros.timing import TICK_NS
 from ballbot_ros.viewer.markers import floor_markers
 from ballbot_ros.viewer.robot import (

@@ -18,7 +18,7 @@ from ballbot_ros.brick.brick import Tone
 from ballbot_ros.errors import ViewerError
 from ballbot_ros.messages.topics import BATTERY_STATE, PLANT_IMU, PLANT_ODOM, SONAR_RANGE
 from ballbot_ros.parameters import Dimensions
-from ballbot_ros.progress import ProgressCallback
+from ballbot_ros.process import ProgressCallback
 from ballbot_ros.recording.playback import SKIP_S, PlaybackAction, faster, slower
 from ballbot_ros.timing import TICK_NS, TICK_S
 from ballbot_ros.viewer.overlay import Mark, MarkKind

@@ -2,8 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from html import escape
+from typing import Any
 
+import numpy as np
+import viser
+
+from ballbot_ros.analysis.table import envelope
+from ballbot_ros.analysis.topic_samples import TopicSamples
+from ballbot_ros.errors import RecordingError
+from ballbot_ros.process import ProgressCallback
 from ballbot_ros.recording.playback import KEYS, RATES, PlaybackAction
 from ballbot_ros.viewer.overlay import (
     Button,
@@ -17,9 +30,185 @@ from ballbot_ros.viewer.overlay import (
 from ballbot_ros.viewer.page import Page
 from ballbot_ros.viewer.panel import PERIOD, Panel
 from ballbot_ros.viewer.playback_run import PlaybackClock, PlaybackRun
-from ballbot_ros.viewer.plots import PlotData, PlotKind, Plots, recorded_kinds, recorded_plot
-from ballbot_ros.viewer.recorded_robots import RecordedRobots
-from ballbot_ros.viewer.recorded_topics import RecordedTopics, TopicChooser
+from ballbot_ros.viewer.plots import (
+    MAX_ROWS,
+    Floats,
+    PlotData,
+    PlotKind,
+    Plots,
+    ghost_columns,
+    plot_data,
+    recorded_kinds,
+    recorded_plot,
+    topic_kind,
+)
+from ballbot_ros.viewer.scene import Scene
+
+
+class RecordedRobots:
+    """The robot of a run and, if there is a second run, that of the other one as its ghost."""
+
+    def __init__(self, scene: Scene, runs: Sequence[PlaybackRun]) -> None:
+        self._runs = runs
+        self._robots = [
+            scene.add_robot(name, run.dimensions, ghost=name != 'robot')
+            for name, run in zip(('robot', 'ghost'), runs, strict=False)
+        ]
+
+    def show(self, time: float) -> None:
+        """Show the robots at `time` [s]."""
+        for robot, run in zip(self._robots, self._runs, strict=True):
+            robot.show(run.snapshot(time))
+
+    def show_trails(self, time: float) -> None:
+        """Show the paths until `time` [s]."""
+        for robot, run in zip(self._robots, self._runs, strict=True):
+            robot.show_trail(run.trail(time))
+
+
+@dataclass(frozen=True)
+class TopicPlots:
+    """What can be plotted of a topic: the plots by column, and the values that never change."""
+
+    kinds: Mapping[str, PlotKind]
+    constants: Mapping[str, float]
+
+
+class RecordedTopics:
+    """The topics of recorded runs; the messages of a topic are read once, when it is chosen.
+
+    Attributes
+    ----------
+    names : list of str
+        The topics whose messages can have numbers, in any of the runs.
+    """
+
+    def __init__(self, runs: Sequence[PlaybackRun]) -> None:
+        self._topics_of = [(run, frozenset(run.topics())) for run in runs]
+        self.names = sorted(frozenset().union(*(names for _, names in self._topics_of)))
+        self._samples: dict[PlotKind, tuple[str, list[TopicSamples]]] = {}
+
+    def read(self, topic: str, progress: ProgressCallback) -> TopicPlots:
+        """Read a topic in all runs.
+
+        Raises
+        ------
+        RecordingError
+            As :func:`~ballbot_ros.analysis.topic_samples.read_topic`.
+        """
+        count = sum(topic in names for _, names in self._topics_of)
+        samples: list[TopicSamples] = []
+        before = 0
+        for run, names in self._topics_of:
+            if topic in names:
+                samples.append(run.read_topic(topic, _part(progress, before, count)))
+                before += 1
+            else:
+                samples.append(TopicSamples(np.zeros(0), {}))
+        changing = dict.fromkeys(name for each in samples for name in each.changing)
+        kinds = {name: topic_kind(topic, name) for name in changing}
+        self._samples |= {kind: (name, samples) for name, kind in kinds.items()}
+        return TopicPlots(kinds, _constants(samples, changing))
+
+    def plot(self, kind: PlotKind) -> PlotData | None:
+        """Return a plot of :meth:`read`; None if it is another plot.
+
+        It spans the runs, with the samples at their own times. If two runs have samples at
+        different times, each keeps its newest value at those of the other.
+        """
+        if kind not in self._samples:
+            return None
+        name, samples = self._samples[kind]
+        end = max(run.end for run, _ in self._topics_of)
+        time = np.unique(np.concatenate([[0.0, end], *(each.time for each in samples)]))
+        table: dict[str, Floats] = {}
+        for number, each in enumerate(samples):
+            columns = {name: each.newest(name, time)} if name in each.columns else {}
+            table |= ghost_columns(columns) if number else columns
+        if len(samples) > 1:
+            kind = kind.with_ghost()
+        reduced = dict(envelope(time, table, MAX_ROWS))
+        return plot_data(kind, reduced.pop('time_s'), reduced)
+
+
+def _part(progress: ProgressCallback, before: int, count: int) -> ProgressCallback:
+    """Return the progress of one of `count` equal parts, with the number of those before it."""
+    return lambda done, total: progress(before * total + done, count * total)
+
+
+def _constants(samples: Sequence[TopicSamples], changing: Mapping[str, object]) -> dict[str, float]:
+    """Return the values that do not change, of the first run that has them."""
+    return {
+        name: float(values[0])
+        for each in reversed(samples)
+        for name, values in each.columns.items()
+        if name not in changing
+    }
+
+
+class TopicChooser:
+    """Closed folders, one for each topic, in the folder in which plots are chosen.
+
+    viser does not report that a folder is opened. Therefore a button takes the place of a folder
+    until then.
+    """
+
+    def __init__(
+        self,
+        gui: viser.GuiApi,
+        plots: Plots,
+        topics: RecordedTopics,
+        notify: Callable[[str], None],
+    ) -> None:
+        self._gui, self._plots, self._topics, self._notify = gui, plots, topics, notify
+        self._lock = threading.Lock()
+        self._opened: set[str] = set()
+        with plots.chooser:
+            for topic in topics.names:
+                button = gui.add_button(topic, color='gray', icon=viser.Icon.CHEVRON_DOWN)
+                button.on_click(partial(self._on_click, topic, button))
+
+    def _on_click(self, topic: str, button: viser.GuiButtonHandle, _: Any) -> None:
+        """Open the folder of a topic; viser calls this in a thread of its own."""
+        with self._lock:  # one after the other, and each only once
+            if topic not in self._opened:
+                self._open(topic, button)
+
+    def _open(self, topic: str, button: viser.GuiButtonHandle) -> None:
+        button.disabled = True
+        with self._plots.chooser:
+            bar: Any = self._gui.add_progress_bar(0.0, order=button.order)
+
+        def show_progress(done: int, total: int) -> None:
+            bar.value = 100.0 * done / total
+
+        try:
+            found = self._topics.read(topic, show_progress)
+        except RecordingError as error:
+            self._notify(str(error))
+            button.disabled = False
+            return
+        finally:
+            bar.remove()
+        with self._plots.chooser, self._gui.add_folder(topic, order=button.order):
+            self._plots.offer(found.kinds)
+            if found.constants or not found.kinds:
+                self._gui.add_html(_unchanging(found.constants))
+        button.remove()
+        self._opened.add(topic)
+
+
+def _unchanging(constants: Mapping[str, float]) -> str:
+    """Return a note about the columns that have no plot."""
+    values = ', '.join(
+        f'{escape(name)} {"–" if math.isnan(value) else format(value, "g")}'
+        for name, value in constants.items()
+    )
+    return (
+        '<div style="font-size:11px;line-height:1.35;opacity:0.7;margin:0 1em 0.6em;'
+        f'overflow-wrap:anywhere">{f"never changes: {values}" if values else "no numbers"}</div>'
+    )
+
 
 _RATE_LABELS = {f'{rate:g}×': rate for rate in RATES}
 _RATES_WITH_TONES = (0.5, 1.0, 2.0)

@@ -24,11 +24,11 @@ import PIL.ImageFont
 from ballbot_ros.errors import ViewerError
 from ballbot_ros.parameters import Dimensions, PlantParameters
 from ballbot_ros.plant.ground_truth import GroundTruth
-from ballbot_ros.progress import ProgressCallback
+from ballbot_ros.process import ProgressCallback
 from ballbot_ros.viewer.floor import Area
 from ballbot_ros.viewer.offscreen import Image, offscreen_scene
 from ballbot_ros.viewer.playback_run import PlaybackRun
-from ballbot_ros.viewer.recorded_robots import RecordedRobots
+from ballbot_ros.viewer.recording_page import RecordedRobots
 from ballbot_ros.viewer.robot import BLACK, WHITE
 from ballbot_ros.viewer.snapshot import Snapshot
 from ballbot_ros.viewer.views import CHASER_1, View, camera

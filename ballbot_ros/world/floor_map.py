@@ -9,11 +9,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.errors import WorldError
-from ballbot_ros.files import read_bytes
+from ballbot_ros.errors import WorldError, did_you_mean
+from ballbot_ros.files import read_bytes, share_directory
 from ballbot_ros.plant.ground_truth import Pair
-from ballbot_ros.share import share_directory
-from ballbot_ros.suggestions import did_you_mean
 
 FLOOR, WALL, LINE = 255, 128, 0
 """Gray values of the map image (Appendix B.2)."""

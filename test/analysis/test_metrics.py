@@ -15,8 +15,7 @@ from ballbot_ros.parameters import PLANT
 from ballbot_ros.scenario.metrics import METRICS
 from ballbot_ros.scenario.scenario import Expectation, Measure
 from ballbot_ros.simulation.trajectory import Trajectory
-from ballbot_ros.world.clearance import NO_WALLS
-from ballbot_ros.world.world import World
+from ballbot_ros.world.world import NO_WALLS, World
 
 TICK = 0.004
 

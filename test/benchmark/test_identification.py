@@ -4,7 +4,7 @@ import pytest
 import yaml
 from click.testing import CliRunner
 
-from ballbot_ros.share import share_directory
+from ballbot_ros.files import share_directory
 from benchmark import identification, tune
 
 DURATION_S = 24.0

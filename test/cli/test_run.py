@@ -20,7 +20,8 @@ from ballbot_ros.cli.result import print_table
 from ballbot_ros.nodes.presence import DomainLock
 from ballbot_ros.nodes.processes import descendants
 from ballbot_ros.parameters import GYRO, PLANT, ParameterSet, ViewerParameters
-from ballbot_ros.parameters.assignment import assign
+from ballbot_ros.parameters.files import assign
+from ballbot_ros.process import STOP_SIGNALS
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.run.processes import Processes
 from ballbot_ros.run.result import RunResult
@@ -28,7 +29,6 @@ from ballbot_ros.run.spec import RunOptions, RunSpec
 from ballbot_ros.scenario.library import load_scenario
 from ballbot_ros.simulation.golden import duty_sha256
 from ballbot_ros.simulation.run_actions import Outcome
-from ballbot_ros.stop_request import STOP_SIGNALS
 
 AT_TRACK = ['--set=plant_sim.map=track', '--output=/dev/null/no']
 FAST = ['--processes=none', '--set=plant_sim.duration=3']

@@ -16,9 +16,8 @@ from ballbot_ros.codegen.application import (
     write_application,
 )
 from ballbot_ros.codegen.state_variables import PLANE_VARIABLES, PROGRAM_VARIABLES
-from ballbot_ros.controllers.document.axis import ProgramConstants
+from ballbot_ros.controllers.document.axis import TS1_MS, ProgramConstants
 from ballbot_ros.controllers.document.program import TASK_BITS, tasks_due
-from ballbot_ros.controllers.document.tasks import TS1_MS
 from ballbot_ros.errors import CodegenError
 from ballbot_ros.parameters import CONTROLLER, ControllerParameters
 from ballbot_ros.parameters.files import read_parameter_file

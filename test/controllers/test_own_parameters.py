@@ -12,8 +12,7 @@ from ballbot_ros.parameters import (
     ParameterSet,
     PlantParameters,
 )
-from ballbot_ros.parameters.assignment import assign
-from ballbot_ros.parameters.files import format_parameters, read_parameter_file
+from ballbot_ros.parameters.files import assign, format_parameters, read_parameter_file
 from ballbot_ros.plant.model import PhysicalParameters
 
 DESIGNING = """\

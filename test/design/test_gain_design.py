@@ -23,7 +23,7 @@ from ballbot_ros.design.sampled_loop import (
     SampledLoop,
 )
 from ballbot_ros.parameters import ParameterSet, PlantParameters
-from ballbot_ros.parameters.assignment import assign_values
+from ballbot_ros.parameters.files import assign_values
 from ballbot_ros.plant.actuator import max_voltage
 from ballbot_ros.timing import TICK_S
 

@@ -19,7 +19,7 @@ from ballbot_ros.design.sampled_loop import (
     SampledLoop,
 )
 from ballbot_ros.parameters import ParameterSet
-from ballbot_ros.parameters.assignment import assign_values
+from ballbot_ros.parameters.files import assign_values
 from ballbot_ros.timing import TICK_S
 
 TURN = 2.0 * math.pi

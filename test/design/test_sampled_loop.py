@@ -20,7 +20,7 @@ from ballbot_ros.design.sampled_loop import (
     SampledLoop,
 )
 from ballbot_ros.parameters import ParameterSet
-from ballbot_ros.parameters.assignment import assign_values
+from ballbot_ros.parameters.files import assign_values
 from ballbot_ros.plant.ground_truth import Push
 from ballbot_ros.timing import TICK_NS, TICK_S
 

@@ -10,9 +10,8 @@ from ballbot_ros.controllers.controller_program import TickTimes
 from ballbot_ros.messages.topics import MOTOR_DUTY, PARTICIPANTS
 from ballbot_ros.nodes.controller import Controller
 from ballbot_ros.parameters import ControllerParameters
-from ballbot_ros.simulation.lockstep import Run, SampleReaction
+from ballbot_ros.simulation.lockstep import DueTick, Run, SampleReaction
 from ballbot_ros.simulation.participants import Objection
-from ballbot_ros.simulation.task_releases import DueTick
 
 
 @pytest.mark.parametrize(('now_ns', 'stops'), [(0, []), (1_000_000_000, [1_000_000_000])])

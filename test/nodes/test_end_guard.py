@@ -10,7 +10,7 @@ from graph import LAST_RESORT_S
 PROGRAM = """
 import ctypes, signal, time
 from ballbot_ros.nodes.end_guard import guarded_end
-from ballbot_ros.stop_request import StopRequest
+from ballbot_ros.process import StopRequest
 
 mutex = ctypes.create_string_buffer(64)
 

@@ -26,6 +26,7 @@ from graph import (
 )
 
 from ballbot_ros.errors import BallbotError
+from ballbot_ros.files import share_directory
 from ballbot_ros.messages.topics import DIAGNOSTICS, JOINT_STATES, LCD, MOTOR_DUTY
 from ballbot_ros.nodes.endpoints import reliable_qos
 from ballbot_ros.nodes.middleware import (
@@ -43,7 +44,6 @@ from ballbot_ros.nodes.middleware import (
     ros_domain,
 )
 from ballbot_ros.parameters import GYRO, NODES, RECORDER
-from ballbot_ros.share import share_directory
 
 CONFIG = share_directory() / 'config'
 LAST_PEER = 31

@@ -16,7 +16,7 @@ from rclpy.parameter import Parameter
 from rclpy.serialization import deserialize_message, serialize_message
 from std_msgs.msg import Header
 
-from ballbot_ros.controllers.document.tasks import task_timings
+from ballbot_ros.controllers.document.axis import task_timings
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.messages.topics import PLANT_SLOW_ODOM, SONAR_RANGE
 from ballbot_ros.nodes import gamepad_teleop

@@ -21,8 +21,8 @@ from ballbot_ros.messages.topics import MOTOR_DUTY, OPERATING_STATE, PARAMETER_E
 from ballbot_ros.nodes.controller import Controller
 from ballbot_ros.nodes.node_parameters import NEXT_RUN
 from ballbot_ros.parameters import CONTROLLER, ControllerParameters, parameters_of
+from ballbot_ros.simulation.lockstep import DueTick
 from ballbot_ros.simulation.run_actions import ParameterChange
-from ballbot_ros.simulation.task_releases import DueTick
 from ballbot_ros.timing import FIRST_TICK_NS, TICK_NS
 
 BALANCING_NS = FIRST_TICK_NS + 1_200_000_000

@@ -12,7 +12,7 @@ from rclpy.clock import ClockType, ROSClock
 from rclpy.time import Time
 from std_srvs.srv import Trigger
 
-from ballbot_ros.controllers.document.tasks import TASK_TS1
+from ballbot_ros.controllers.document.axis import TASK_TS1
 from ballbot_ros.messages.topics import DIAGNOSTICS, PLANT_IMU
 from ballbot_ros.nodes.controller import Controller, TaskTimers
 from ballbot_ros.nodes.plant_sim import OneShotTimer

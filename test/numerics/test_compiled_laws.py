@@ -36,9 +36,13 @@ from ballbot_ros.plant.integration import (
     discrete_matrices,
     equations_of,
 )
-from ballbot_ros.plant.laws import add_push_forces, shaft_angle, state_after_fall
+from ballbot_ros.plant.laws import (
+    add_push_forces,
+    shaft_angle,
+    state_after_fall,
+    state_after_impact,
+)
 from ballbot_ros.plant.model import mass_matrix
-from ballbot_ros.plant.wall_contact import state_after_impact
 from ballbot_ros.timing import TICK_NS
 
 COUNT = 5000

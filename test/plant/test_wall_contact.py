@@ -14,8 +14,8 @@ from ballbot_ros.engine.plant import Plant
 from ballbot_ros.parameters import PLANT
 from ballbot_ros.plant.ground_truth import Push
 from ballbot_ros.plant.integration import PlaneState
+from ballbot_ros.plant.laws import WallHit, state_after_impact
 from ballbot_ros.plant.model import impulse_ratio, mass_matrix
-from ballbot_ros.plant.wall_contact import WallHit, state_after_impact
 from ballbot_ros.world.world import World
 
 MODELS = ['linear', 'nonlinear']

@@ -2,9 +2,9 @@
 
 import pytest
 
-from ballbot_ros.controllers.document.tasks import task_timings
+from ballbot_ros.controllers.document.axis import task_timings
 from ballbot_ros.simulation.free_running import NEUTRAL, FreeRunningTicks
-from ballbot_ros.simulation.task_releases import DueTick
+from ballbot_ros.simulation.lockstep import DueTick
 
 MS = 1_000_000
 START = 1000 * MS

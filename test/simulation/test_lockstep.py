@@ -9,9 +9,10 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 from laws import settings
 
 from ballbot_ros.brick.schedule import Schedule
-from ballbot_ros.controllers.document.tasks import task_timings
+from ballbot_ros.controllers.document.axis import task_timings
 from ballbot_ros.simulation.lockstep import (
     DEPTH,
+    DueTick,
     InputGate,
     LockstepTicks,
     Run,
@@ -19,7 +20,6 @@ from ballbot_ros.simulation.lockstep import (
     SampleReaction,
     SampleStatus,
 )
-from ballbot_ros.simulation.task_releases import DueTick
 
 MS = 1_000_000
 PERIODS = {'gyro': 4 * MS, 'sonar': 20 * MS, 'battery': 100 * MS}

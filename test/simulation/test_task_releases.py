@@ -5,8 +5,8 @@ from hypothesis import strategies as st
 from laws import given
 
 from ballbot_ros.brick.schedule import Schedule
-from ballbot_ros.controllers.document.tasks import task_timings
-from ballbot_ros.simulation.task_releases import DueTick, TaskReleases
+from ballbot_ros.controllers.document.axis import task_timings
+from ballbot_ros.simulation.lockstep import DueTick, TaskReleases
 
 MS = 1_000_000
 START_MS = 1000

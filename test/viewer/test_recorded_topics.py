@@ -4,7 +4,7 @@ import numpy as np
 
 from ballbot_ros.analysis.topic_samples import TopicSamples
 from ballbot_ros.viewer.plots import MAX_ROWS, PLOT_KINDS
-from ballbot_ros.viewer.recorded_topics import RecordedTopics
+from ballbot_ros.viewer.recording_page import RecordedTopics
 
 STATE = '/controller/state'
 

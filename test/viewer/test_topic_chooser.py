@@ -7,7 +7,7 @@ from robot import DIMENSIONS
 from ballbot_ros.errors import RecordingError
 from ballbot_ros.viewer.page import Page
 from ballbot_ros.viewer.plots import Plots, topic_kind
-from ballbot_ros.viewer.recorded_topics import TopicChooser, TopicPlots
+from ballbot_ros.viewer.recording_page import TopicChooser, TopicPlots
 
 TOPIC = '/mine/state'
 

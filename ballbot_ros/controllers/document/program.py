@@ -21,7 +21,9 @@ from ballbot_ros.brick.brick import (
 from ballbot_ros.brick.sensors import NO_DATA_CM, NO_ECHO_CM
 from ballbot_ros.controllers.document.axis import (
     AT_REST,
+    LCD_MS,
     ONE,
+    PROGRAM_NAME,
     ZERO,
     Axis,
     AxisEstimates,
@@ -34,7 +36,6 @@ from ballbot_ros.controllers.document.axis import (
     control,
     in_control,
 )
-from ballbot_ros.controllers.document.tasks import LCD_MS, PROGRAM_NAME
 from ballbot_ros.controllers.glide import Glide
 from ballbot_ros.controllers.interface import OperatingState
 from ballbot_ros.numerics.compiler_hints import inlined

@@ -12,7 +12,7 @@ import ballbot_ros as bb
 from ballbot_ros.design.gain_design import GainDesign
 from ballbot_ros.design.sampled_loop import LoopDelays
 from ballbot_ros.parameters import CONTROLLER, ParameterSet
-from ballbot_ros.parameters.assignment import assign_values
+from ballbot_ros.parameters.files import assign_values
 from ballbot_ros.scenario.library import scenario_names
 from benchmark.tables import print_table
 

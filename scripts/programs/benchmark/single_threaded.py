@@ -15,7 +15,7 @@ from rclpy.executors import SingleThreadedExecutor
 from ballbot_ros.nodes import base
 from ballbot_ros.nodes.intra_process import IntraProcess
 from ballbot_ros.nodes.registry import REGISTRY
-from ballbot_ros.stop_request import StopRequest
+from ballbot_ros.process import StopRequest
 
 
 def spin(

@@ -23,7 +23,7 @@ from rich.markup import escape
 
 from ballbot_ros.cli.invoke import invoke
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.stop_request import StopRequest
+from ballbot_ros.process import StopRequest
 from campaign.fault import Verdict
 from campaign.faults import BY_NAME, FAULTS
 from campaign.schedule import Schedule, Trial, table_of

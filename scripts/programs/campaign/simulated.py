@@ -19,7 +19,7 @@ from typing import NamedTuple
 from protocol_trials import FAULTS, LIMIT_S, Trial, Violation
 from rich.console import Console
 
-from ballbot_ros.stop_request import StopRequest
+from ballbot_ros.process import StopRequest
 from campaign.fault import Verdict
 from campaign.schedule import table_of
 

@@ -1,15 +1,23 @@
-"""Signals as requests to stop instead of interruptions."""
+"""Signals as requests to stop, standard streams, commands to paste, and showing progress."""
 
 from __future__ import annotations
 
 import os
+import shlex
+import shutil
 import signal
 import sys
 import threading
 import time
 from _thread import start_new_thread
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from io import BufferedWriter, FileIO, TextIOWrapper
+from pathlib import Path
 from types import FrameType
 from typing import Any
+
+from ballbot_ros.files import shown_path
 
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
@@ -126,3 +134,94 @@ class _Interrupt(KeyboardInterrupt):
 
 class _End(SystemExit):
     """The end of a program by another signal."""
+
+
+def open_standard_streams() -> None:
+    """Open closed standard streams on the null device.
+
+    Otherwise the next file to be opened, such as a recording, would get the file descriptor of a
+    standard stream, and the output of libraries would end up in it.
+    """
+    for name, mode in (('stdin', 'r'), ('stdout', 'w'), ('stderr', 'w')):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, mode, encoding='utf-8'))  # noqa: PTH123, SIM115
+
+
+STANDARD_OUTPUT = 'standard output'
+"""The name of the file in errors."""
+
+
+class _StandardOutput(FileIO):
+    """Standard output whose errors name it, as those of other files do."""
+
+    def write(self, data: Any) -> int:
+        try:
+            return super().write(data)
+        except OSError as error:
+            error.filename = STANDARD_OUTPUT
+            raise
+
+
+def prepare_standard_output() -> None:
+    r"""Let errors of standard output name it, and let it escape what its encoding lacks.
+
+    Characters that a terminal or file can't encode, such as θ in ASCII, become ``\u03b8``.
+    """
+    stdout = sys.stdout
+    if stdout is sys.__stdout__ and isinstance(stdout, TextIOWrapper) and stdout.fileno() == 1:
+        file = _StandardOutput(1, 'w', closefd=False)
+        sys.stdout = TextIOWrapper(
+            file if stdout.write_through else BufferedWriter(file), stdout.encoding,
+            line_buffering=stdout.line_buffering, write_through=stdout.write_through,
+        )  # fmt: skip
+    if isinstance(sys.stdout, TextIOWrapper):
+        sys.stdout.reconfigure(errors='backslashreplace')
+
+
+@contextmanager
+def stdout_to_stderr() -> Iterator[None]:
+    """Keep stdout for the result: redirect what middleware and controllers print to stderr."""
+    sys.stdout.flush()
+    kept = os.dup(1)
+    os.dup2(2, 1)
+    try:
+        yield
+    finally:
+        sys.stdout.flush()
+        os.dup2(kept, 1)
+        os.close(kept)
+
+
+COMMAND_ENV = 'BALLBOT_COMMAND'
+"""Environment variable with the words that call the command ``ballbot``, such as scripts/run."""
+
+
+def program(name: str = 'ballbot', folder: Path | None = None) -> str:
+    """Return the words that call a program of this environment here, or in another folder."""
+    path = Path(sys.executable).with_name(name)
+    found = shutil.which(name) == str(path) or not path.exists()
+    words = shlex.quote(name if found else shown_path(path))
+    if name == 'ballbot':
+        words = os.environ.get(COMMAND_ENV) or words
+    first, *others = shlex.split(words)
+    if folder and '/' in first and not first.startswith('/'):
+        first = os.path.relpath(first, os.path.realpath(folder))
+    return shlex.join([first, *others])
+
+
+def own_command(*words: object) -> str:
+    """Return a command of ``ballbot``."""
+    return f'{program()} {shlex.join(map(str, words))}'
+
+
+def next_steps(recording: Path) -> list[str]:
+    """Return the lines that name the commands for a recording."""
+    report, view = (own_command(each, recording) for each in ('report', 'view'))
+    return [f'report it  {report}', f'watch it   {view}']
+
+
+ProgressCallback = Callable[[int, int], None]
+"""Called with the amount done and the total."""
+
+PROGRESS_PERIOD_S = 0.2
+"""Update interval of a progress display in wall time [s]."""

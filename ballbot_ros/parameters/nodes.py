@@ -1,0 +1,263 @@
+"""Parameters of the nodes around plant and controller: devices, gamepad, tools."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+from ballbot_ros.parameters.parameter import (
+    DriverParameters,
+    NodeParameters,
+    TakesEffect,
+    dead_time,
+    path,
+    quantity,
+    setting,
+)
+from ballbot_ros.parameters.shared import (
+    BallRadius,
+    BodyDepth,
+    DeviceSeed,
+    Dimensions,
+    LockstepChoice,
+    MapChoice,
+    Masses,
+    ScenarioChoice,
+    StickScale,
+)
+from ballbot_ros.timing import SLOW_PERIOD_NS, TICK_NS
+
+
+@dataclass(frozen=True, kw_only=True)
+class DeviceParameters(DeviceSeed, DriverParameters):
+    """The parameters that the driver of each device has.
+
+    Each driver declares its own dead time: declared here, it would be one value for all of them.
+    """
+
+    delay: int
+    delay_jitter: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class GyroParameters(DeviceParameters):
+    """The parameters of ``gyro_driver``."""
+
+    node: ClassVar[str] = 'gyro_driver'
+    period_ns: ClassVar[int] = TICK_NS
+
+    delay: int = dead_time('age of the samples')
+    delay_jitter: int = dead_time('largest random addition to the delay')
+    zero_rate_offset_x: float = quantity(
+        600.0, 'deg/s', (0.0, 1023.0), 'reading at rest, gyro S1 (x)', 'facts'
+    )
+    zero_rate_offset_y: float = quantity(
+        600.0, 'deg/s', (0.0, 1023.0), 'reading at rest, gyro S2 (y)', 'facts'
+    )
+    noise: float = quantity(0.0, 'deg/s', (0.0, 100.0), 'standard deviation of the noise', '2.2')
+    drift: float = quantity(
+        0.0, 'deg/s', (0.0, 50.0), 'amplitude of the slow drift of the offset', '2.2'
+    )
+    drift_period: float = quantity(300.0, 's', (1.0, 1e6), 'period of the drift', '2.2')
+    rate_limit: float = quantity(
+        360.0, 'deg/s', (1.0, 1e4), 'largest rate that the gyro measures', 'facts'
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class EncoderParameters(DeviceParameters):
+    """The parameters of ``encoder_driver``: an encoder only counts degrees."""
+
+    node: ClassVar[str] = 'encoder_driver'
+    period_ns: ClassVar[int] = TICK_NS
+
+    delay: int = dead_time('age of the samples')
+    delay_jitter: int = dead_time('largest random addition to the delay')
+
+
+@dataclass(frozen=True, kw_only=True)
+class SonarParameters(DeviceParameters, MapChoice, BodyDepth):
+    """The parameters of ``sonar_driver``."""
+
+    node: ClassVar[str] = 'sonar_driver'
+    period_ns: ClassVar[int] = SLOW_PERIOD_NS
+
+    delay: int = dead_time('age of the samples')
+    delay_jitter: int = dead_time('largest random addition to the delay')
+    noise_cm: float = quantity(0.0, 'cm', (0.0, 50.0), 'largest error of a distance', 'facts')
+    dropout_probability: float = quantity(
+        0.0, '1', (0.0, 1.0), 'share of missed echoes (255)', 'facts'
+    )
+    max_range_cm: float = quantity(
+        255.0, 'cm', (1.0, 255.0), 'distance from which on no echo returns', 'facts'
+    )
+    min_range_cm: float = quantity(
+        0.0, 'cm', (0.0, 255.0), 'distance below which half of the echoes are missed', 'facts'
+    )
+    distance_model: Literal['exact', 'stepped'] = setting(
+        'exact', 'distance along a ray: exactly, or in steps of 1 cm', 'B.3'
+    )
+    cone_angle: float = quantity(
+        0.0, 'rad', (0.0, 3.0), 'opening of the sound cone; 0: a single ray', 'project'
+    )
+    cone_rays: int = quantity(
+        7, '1', (1, 99), 'rays of the cone, an odd number; the nearest echo counts', 'project'
+    )
+
+
+DEVICES: tuple[type[DeviceParameters], ...] = (GyroParameters, EncoderParameters, SonarParameters)
+"""The parameter classes of the devices' drivers, one for each device."""
+
+
+SHARE = (0.0, 1.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class GamepadParameters(BallRadius, StickScale, ScenarioChoice, LockstepChoice, DriverParameters):
+    """The parameters of ``gamepad_teleop``."""
+
+    node: ClassVar[str] = 'gamepad_teleop'
+    period_ns: ClassVar[int] = SLOW_PERIOD_NS
+
+    device: str = setting(
+        'any',
+        'gamepad to read directly: any, its number, or part of its name; empty: none',
+        'project',
+    )
+    keyboard: bool = setting(False, 'true: the arrow keys of the terminal drive', 'project')
+    log_csv: str = path(
+        'CSV file for the data log, a new one after each reset; empty: none', 'facts'
+    )
+    require_enable_button: bool = setting(
+        False,
+        'true: the sticks of joy and gamepad only work while the enable button is pressed',
+        'project',
+    )
+    enable_button: int = quantity(
+        9, '1', (0, 63), 'enable button; 9 is the left shoulder', 'project'
+    )
+    enable_turbo_button: int = quantity(
+        -1, '1', (-1, 63), 'button for the turbo scales, which also enables; -1: none', 'project'
+    )
+    deadzone: float = quantity(
+        0.05, '1', (0.0, 0.95), 'neutral share of an axis around its centre', 'project'
+    )
+    axis_forward: int = quantity(1, '1', (-1, 63), 'axis that drives forward; -1: none', 'project')
+    axis_rightward: int = quantity(
+        2, '1', (-1, 63), 'axis that drives rightward; -1: none', 'project'
+    )
+    scale_forward: float = quantity(
+        1.0, '1', SHARE, 'share of the full stick at a full axis', 'project'
+    )
+    scale_rightward: float = quantity(
+        1.0, '1', SHARE, 'share of the full stick at a full axis', 'project'
+    )
+    scale_forward_turbo: float = quantity(
+        1.0, '1', SHARE, 'share of the full stick at a full axis, turbo button', 'project'
+    )
+    scale_rightward_turbo: float = quantity(
+        1.0, '1', SHARE, 'share of the full stick at a full axis, turbo button', 'project'
+    )
+    invert_forward: bool = setting(False, 'true: the forward axis is reversed', 'project')
+    invert_rightward: bool = setting(False, 'true: the rightward axis is reversed', 'project')
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecorderParameters(NodeParameters):
+    """The parameters of ``recorder``."""
+
+    node: ClassVar[str] = 'recorder'
+
+    output: str = path(
+        'file to write; empty: a new one under runs/', 'project', takes_effect=TakesEffect.READ_ONLY
+    )
+    attachments: str = path(
+        'folder whose files are attached to the recording; empty: none',
+        'project',
+        takes_effect=TakesEffect.READ_ONLY,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlayerParameters(NodeParameters):
+    """The parameters of ``player``."""
+
+    node: ClassVar[str] = 'player'
+
+    file: str = path('recording to play', 'project', takes_effect=TakesEffect.READ_ONLY)
+    rate: float = quantity(
+        1.0,
+        '1',
+        (0.01, 100.0),
+        'speed in multiples of real time',
+        'project',
+        takes_effect=TakesEffect.IMMEDIATELY,
+    )
+    start: float = quantity(
+        0.0,
+        's',
+        (0.0, 1e9),
+        'start, counted from the first message',
+        'project',
+        takes_effect=TakesEffect.READ_ONLY,
+    )
+    loop: bool = setting(
+        False, 'true: restarts at the end', 'project', takes_effect=TakesEffect.READ_ONLY
+    )
+    topics: str = setting(
+        '',
+        'topics to play, separated by commas; empty: all',
+        'project',
+        takes_effect=TakesEffect.READ_ONLY,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViewerParameters(Dimensions, MapChoice, NodeParameters):
+    """The parameters of ``viewer``."""
+
+    node: ClassVar[str] = 'viewer'
+
+    host: str = setting(
+        '127.0.0.1',
+        'address that serves the page: all who reach it can watch, those with the token can steer',
+        'project',
+        takes_effect=TakesEffect.READ_ONLY,
+    )
+    port: int = quantity(
+        -1,
+        '1',
+        (-1, 65535),
+        'port of the page; -1: 8080, or the next free one; 0: any free one',
+        'project',
+        takes_effect=TakesEffect.READ_ONLY,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class VisualizerParameters(Dimensions, Masses, NodeParameters):
+    """The parameters of ``robot_visualizer``."""
+
+    node: ClassVar[str] = 'robot_visualizer'
+
+    rate: float = quantity(
+        30.0,
+        'Hz',
+        (1.0, 250.0),
+        'maximum rate of markers, transforms and odometry',
+        'project',
+        takes_effect=TakesEffect.READ_ONLY,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class SupervisorParameters(NodeParameters):
+    """The parameters of ``supervisor``."""
+
+    node: ClassVar[str] = 'supervisor'
+
+    scenario: str = path(
+        'scenario (name or file) of the run that supervisor/start begins',
+        'project',
+        takes_effect=TakesEffect.IMMEDIATELY,
+    )
