@@ -39,7 +39,7 @@ from ballbot_ros.parameters import (
 )
 from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.simulation.closed_loop import ClosedLoop
-from ballbot_ros.simulation.lockstep import Run
+from ballbot_ros.simulation.lockstep import RunIdentity
 from ballbot_ros.simulation.participants import Objection
 from ballbot_ros.simulation.run_actions import Outcome
 from ballbot_ros.teleop.sticks import JOY
@@ -620,7 +620,7 @@ def second_node(trial):
     role = chance.choice(NODES)
     second = world.start(role)
     if chance.random() < 0.3:
-        second.member.join(Run('1 earlier', FIRST_TICK_NS))
+        second.member.join(RunIdentity('1 earlier', FIRST_TICK_NS))
         second.is_suspended = chance.random() < 0.5
     trial.note(f'second {role}', role, second.pid, is_foreign=True)
     if chance.random() < 0.5:
@@ -635,7 +635,7 @@ def second_plant(trial):
     trial.note(
         'second plant', 'another plant', 'another run', '/other_plant', *NODES, is_foreign=True
     )
-    run = Run('1 other', FIRST_TICK_NS)
+    run = RunIdentity('1 other', FIRST_TICK_NS)
 
     def announce():
         other.publish(RUN.name, run)

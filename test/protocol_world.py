@@ -53,7 +53,7 @@ from ballbot_ros.parameters import (
 )
 from ballbot_ros.simulation import run_actions as do
 from ballbot_ros.simulation.liveness import Observation, ThreadTime
-from ballbot_ros.simulation.lockstep import DEPTH, Run
+from ballbot_ros.simulation.lockstep import DEPTH, RunIdentity
 from ballbot_ros.simulation.lockstep_master import LockstepMaster
 from ballbot_ros.simulation.participants import (
     Announcement,
@@ -518,7 +518,7 @@ class PlantNode(Process):
 
     def _send(self, topic, stamp_ns, data):
         if topic is RUN:
-            self.publish(topic.name, Run(self.master.run_name, stamp_ns))
+            self.publish(topic.name, RunIdentity(self.master.run_name, stamp_ns))
         else:
             self.publish(topic.name, data)
 
@@ -591,7 +591,7 @@ class PlantNode(Process):
             stamped = message[0]
             if isinstance(stamped, bytes):
                 self._heard[topic] = stamp_of(stamped)
-            elif isinstance(stamped, int | Run):
+            elif isinstance(stamped, int | RunIdentity):
                 self._heard[topic] = getattr(stamped, 'start_ns', stamped)
 
     def observe(self, processes):

@@ -6,7 +6,7 @@ from datetime import datetime, timezone
 import numpy as np
 
 from ballbot_ros.scenario.scenario import Expectation, Measure
-from ballbot_ros.studies.columns import Column, ColumnKind, MeasureColumn
+from ballbot_ros.studies.columns import ColumnKind, MeasureColumn, ResultColumn
 from ballbot_ros.studies.data_set import begin_or_resume
 from ballbot_ros.studies.manifest import StudyRecord, Versions
 from ballbot_ros.studies.part_file import PartRows, write_part
@@ -15,9 +15,9 @@ from ballbot_ros.studies.runs import Results
 NOW = datetime(2026, 1, 2, 3, 4, 5, tzinfo=timezone.utc)
 
 VARIED = (
-    Column('plant_sim.body_mass', unit='kg', meaning='mass of the body'),
-    Column('controller.dead_ticks', ColumnKind.INTEGER),
-    Column('plant_sim.model', ColumnKind.TEXT),
+    ResultColumn('plant_sim.body_mass', unit='kg', meaning='mass of the body'),
+    ResultColumn('controller.dead_ticks', ColumnKind.INTEGER),
+    ResultColumn('plant_sim.model', ColumnKind.TEXT),
 )
 EXPECTATIONS = (
     Expectation('peak_pitch_deg', maximum=5.0),

@@ -5,7 +5,7 @@ from ballbot_ros.run.processes import Processes
 from ballbot_ros.simulation.run_actions import Outcome
 from ballbot_ros.studies.job import job_of
 from ballbot_ros.studies.rerun import rerun_spec
-from ballbot_ros.studies.study_data import Row
+from ballbot_ros.studies.study_data import RunResults
 from ballbot_ros.studies.variables import SEED
 
 
@@ -14,6 +14,6 @@ def rerun_of(study, samples, run, folder, controller=None):
     columns = {**samples.values, **samples.events}
     values = {name: plain_value(column[run]) for name, column in columns.items()}
     seed = values.pop(SEED, study.spec.plant.seed)
-    row = Row(run, seed, values, {}, True, Outcome.COMPLETED, False, 0, '')
+    row = RunResults(run, seed, values, {}, True, Outcome.COMPLETED, False, 0, '')
     record = job_of(study, folder).record
     return rerun_spec(record, row, folder / 'again', Processes.NONE, controller)

@@ -30,7 +30,13 @@ from ballbot_ros.analysis.page import number_text, render_template, write_folder
 from ballbot_ros.analysis.report import MEANINGS, MetricText, banner, metric_text
 from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.analysis.run_figures import RenderedFigure
-from ballbot_ros.analysis.run_setup import RunSetup, SetupChange, labels_of, names_of, setup_changes
+from ballbot_ros.analysis.run_setup import (
+    RecordedSetup,
+    SetupChange,
+    labels_of,
+    names_of,
+    setup_changes,
+)
 from ballbot_ros.analysis.style import (
     BLUE,
     GRAY,
@@ -165,7 +171,7 @@ class ComparedRun:
     tables: dict[str, Table]
     floor: FloorMap | OccupancyGrid | None
     notes: tuple[str, ...]
-    setup: RunSetup
+    setup: RecordedSetup
     duty_sha256: str | None
 
     @classmethod
@@ -186,7 +192,7 @@ class ComparedRun:
             tables=tables,
             floor=run.floor,
             notes=tuple(banner(run)),
-            setup=RunSetup.of(run),
+            setup=RecordedSetup.of(run),
             duty_sha256=run.duty_sha256,
         )
 

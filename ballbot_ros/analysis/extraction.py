@@ -28,7 +28,7 @@ from ballbot_ros.analysis.recorded_scenario import PushPairs
 from ballbot_ros.analysis.robot_topics import RobotTopics, robot_topics
 from ballbot_ros.brick.brick import Tone
 from ballbot_ros.errors import RecordingError
-from ballbot_ros.messages.conversions import ball_position, body_rates, pitch_angles, tone_of
+from ballbot_ros.messages.conversions import body_rates, odometry_position, pitch_angles, sound_tone
 from ballbot_ros.messages.message_types import DiagnosticStatus, OccupancyGridMessage
 from ballbot_ros.messages.run_reports import decode_parameter_event
 from ballbot_ros.messages.topics import (
@@ -85,7 +85,7 @@ def _references(values: Any) -> Sequence[Any]:
 
 STAMPED_TOPICS: Mapping[Topic, tuple[str, int, Callable[[Any], Sequence[Any]]]] = {
     PLANT_IMU: ('d', 4, lambda m: (*_pitch(m), *body_rates(m))),
-    PLANT_ODOM: ('d', 2, ball_position),
+    PLANT_ODOM: ('d', 2, odometry_position),
     PLANT_JOINT_STATES: ('f', 4, lambda m: (*m.velocity.T[:2], *m.effort.T[:2])),
     MOTOR_DUTY: ('f', 2, lambda m: (m.vector.x, m.vector.y)),
     CONTROLLER_STATE: (
@@ -350,7 +350,7 @@ def _take_event(
         extraction.wall_hits.append((epoch, log_ns, message.data))
     elif topic is SOUND:
         try:
-            extraction.tones.append((epoch, log_ns, tone_of(message)))
+            extraction.tones.append((epoch, log_ns, sound_tone(message)))
         except (ValueError, OverflowError) as error:
             raise _unlike(recording, raw, error) from None
     else:

@@ -125,22 +125,24 @@ def _changes(loop: LoopAnalysis, margins: Margins) -> Iterator[tuple[str, Limit]
 RINGS = 'rings'
 
 
-class Prediction(NamedTuple):
+class PredictedFrequency(NamedTuple):
     """A frequency [Hz] at which a loop oscillates, and the reason: its own, or after a change."""
 
     hz: float
     reason: str
 
 
-def predictions(sampled: LoopAnalysis) -> list[Prediction]:
+def predictions(sampled: LoopAnalysis) -> list[PredictedFrequency]:
     """Return the frequencies to look for in a run of the loop."""
     found = []
     if (pole := sampled.unstable) and pole.oscillation_hz:
-        found.append(Prediction(pole.oscillation_hz, 'grows'))
+        found.append(PredictedFrequency(pole.oscillation_hz, 'grows'))
     if pole := sampled.ringing:
-        found.append(Prediction(pole.oscillation_hz, RINGS))
+        found.append(PredictedFrequency(pole.oscillation_hz, RINGS))
     if margins := sampled.margins:
-        found += [Prediction(limit.hz, change) for change, limit in _changes(sampled, margins)]
+        found += [
+            PredictedFrequency(limit.hz, change) for change, limit in _changes(sampled, margins)
+        ]
     return found
 
 

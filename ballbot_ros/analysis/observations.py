@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.analysis.limit_cycle import LimitCycle, limit_cycles, lowest_hz
-from ballbot_ros.analysis.loop_summary import RINGS, Prediction
+from ballbot_ros.analysis.loop_summary import RINGS, PredictedFrequency
 from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.analysis.run_metrics import pitch_error, position_error
 from ballbot_ros.brick.sensors import gyro_offset
@@ -115,7 +115,7 @@ class EstimatedTicks(NamedTuple):
     offset: NDArray[np.float64]
 
 
-class Start(NamedTuple):
+class EstimateStart(NamedTuple):
     """What the estimate starts from, shape (2,) each.
 
     Attributes
@@ -133,7 +133,7 @@ class Start(NamedTuple):
 
 
 def decompose(
-    start: Start, blocks: Iterable[EstimatedTicks], count: int, a: float
+    start: EstimateStart, blocks: Iterable[EstimatedTicks], count: int, a: float
 ) -> tuple[OffsetParts, OffsetParts]:
     """Return the mean error of the estimate by cause, for the planes x and y.
 
@@ -161,7 +161,7 @@ def decompose(
     return x, y
 
 
-def _sums(block: EstimatedTicks, start: Start, a: float, left: int) -> NDArray[np.float64]:
+def _sums(block: EstimatedTicks, start: EstimateStart, a: float, left: int) -> NDArray[np.float64]:
     """Return what a block adds to the sums of the errors, by cause and in total, shape (7, 2).
 
     `left` is the number of ticks from the first one of the block on. What enters at a tick adds
@@ -197,7 +197,7 @@ class EstimateOffset(NamedTuple):
         The mean error by cause in the planes x and y.
     """
 
-    start: Start
+    start: EstimateStart
     parts: tuple[OffsetParts, OffsetParts]
 
 
@@ -229,7 +229,7 @@ def estimate_offset(run: RunData) -> EstimateOffset | None:
     return EstimateOffset(start, parts) if np.isfinite(parts).all() else None
 
 
-def _start(run: RunData, row: int, a: float) -> Start:
+def _start(run: RunData, row: int, a: float) -> EstimateStart:
     """Return what the estimate starts from at a row of the truth.
 
     The program moves its offset towards the reading before it subtracts it, so its rate is
@@ -241,7 +241,7 @@ def _start(run: RunData, row: int, a: float) -> Start:
     estimate, calibrated = ticks.estimate[0], ticks.reading[0]
     if a:  # if not, the offset is always the reading
         calibrated = calibrated - rate / a - estimate * (1.0 - a) / (a * TICK_S)
-    return Start(estimate, ticks.pitch[0], calibrated, ticks.offset[0])
+    return EstimateStart(estimate, ticks.pitch[0], calibrated, ticks.offset[0])
 
 
 def _ticks(run: RunData, rows: slice) -> EstimatedTicks:
@@ -349,7 +349,7 @@ _NEAR_OCTAVES = 0.5
 """Distance up to which a predicted frequency is named with a limit cycle."""
 
 
-def observations(run: RunData, predicted: Sequence[Prediction]) -> list[str]:
+def observations(run: RunData, predicted: Sequence[PredictedFrequency]) -> list[str]:
     """Return the observations of a run, a sentence each.
 
     Parameters
@@ -361,7 +361,7 @@ def observations(run: RunData, predicted: Sequence[Prediction]) -> list[str]:
     return [*limit_cycle_sentences(run, predicted), *offset_reasons(run)]
 
 
-def limit_cycle_sentences(run: RunData, predicted: Sequence[Prediction]) -> list[str]:
+def limit_cycle_sentences(run: RunData, predicted: Sequence[PredictedFrequency]) -> list[str]:
     """Return a sentence for each limit cycle, or that there is none.
 
     Without the controller's state, a limit cycle would look like a drive to and fro.
@@ -380,7 +380,7 @@ def limit_cycle_sentences(run: RunData, predicted: Sequence[Prediction]) -> list
     return found or [f'No limit cycle found above {lowest:.2g} Hz.{"".join(explained)}']
 
 
-def _sentence(plane: str, cycle: LimitCycle, predicted: Sequence[Prediction]) -> str:
+def _sentence(plane: str, cycle: LimitCycle, predicted: Sequence[PredictedFrequency]) -> str:
     amplitudes = f'duty ±{cycle.duty:.3g} %, pitch ±{cycle.pitch:.2g}°'
     sentence = f'Limit cycle at {cycle.hz:.3g} Hz in plane {plane}: {amplitudes}.'
     near = [each for each in predicted if abs(math.log2(each.hz / cycle.hz)) < _NEAR_OCTAVES]

@@ -14,7 +14,7 @@ from ballbot_ros.analysis.extraction import Status
 from ballbot_ros.analysis.interactive import MISSING, InteractiveFigures, interactive_figures
 from ballbot_ros.analysis.loop_summary import (
     MarginRow,
-    Prediction,
+    PredictedFrequency,
     findings,
     margin_rows,
     neglected,
@@ -87,7 +87,7 @@ class LoopSection:
     margins: list[MarginRow]
     findings: list[str]
     neglected: list[str]
-    predictions: list[Prediction]
+    predictions: list[PredictedFrequency]
     figure: RenderedFigure
 
 

@@ -24,7 +24,7 @@ _MAX_NAMED = 2
 
 
 @dataclass(frozen=True)
-class RunSetup:
+class RecordedSetup:
     """What a run was made with.
 
     Attributes
@@ -39,7 +39,7 @@ class RunSetup:
     others: Mapping[str, str]
 
     @classmethod
-    def of(cls, run: RunData) -> RunSetup:
+    def of(cls, run: RunData) -> RecordedSetup:
         """Return what a run was made with."""
         attached = run.attached
         parameters = dict(_parameters(attached.parameters)) if attached.has_parameters else None
@@ -103,7 +103,7 @@ def _pushes(pushes: Sequence[RecordedPush]) -> str:
     return '; '.join(f'{push.strength} at {push.start:.3f} s' for push in pushes)
 
 
-def setup_changes(setups: Sequence[RunSetup]) -> list[SetupChange]:
+def setup_changes(setups: Sequence[RecordedSetup]) -> list[SetupChange]:
     """Return what differs between runs, each once.
 
     Parameters are compared if those of all runs are known.

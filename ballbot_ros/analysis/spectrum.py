@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ballbot_ros.analysis.drawing import draw_line, frame_curves, legend_above
 from ballbot_ros.analysis.limit_cycle import Balancing
-from ballbot_ros.analysis.loop_summary import Prediction
+from ballbot_ros.analysis.loop_summary import PredictedFrequency
 from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.analysis.run_figures import RenderedFigure
 from ballbot_ros.analysis.style import GRAY, PLANES, WIDTH, new_figure, png_of
@@ -96,7 +96,9 @@ def spectrum_table(run: RunData) -> Table:
     }
 
 
-def render_spectrum(run: RunData, predictions: Sequence[Prediction]) -> RenderedFigure | None:
+def render_spectrum(
+    run: RunData, predictions: Sequence[PredictedFrequency]
+) -> RenderedFigure | None:
     """Return the picture of the spectrum and its numbers; None if there are none."""
     table = spectrum_table(run)
     if not table:
@@ -106,7 +108,7 @@ def render_spectrum(run: RunData, predictions: Sequence[Prediction]) -> Rendered
     return RenderedFigure('spectrum', 'Spectrum', caption, png, table)
 
 
-def draw_spectrum(table: Table, predictions: Sequence[Prediction]) -> Figure:
+def draw_spectrum(table: Table, predictions: Sequence[PredictedFrequency]) -> Figure:
     """Draw a table of :func:`spectrum_table`, with the names of the predictions above it."""
     names = _ROW_INCH * len(predictions)
     figure = new_figure(WIDTH, 5.0 + names)
@@ -145,7 +147,9 @@ def _draw_density(axes: Axes, table: Table, column: str, label: str) -> None:
         axes.set_ylim(max(low, highest / 10.0**_DECADES_SHOWN), high)
 
 
-def _mark_predictions(strip: Axes, rows: Sequence[Axes], predictions: Sequence[Prediction]) -> None:
+def _mark_predictions(
+    strip: Axes, rows: Sequence[Axes], predictions: Sequence[PredictedFrequency]
+) -> None:
     """Mark frequencies in the rows, and name them in the strip, the highest one on top."""
     count = len(predictions)
     left, right = strip.get_xlim()

@@ -124,7 +124,7 @@ class _Pitch:
         self.variance *= 1.0 - gain
 
 
-class Odometry:
+class DeadReckoning:
     """Estimates the robot's motion from the readings of gyros and encoders.
 
     Parameters

@@ -17,7 +17,7 @@ from ballbot_ros.parameters import ROLES
 from ballbot_ros.process import stdout_to_stderr
 
 if TYPE_CHECKING:  # importing it takes a while
-    from ballbot_ros.conformance.examination import Row
+    from ballbot_ros.conformance.examination import TestedRequirement
 
 
 @click.command('conform')
@@ -35,17 +35,21 @@ def command(role: str, command_line: tuple[str, ...], as_json: bool) -> int:
     from ballbot_ros.run.requirements import require_rclpy
 
     require_rclpy()
-    from ballbot_ros.conformance.examination import Verdict
+    from ballbot_ros.conformance.examination import RequirementVerdict
     from ballbot_ros.conformance.node_under_test import START_S
-    from ballbot_ros.run.conformance import examine
+    from ballbot_ros.run.conformance import examine_node
     from ballbot_ros.run.graph import call_for
 
     if not command_line:
         click.echo(call_for([role], START_S), err=True)
-    rows: list[Row] = []
+    rows: list[TestedRequirement] = []
     console = Console(highlight=False, markup=False)
-    colours = {Verdict.MET: 'green', Verdict.FAILED: 'red', Verdict.NOT_TESTED: 'yellow'}
-    examination = examine(role, command_line)
+    colours = {
+        RequirementVerdict.MET: 'green',
+        RequirementVerdict.FAILED: 'red',
+        RequirementVerdict.NOT_TESTED: 'yellow',
+    }
+    examination = examine_node(role, command_line)
     while row := _next(examination):
         rows.append(row)
         if not as_json:
@@ -58,11 +62,13 @@ def command(role: str, command_line: tuple[str, ...], as_json: bool) -> int:
         print(json.dumps({'role': role, 'requirements': content}, indent=2))
     else:
         counts = Counter(row.verdict for row in rows)
-        print(', '.join(f'{counts[each]} {each.value}' for each in Verdict if counts[each]))
-    return int(any(row.verdict is Verdict.FAILED for row in rows))
+        print(
+            ', '.join(f'{counts[each]} {each.value}' for each in RequirementVerdict if counts[each])
+        )
+    return int(any(row.verdict is RequirementVerdict.FAILED for row in rows))
 
 
-def _next(examination: Iterator[Row]) -> Row | None:
+def _next(examination: Iterator[TestedRequirement]) -> TestedRequirement | None:
     """Return the next row, None after the last; the middleware may print in the meantime."""
     with stdout_to_stderr():
         return next(examination, None)

@@ -166,7 +166,7 @@ def format_gains(parameters: ParameterSet, command: str) -> str:
 Callback = Callable[[click.Context, click.Parameter, str | None], Any]
 
 
-def number(kind: type[Any], wanted: str, is_allowed: Callable[[Any], bool]) -> Callback:
+def number_callback(kind: type[Any], wanted: str, is_allowed: Callable[[Any], bool]) -> Callback:
     """Return a callback for an option whose value is a number.
 
     Parameters
@@ -193,7 +193,7 @@ def number(kind: type[Any], wanted: str, is_allowed: Callable[[Any], bool]) -> C
     return callback
 
 
-def numbers(count: int, each: Callback) -> Callback:
+def numbers_callback(count: int, each: Callback) -> Callback:
     """Return a callback for an option whose value is some numbers, separated by commas."""
 
     def callback(context: click.Context, option: click.Parameter, value: str | None) -> Any:
@@ -210,22 +210,22 @@ def numbers(count: int, each: Callback) -> Callback:
 LARGEST_WEIGHT = 1e20
 """Far beyond all useful ones; solvers lose all digits with weights such as 1e300."""
 
-positive_weight = number(
+positive_weight = number_callback(
     float, 'within 1e-20 … 1e20', lambda value: 1.0 / LARGEST_WEIGHT <= value <= LARGEST_WEIGHT
 )
-delay_ms = number(
+delay_ms = number_callback(
     float, f'within 0 … {MAX_DELAY_MS:g} ms', lambda value: 0.0 <= value <= MAX_DELAY_MS
 )
-five_weights = numbers(
+five_weights = numbers_callback(
     5,
-    number(
+    number_callback(
         float,
         '0 or within 1e-20 … 1e20',
         lambda value: value == 0.0 or 1.0 / LARGEST_WEIGHT <= value <= LARGEST_WEIGHT,
     ),
 )
-five_poles = numbers(
-    5, number(complex, 'a pole, such as -7+5j', lambda value: math.isfinite(abs(value)))
+five_poles = numbers_callback(
+    5, number_callback(complex, 'a pole, such as -7+5j', lambda value: math.isfinite(abs(value)))
 )
 
 

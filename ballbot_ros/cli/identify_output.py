@@ -12,9 +12,9 @@ from ballbot_ros.errors import printable
 from ballbot_ros.identification.identification import (
     MAX_HALF_WIDTH,
     ExperimentSummary,
+    Identifiability,
     Identification,
     IdentifiedParameter,
-    Verdict,
 )
 from ballbot_ros.parameters import PLANT, ParameterSet, parameters_of
 from ballbot_ros.parameters.files import format_parameters
@@ -48,7 +48,9 @@ class IdentifyOutput:
     @property
     def identified(self) -> tuple[IdentifiedParameter, ...]:
         """The parameters whose intervals are narrow enough to rely on."""
-        return tuple(row for row in self._found.estimated if row.verdict is Verdict.IDENTIFIED)
+        return tuple(
+            row for row in self._found.estimated if row.verdict is Identifiability.IDENTIFIED
+        )
 
     def print(self) -> None:
         """Print recordings, verdicts, values and residuals."""
@@ -149,15 +151,15 @@ def _verdict_table(rows: Sequence[IdentifiedParameter]) -> Table:
 
 def _reason(row: IdentifiedParameter) -> str:
     interval = f'{_percent(row.relative)} %'
-    if row.verdict is Verdict.NOT_TOLD_APART:
+    if row.verdict is Identifiability.NOT_TOLD_APART:
         return f'acts like {", ".join(row.alike) or "several together"}'
-    if row.verdict is Verdict.NOT_SEEN and not math.isfinite(row.relative):
+    if row.verdict is Identifiability.NOT_SEEN and not math.isfinite(row.relative):
         return 'no trace in the readings'
-    if row.verdict is Verdict.NOT_SEEN and row.relative > _WIDEST:
+    if row.verdict is Identifiability.NOT_SEEN and row.relative > _WIDEST:
         return f'> ± {100.0 * _WIDEST:g} % as the only unknown'
-    if row.verdict is Verdict.NOT_SEEN:
+    if row.verdict is Identifiability.NOT_SEEN:
         return f'{interval} as the only unknown'
-    if row.verdict is Verdict.UNCERTAIN:
+    if row.verdict is Identifiability.UNCERTAIN:
         return f'{interval}, more than {100.0 * MAX_HALF_WIDTH:g} %'
     return interval
 
@@ -180,7 +182,7 @@ def _value_table(rows: Sequence[IdentifiedParameter]) -> Table:
         ]  # fmt: skip
         if has_recorded:
             cells.append(_recorded(row))
-        table.add_row(*cells, style='dim' if row.verdict is Verdict.UNCERTAIN else None)
+        table.add_row(*cells, style='dim' if row.verdict is Identifiability.UNCERTAIN else None)
     return table
 
 

@@ -87,7 +87,7 @@ def run(
     finished one is not run again. Exit status: 0 if all runs are done, whether they passed or not;
     2 for a mistake in the arguments; 130 after Ctrl-C.
     """
-    from ballbot_ros.cli.study_output import StudyProgress, print_json, print_summary
+    from ballbot_ros.cli.study_output import StudyProgress, print_study_json, print_summary
     from ballbot_ros.process import stdout_to_stderr
     from ballbot_ros.studies.execution import LocalWorkers, folder_of, run_study
     from ballbot_ros.studies.job import job_of
@@ -116,7 +116,7 @@ def run(
         _say_stopped(folder)
         return 128 + stopped
     data = StudyData.open(folder)
-    (print_json if as_json else print_summary)(data)
+    (print_study_json if as_json else print_summary)(data)
     return 0
 
 
@@ -203,7 +203,7 @@ def report(folder: Path, output: Path | None) -> int:
 def _execute(spec: RunSpec, expected: str, as_json: bool) -> int:
     """Execute a run, print its result, and compare its duties with those of the study."""
     from ballbot_ros.cli.progress import Progress
-    from ballbot_ros.cli.result import print_json, print_table
+    from ballbot_ros.cli.result import print_study_json, print_table
     from ballbot_ros.process import stdout_to_stderr
     from ballbot_ros.run.execution import execute
     from ballbot_ros.simulation.run_actions import Outcome
@@ -211,7 +211,7 @@ def _execute(spec: RunSpec, expected: str, as_json: bool) -> int:
     with Progress(spec.name, spec.plant.duration) as progress, stdout_to_stderr():
         result = execute(spec, progress)
         progress.release(result.reason)
-    (print_json if as_json else print_table)(spec, result)
+    (print_study_json if as_json else print_table)(spec, result)
     if result.outcome is Outcome.STOPPED or result.duty_sha256 is None:
         return result.exit_status  # it did not get far enough to be compared
     if result.duty_sha256 == expected:

@@ -180,7 +180,7 @@ def _worst_runs(summary: MeasureSummary) -> str:
     return '; '.join(filter(None, (runs, missing)))
 
 
-def print_json(data: StudyData) -> None:
+def print_study_json(data: StudyData) -> None:
     """Print the summary as one JSON object; a missing number is null."""
     summary, study = data.summary(WORST_SHOWN), data.study
     content = {

@@ -31,7 +31,7 @@ _MAX_REASON_LENGTH = 200
 GRACE_S = 1.0
 
 
-class Log(NamedTuple):
+class LogRecord(NamedTuple):
     """Arguments of ``ecrobot_bt_adc_data_logger``."""
 
     data1: int
@@ -61,7 +61,7 @@ class Answer(NamedTuple):
 
     duty: tuple[int, int]
     faults: int
-    log: Log | None
+    log: LogRecord | None
     tones: list[Tone]
     page: str | None
     read_sonar: bool
@@ -163,7 +163,7 @@ def decode_answer(data: bytes) -> Answer:
     return Answer(
         (vertical, horizontal),
         faults,
-        Log(*log) if logs else None,
+        LogRecord(*log) if logs else None,
         [Tone(*rest[3 * n : 3 * n + 3]) for n in range(tones)],
         name.rstrip(b'\0').decode('ascii') if pages else None,
         sonar_reads > 0,
@@ -192,7 +192,7 @@ class ProgramProcess(Protocol):
         """Run a tick."""
 
 
-class Plane:
+class PlaneRecord:
     """A plane's data in the compiled program, with the names of the Python program."""
 
     def __init__(self) -> None:
@@ -223,7 +223,7 @@ class CompiledProgram:
         self._schedule = Schedule(tasks)
         self._numbers = {timing.name: number for number, timing in enumerate(tasks)}
         self.brick = Brick()
-        self.x, self.y = Plane(), Plane()
+        self.x, self.y = PlaneRecord(), PlaneRecord()
         self.control_mode = ControlMode.CALIBRATION
         self.operating_state = OperatingState.CALIBRATION
         self.state = b''

@@ -11,7 +11,7 @@ from ballbot_ros.conformance.node_under_test import (
     ANSWER_S,
     BreachError,
     NodeUnderTest,
-    seconds,
+    seconds_text,
 )
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.messages.raw import same_content, stamp_of
@@ -41,7 +41,7 @@ FEW, SERIES, LONG = 6, 75, 400
 controller calibrates and begins to balance."""
 
 
-class Verdict(Enum):
+class RequirementVerdict(Enum):
     """The verdict on one requirement."""
 
     MET = 'met'
@@ -50,12 +50,12 @@ class Verdict(Enum):
 
 
 @dataclass(frozen=True)
-class Row:
+class TestedRequirement:
     """A requirement, the verdict, and the reason unless it is met."""
 
     name: str
     requirement: str
-    verdict: Verdict
+    verdict: RequirementVerdict
     reason: str = ''
 
 
@@ -78,7 +78,7 @@ class Requirement:
     restarts: bool = False
 
 
-def examine(role: str, bench: Bench, token: str) -> Iterator[Row]:
+def examine(role: str, bench: Bench, token: str) -> Iterator[TestedRequirement]:
     """Test the node of a role; yield a row for each requirement.
 
     Parameters
@@ -96,7 +96,7 @@ def examine(role: str, bench: Bench, token: str) -> Iterator[Row]:
         _require_absence(node)
     for each in REQUIREMENTS:
         if role in each.roles:
-            yield Row(each.name, each.text, *_verdict(each, node))
+            yield TestedRequirement(each.name, each.text, *_verdict(each, node))
 
 
 def _require_absence(node: NodeUnderTest) -> None:
@@ -109,17 +109,17 @@ def _require_absence(node: NodeUnderTest) -> None:
         )
 
 
-def _verdict(requirement: Requirement, node: NodeUnderTest) -> tuple[Verdict, str]:
+def _verdict(requirement: Requirement, node: NodeUnderTest) -> tuple[RequirementVerdict, str]:
     if requirement.restarts and not node.bench.can_start:
-        return Verdict.NOT_TESTED, 'give the COMMAND that starts the node'
+        return RequirementVerdict.NOT_TESTED, 'give the COMMAND that starts the node'
     if node.has_been_deaf:
-        return Verdict.NOT_TESTED, 'the node has never joined a run'
+        return RequirementVerdict.NOT_TESTED, 'the node has never joined a run'
     try:
         requirement.check(node)
     except BreachError as breach:
         end = node.bench.end if node.bench.can_start else ''
-        return Verdict.FAILED, '; '.join(filter(None, (str(breach), end)))
-    return Verdict.MET, ''
+        return RequirementVerdict.FAILED, '; '.join(filter(None, (str(breach), end)))
+    return RequirementVerdict.MET, ''
 
 
 def _check_late_start(node: NodeUnderTest) -> None:
@@ -190,7 +190,7 @@ def _check_repetition(node: NodeUnderTest) -> None:
     is_same = same_content(node.contract.answer.type_name)
     # The recorder may lack an earlier sample of a driver; a controller repeats only its newest.
     for tick in (node.tick,) if node.contract.role == CONTROLLER else (node.tick, first):
-        before, at = node.answers_to(tick.stamp_ns), seconds(tick.stamp_ns)
+        before, at = node.answers_to(tick.stamp_ns), seconds_text(tick.stamp_ns)
         for count in range(2):
             node.send_again(tick)
             if not node.await_answers(tick.stamp_ns, len(before) + count + 1):
@@ -229,7 +229,7 @@ def _check_late_inputs(node: NodeUnderTest, topics: Sequence[Topic]) -> None:
     node.send_next(without=topics)
     stamp_ns, names = node.tick.stamp_ns, ' and '.join(repr(topic.name) for topic in topics)
     if node.bench.wait(lambda: node.is_answered(stamp_ns), QUIET_S):
-        raise BreachError(f'it answers {seconds(stamp_ns)} before {names}')
+        raise BreachError(f'it answers {seconds_text(stamp_ns)} before {names}')
     node.send_rest(topics)
     if not node.await_answers(stamp_ns):
         raise BreachError(f'{node.silence(stamp_ns)} after {names} came late')
@@ -250,7 +250,7 @@ def _check_silence(node: NodeUnderTest) -> None:
     node.bench.wait(lambda: False, SILENCE_S)
     sent = node.answers()[before:]
     if sent and not node.contract.acknowledges:
-        raise BreachError(f'it sends {seconds(stamp_of(sent[0]))} unasked')
+        raise BreachError(f'it sends {seconds_text(stamp_of(sent[0]))} unasked')
     node.drive(FEW)
 
 
@@ -263,7 +263,7 @@ def _check_reset(node: NodeUnderTest) -> None:
     for elapsed_ns, duty in first.items():
         if second[elapsed_ns] != duty:
             raise BreachError(
-                f'after a reset, its duties {seconds(elapsed_ns)} after the start are '
+                f'after a reset, its duties {seconds_text(elapsed_ns)} after the start are '
                 f'{second[elapsed_ns]}, not {duty} as before'
             )
 
@@ -314,10 +314,14 @@ def _check_same_answer(node: NodeUnderTest, tick: TickMessages) -> None:
     before = node.answers_to(tick.stamp_ns)
     node.send_again(tick)
     if not node.await_answers(tick.stamp_ns, len(before) + 1):
-        raise BreachError(f'after a restart, it does not answer {seconds(tick.stamp_ns)} again')
+        raise BreachError(
+            f'after a restart, it does not answer {seconds_text(tick.stamp_ns)} again'
+        )
     is_same = same_content(node.contract.answer.type_name)
     if not is_same(before[0], node.answers_to(tick.stamp_ns)[-1]):
-        raise BreachError(f'after a restart, it changes its answer to {seconds(tick.stamp_ns)}')
+        raise BreachError(
+            f'after a restart, it changes its answer to {seconds_text(tick.stamp_ns)}'
+        )
 
 
 REQUIREMENTS = (

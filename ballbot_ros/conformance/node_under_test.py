@@ -18,7 +18,7 @@ from ballbot_ros.messages.topics import (
     Topic,
 )
 from ballbot_ros.parameters import NODES
-from ballbot_ros.simulation.lockstep import Run
+from ballbot_ros.simulation.lockstep import RunIdentity
 from ballbot_ros.simulation.participants import Announcement
 from ballbot_ros.simulation.run_recording import RunStatus
 from ballbot_ros.timing import FIRST_TICK_NS, RESEND_S, SECOND_NS, next_start_ns
@@ -51,7 +51,7 @@ class NodeUnderTest:
 
     def __init__(self, role: str, bench: Bench, token: str) -> None:
         self.contract, self.bench, self._token = CONTRACTS[role], bench, token
-        self.run = Run('', FIRST_TICK_NS)
+        self.run = RunIdentity('', FIRST_TICK_NS)
         self._plant = 1
         self._number = self._newest_ns = self._earlier_ns = 0
         self._asked: dict[int, int] = {}
@@ -78,7 +78,7 @@ class NodeUnderTest:
         """Announce another run, and call the roll."""
         self._number += 1
         start_ns = next_start_ns(self._newest_ns) if self._newest_ns else FIRST_TICK_NS
-        self.run = Run(f'{self._number} {self._token}{self._plant}', start_ns)
+        self.run = RunIdentity(f'{self._number} {self._token}{self._plant}', start_ns)
         self._ticks = nominal_run(self.contract.role, start_ns)
         self._asked = {}
         self._earlier_ns = max(map(stamp_of, self.answers()), default=0)
@@ -235,15 +235,15 @@ class NodeUnderTest:
         try:
             return self.contract.read(data)
         except (ValueError, IndexError, OverflowError) as error:
-            raise BreachError(f'at {seconds(stamp_of(data))}: {error}') from None
+            raise BreachError(f'at {seconds_text(stamp_of(data))}: {error}') from None
 
     def silence(self, stamp_ns: int) -> str:
         """Return the text for a stamp [ns] without an answer."""
-        text = f'no answer to {seconds(stamp_ns)}'
+        text = f'no answer to {seconds_text(stamp_ns)}'
         if objection := self.objection():
             return f'{text}: it objects that {objection}'
         others = [stamp_of(data) for data in self.answers()]
-        return f'{text}; its newest one is stamped {seconds(others[-1])}' if others else text
+        return f'{text}; its newest one is stamped {seconds_text(others[-1])}' if others else text
 
     def judge(self) -> None:
         """Check the stamps of all answers in this run."""
@@ -253,16 +253,16 @@ class NodeUnderTest:
             # one of the run before may even arrive after the next plant has begun.
             stamps = list(dropwhile(lambda each: each == self._earlier_ns, stamps))
             if ahead := [each for each in stamps if each > self._newest_ns]:
-                raise BreachError(f'it acknowledges {seconds(ahead[0])}, ahead of the run')
+                raise BreachError(f'it acknowledges {seconds_text(ahead[0])}, ahead of the run')
             return
         for stamp_ns in stamps:
             if stamp_ns not in self._asked or stamp_ns % self.contract.period_ns:
-                raise BreachError(f'it answers {seconds(stamp_ns)}, which nobody asked for')
+                raise BreachError(f'it answers {seconds_text(stamp_ns)}, which nobody asked for')
             times, asked = stamps.count(stamp_ns), self._asked[stamp_ns]
             if times > 1 + (asked - 1) * self.contract.repetitions:
-                raise BreachError(f'it answers {seconds(stamp_ns)} {times} times')
+                raise BreachError(f'it answers {seconds_text(stamp_ns)} {times} times')
 
 
-def seconds(stamp_ns: int) -> str:
+def seconds_text(stamp_ns: int) -> str:
     """Return a stamp [ns] as text in seconds."""
     return f'{stamp_ns / SECOND_NS:.3f} s'

@@ -10,8 +10,8 @@ from ballbot_ros.controllers.document.axis import (
     AT_REST,
     THOUSAND,
     TS1_PERIOD,
-    Axis,
     Constants,
+    PlaneValues,
     ProgramConstants,
     Single,
     constants_of,
@@ -76,7 +76,7 @@ class DriftFreeAxis:
             self._constants, (offset, *self._state[1:]), Single(inputs.gyro),
             Single(inputs.revolution), Single(inputs.stick), Single(readings.max_voltage),
         )  # fmt: skip
-        axis = Axis(*state, *estimates)
+        axis = PlaneValues(*state, *estimates)
         pitch_error = observer.update(float(axis.psi), float(axis.theta_dot), float(axis.psi_dot))
         sum_psi_dot = axis.sum_psi_dot - Single(pitch_error) * THOUSAND / TS1_PERIOD
         self._state = (*state[:3], sum_psi_dot, *state[4:])

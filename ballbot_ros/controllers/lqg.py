@@ -111,7 +111,7 @@ class LQG(DrivingController[LQGParameters]):
         """Return the parameters with the filter and the gains for a model."""
         filter_a, filter_gain = kalman_filter(parameters, model)
         gain, _ = regulator(parameters, model)
-        lead, effects = dead_time(model, parameters.actuator_delay)
+        lead, effects = late_voltages(model, parameters.actuator_delay)
         return replace(
             parameters,
             transition=_flat(filter_a),
@@ -156,7 +156,7 @@ def regulator(p: LQGParameters, model: PhysicalParameters) -> tuple[Matrix, Matr
     return np.asarray(gain, float), np.asarray(cost, float)
 
 
-def dead_time(model: PhysicalParameters, delay_ms: float) -> tuple[Matrix, Matrix]:
+def late_voltages(model: PhysicalParameters, delay_ms: float) -> tuple[Matrix, Matrix]:
     """Return what voltages do that take effect late.
 
     Returns

@@ -48,7 +48,7 @@ _PROGRAM = (
     'gyro_offset', 'theta_ref_dot', 'sum_theta_ref_dot', 'sum_psi_dot', 'sum_theta_diff',
     'theta_smooth',
 )  # fmt: skip
-"""The variables of :class:`~ballbot_ros.controllers.document.axis.Axis` that last, in its order."""
+"""The variables of a plane that last, in the order of `PlaneValues` of the document's program."""
 
 _REFERENCE = ('theta_ref_dot', 'sum_theta_ref_dot')
 """Those outside the loop: they depend on the stick alone."""

@@ -351,4 +351,4 @@ SONAR_DEVICE = Device(SonarParameters, 'sonar_cm', lambda truth: truth.position,
 AnyDevice: TypeAlias = Device[Any, Any, Any]
 """A device of any kind."""
 
-DEVICES: tuple[AnyDevice, ...] = (GYRO_DEVICE, ENCODER_DEVICE, SONAR_DEVICE)
+ALL_DEVICES: tuple[AnyDevice, ...] = (GYRO_DEVICE, ENCODER_DEVICE, SONAR_DEVICE)

@@ -245,7 +245,7 @@ def plant_tick(
         if actuator_jitter:
             chance, _ = uniform_pair(key, ACTUATOR_DELAY, time_ns // TICK_NS)
             delay = drawn_delay(actuator_delay, actuator_jitter, chance)
-        command(effects_ns, waiting_duties, time_ns, delay * STEP_NS, duty_x, duty_y)
+        note_duty(effects_ns, waiting_duties, time_ns, delay * STEP_NS, duty_x, duty_y)
     elif not is_draining:
         voltage_x = motor_voltage(duty_x, volts, dead_zone, volt_slope, volt_offset)
         voltage_y = motor_voltage(duty_y, volts, dead_zone, volt_slope, volt_offset)
@@ -384,7 +384,7 @@ def forces_of(
     return force_theta, force_psi
 
 
-def command(
+def note_duty(
     effects_ns: Any, waiting_duties: Any, now_ns: int, delay_ns: int, duty_x: int, duty_y: int
 ) -> None:
     """Note a duty [%] that takes effect after its dead time."""

@@ -147,7 +147,7 @@ def kept_step(
     return (stamp_ns // STEP_NS - age) % (len(steps) // STEP_VALUES) * STEP_VALUES
 
 
-class Floor(NamedTuple):
+class FloorTables(NamedTuple):
     """The walls of all runs; empty tables without a map.
 
     Attributes
@@ -180,7 +180,7 @@ class Events(NamedTuple):
     horizontal: Any
 
 
-class Log(NamedTuple):
+class RunLog(NamedTuple):
     """Where a run is written, tick by tick; the columns are planes x and y.
 
     Attributes

@@ -39,7 +39,7 @@ COMMAND_PERIOD_S = 3.0
 LARGEST_PERCENT = 100
 
 
-class Command(NamedTuple):
+class SpeedCommand(NamedTuple):
     """A commanded speed.
 
     Attributes
@@ -55,7 +55,7 @@ class Command(NamedTuple):
     y_percent: int
 
 
-Commands = tuple[Command, ...]
+Commands = tuple[SpeedCommand, ...]
 
 
 def random_commands(generator: np.random.Generator, duration: float) -> Commands:
@@ -66,7 +66,7 @@ def random_commands(generator: np.random.Generator, duration: float) -> Commands
     count = max(0, math.ceil((duration - FIRST_COMMAND_S) / COMMAND_PERIOD_S))
     shares = generator.integers(-LARGEST_PERCENT, LARGEST_PERCENT, size=(count, 2), endpoint=True)
     return tuple(
-        Command(FIRST_COMMAND_S + index * COMMAND_PERIOD_S, x, y)
+        SpeedCommand(FIRST_COMMAND_S + index * COMMAND_PERIOD_S, x, y)
         for index, (x, y) in enumerate(shares.tolist())
     )
 
@@ -85,15 +85,15 @@ def checked_commands(given: object) -> Commands:
     return commands
 
 
-def _checked(time_s: float, x: int, y: int) -> Command:
+def _checked(time_s: float, x: int, y: int) -> SpeedCommand:
     if not 0.0 <= time_s < math.inf or any(
         share != int(share) or abs(share) > LARGEST_PERCENT for share in (x, y)
     ):
         raise ValueError
-    return Command(float(time_s), int(x), int(y))
+    return SpeedCommand(float(time_s), int(x), int(y))
 
 
-def scenario_of(commands: Commands, release_s: float) -> Scenario:
+def commanded_scenario(commands: Commands, release_s: float) -> Scenario:
     """Return the sticks that give the commands; the robot is released at `release_s` [s]."""
     return Scenario(
         vertical=_signal(((each.time_s, -each.x_percent) for each in commands), release_s),

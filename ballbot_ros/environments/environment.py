@@ -23,11 +23,11 @@ from ballbot_ros.environments.configuration import (
     steps_of,
 )
 from ballbot_ros.environments.episode import (
+    Component,
     EnvironmentState,
     Episode,
     EpisodeState,
     Floats,
-    Quantity,
     Start,
     box,
     device_quantities,
@@ -318,7 +318,7 @@ class BallbotEnv(gymnasium.Env[Floats, NDArray[np.float32]]):
                     f'there, {short_repr(own)} here'
                 )
 
-    def _quantities(self, state: tuple[Quantity, ...]) -> tuple[Quantity, ...]:
+    def _quantities(self, state: tuple[Component, ...]) -> tuple[Component, ...]:
         """Return the components of the observation, for those of the true state."""
         if self._observes_state:
             return state

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ballbot_ros.controllers.controller import Duty, next_readings
 from ballbot_ros.controllers.policy import DRIVING_NAMES, DeviceObserver, ObserverState
 from ballbot_ros.engine.plant import SavedPlant
-from ballbot_ros.environments.configuration import Commands, release_s, scenario_of
+from ballbot_ros.environments.configuration import Commands, commanded_scenario, release_s
 from ballbot_ros.parameters import GYRO, PLANT, ControllerParameters, ParameterSet
 from ballbot_ros.plant.ground_truth import GroundTruth, Pair
 from ballbot_ros.simulation.closed_loop import Robot
@@ -98,7 +98,7 @@ class Episode:
         values.set(PLANT, 'start_pitch_x', start.pitch[0])
         values.set(PLANT, 'start_pitch_y', start.pitch[1])
         settings = values.of(ControllerParameters)
-        self._robot = Robot(values, scenario_of(start.commands, release_s(settings)))
+        self._robot = Robot(values, commanded_scenario(start.commands, release_s(settings)))
         self._plant = self._robot.plant
         self.observer = DeviceObserver(settings, drives=drives)
         self.truth: GroundTruth = self._plant.truth()
@@ -151,7 +151,7 @@ SPEED_M_PER_S = 2.0
 """More than motors of any battery can reach; times the duration they bound angles and distances."""
 
 
-class Quantity(NamedTuple):
+class Component(NamedTuple):
     """A component of a vector: its name, which has the unit, and the largest and least value."""
 
     name: str
@@ -159,32 +159,32 @@ class Quantity(NamedTuple):
     high: float
 
 
-def pair(name: str, bound: float) -> tuple[Quantity, Quantity]:
+def pair(name: str, bound: float) -> tuple[Component, Component]:
     """Return the quantity of planes x and y; the name has a place for the plane."""
-    return Quantity(name.format('x'), -bound, bound), Quantity(name.format('y'), -bound, bound)
+    return Component(name.format('x'), -bound, bound), Component(name.format('y'), -bound, bound)
 
 
-def device_quantities(duration: float, full_rate: float, *, drives: bool) -> tuple[Quantity, ...]:
+def device_quantities(duration: float, full_rate: float, *, drives: bool) -> tuple[Component, ...]:
     """Return the components of the observation of the devices."""
     all_of_them = (
         *pair('rate_{}_deg_per_s', RATE_DEG_PER_S),
         *pair('encoder_{}_deg', ENCODER_DEG_PER_S * duration),
-        Quantity('battery_v', 0.0, 15.0),
-        Quantity('distance_cm', 0.0, 255.0),
+        Component('battery_v', 0.0, 15.0),
+        Component('distance_cm', 0.0, 255.0),
         *pair('commanded_rate_{}_deg_per_s', full_rate),
     )
     assert tuple(each.name for each in all_of_them) == DRIVING_NAMES
     return all_of_them if drives else all_of_them[:5]
 
 
-def state_quantities(duration: float) -> tuple[Quantity, ...]:
+def state_quantities(duration: float) -> tuple[Component, ...]:
     """Return the components of :func:`state_of`."""
     return (
         *pair('position_{}_m', SPEED_M_PER_S * duration),
         *pair('velocity_{}_m_per_s', 10.0),
         *pair('pitch_{}_rad', 1.5),
         *pair('pitch_rate_{}_rad_per_s', 100.0),
-        Quantity('battery_v', 0.0, 15.0),
+        Component('battery_v', 0.0, 15.0),
     )
 
 
@@ -200,7 +200,7 @@ def state_of(truth: GroundTruth, start: tuple[float, float]) -> tuple[float, ...
     )
 
 
-def box(quantities: tuple[Quantity, ...]) -> spaces.Box[np.float64]:
+def box(quantities: tuple[Component, ...]) -> spaces.Box[np.float64]:
     """Return the space of a vector."""
     low, high = (np.array([getattr(each, end) for each in quantities]) for end in ('low', 'high'))
     return spaces.Box(low, high, dtype=np.float64)

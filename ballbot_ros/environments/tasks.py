@@ -10,7 +10,7 @@ from ballbot_ros.controllers.controller import Duty
 from ballbot_ros.environments import rewards
 from ballbot_ros.environments.configuration import Commands, random_commands
 from ballbot_ros.environments.environment import BallbotEnv
-from ballbot_ros.environments.episode import Episode, Quantity, pair
+from ballbot_ros.environments.episode import Component, Episode, pair
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.plant.ground_truth import Pair
 
@@ -46,7 +46,7 @@ class DriveEnv(BallbotEnv):
     def _metres_per_degree(self) -> float:
         return math.radians(self._parameters.of(PlantParameters).ball_radius)
 
-    def _quantities(self, state: tuple[Quantity, ...]) -> tuple[Quantity, ...]:
+    def _quantities(self, state: tuple[Component, ...]) -> tuple[Component, ...]:
         quantities = super()._quantities(state)
         if not self._observes_state:
             return quantities

@@ -24,7 +24,7 @@ from ballbot_ros.identification.experiment import (
     ROUNDING_DEVIATION,
     Channel,
     expected_rounding,
-    with_values,
+    with_identified,
 )
 from ballbot_ros.identification.segment_model import SegmentModel
 from ballbot_ros.parameters import PlantParameters
@@ -160,7 +160,7 @@ class ExperimentFit:
         plants = [plant] * (1 + count + own)
         for number, (name, scale) in enumerate(scales.items(), start=1):
             value = getattr(plant, name) + _DIFFERENCE * scale
-            plants[number] = with_values(plant, {name: value})
+            plants[number] = with_identified(plant, {name: value})
         unknowns = np.repeat(self.unknowns[np.newaxis], len(plants), axis=0)
         for number in range(own):
             unknowns[1 + count + number, :, number] += _DIFFERENCE
@@ -304,7 +304,7 @@ class Estimator:
 
     def plant(self, fit: ExperimentFit) -> PlantParameters:
         """Return the parameters of an experiment's robot, with the present estimates."""
-        return with_values(fit.model.segments.experiment.plant, self.values)
+        return with_identified(fit.model.segments.experiment.plant, self.values)
 
     def keep(self, names: Collection[str]) -> None:
         """Let the other parameters have the values of the experiments again."""

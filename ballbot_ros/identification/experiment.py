@@ -75,12 +75,12 @@ def common_rounding(spread: float) -> float:
     return max(_LEAST_COMMON, math.sqrt(variance))
 
 
-def with_values(plant: PlantParameters, values: Mapping[str, Any]) -> PlantParameters:
+def with_identified(plant: PlantParameters, values: Mapping[str, Any]) -> PlantParameters:
     """Return parameters in which some values, by name, are replaced."""
     return replace(plant, **values)
 
 
-class Quantity(Enum):
+class ChannelQuantity(Enum):
     """What a channel measures in each plane."""
 
     PITCH_RATE = auto()
@@ -118,24 +118,24 @@ class Channel:
 
     name: str
     unit: str
-    quantity: Quantity
+    quantity: ChannelQuantity
     noise: float
     is_rounded: bool = False
     has_offset: bool = False
     filter_s: float = 0.0
 
 
-GYRO = Channel('gyro', 'deg/s', Quantity.PITCH_RATE, 0.8, is_rounded=True, has_offset=True)
-ENCODER = Channel('encoder', 'deg', Quantity.SHAFT, 0.3, is_rounded=True)
-TRUE_PITCH_RATE = Channel('pitch rate', 'deg/s', Quantity.PITCH_RATE, 1e-3)
-TRUE_PITCH = Channel('pitch', 'deg', Quantity.PITCH, 1e-4)
-TRUE_POSITION = Channel('position', 'm', Quantity.POSITION, 1e-6)
+GYRO = Channel('gyro', 'deg/s', ChannelQuantity.PITCH_RATE, 0.8, is_rounded=True, has_offset=True)
+ENCODER = Channel('encoder', 'deg', ChannelQuantity.SHAFT, 0.3, is_rounded=True)
+TRUE_PITCH_RATE = Channel('pitch rate', 'deg/s', ChannelQuantity.PITCH_RATE, 1e-3)
+TRUE_PITCH = Channel('pitch', 'deg', ChannelQuantity.PITCH, 1e-4)
+TRUE_POSITION = Channel('position', 'm', ChannelQuantity.POSITION, 1e-6)
 
-LOGGED_ENCODER = Channel('encoder', 'deg', Quantity.SHAFT, 0.3)
+LOGGED_ENCODER = Channel('encoder', 'deg', ChannelQuantity.SHAFT, 0.3)
 """In whole degrees. Read a few times a second, its rounding is like noise."""
 
 LOGGED_PITCH = Channel(
-    'estimated pitch', 'deg', Quantity.ESTIMATED_PITCH, 0.02, has_offset=True,
+    'estimated pitch', 'deg', ChannelQuantity.ESTIMATED_PITCH, 0.02, has_offset=True,
     filter_s=TICK_S / (1.0 - ControllerParameters().a_gd),
 )  # fmt: skip
 
@@ -237,7 +237,7 @@ def recorded_experiment(
         )
     ticks = _Ticks(run)
     recorded = run.plant if run.attached.has_parameters else None
-    plant = _with_mean_delay(with_values(run.plant, known))
+    plant = _with_mean_delay(with_identified(run.plant, known))
     notes = []
     duty = ticks.of(MOTOR_DUTY)
     battery = ticks.of(BATTERY_STATE)[:, 0]
@@ -386,7 +386,7 @@ def logged_experiment(path: Path, known: Mapping[str, Value]) -> Experiment:
         packets = [packets[number] for number in chosen]
         gaps = np.searchsorted(chosen, gaps)
         period *= every
-    plant = with_values(PlantParameters(), known)
+    plant = with_identified(PlantParameters(), known)
     pitch, shaft = _readings(packets)
     # In a gap, one missing record separates those before from those after.
     usable = np.insert(_usable(pitch, shaft), gaps, False)

@@ -9,7 +9,11 @@ from typing import TYPE_CHECKING, Any
 from ballbot_ros.analysis.drawing import style_axes
 from ballbot_ros.analysis.style import BLUE, GRAY, ORANGE, WIDTH, new_figure, png_of
 from ballbot_ros.identification.arrays import Floats
-from ballbot_ros.identification.identification import Identification, IdentifiedParameter, Verdict
+from ballbot_ros.identification.identification import (
+    Identifiability,
+    Identification,
+    IdentifiedParameter,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -70,8 +74,8 @@ def _draw_value(axes: Axes, row: IdentifiedParameter) -> None:
         shown.append(row.recorded)
     axes.errorbar(
         row.value, 0.0, xerr=half_width, fmt='.', capsize=4.0,
-        color=BLUE if row.verdict is Verdict.IDENTIFIED else GRAY,
-        label='95 % interval' if row.verdict is Verdict.IDENTIFIED else 'uncertain',
+        color=BLUE if row.verdict is Identifiability.IDENTIFIED else GRAY,
+        label='95 % interval' if row.verdict is Identifiability.IDENTIFIED else 'uncertain',
     )  # fmt: skip
     margin = _MARGIN * (max(shown) - min(shown))
     axes.set_xlim(min(shown) - margin, max(shown) + margin)

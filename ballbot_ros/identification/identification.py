@@ -19,7 +19,7 @@ from ballbot_ros.identification.estimation import (
     covariance,
     information,
 )
-from ballbot_ros.identification.experiment import GYRO, Experiment, with_values
+from ballbot_ros.identification.experiment import GYRO, Experiment, with_identified
 from ballbot_ros.identification.segment_model import SegmentModel
 from ballbot_ros.identification.segments import Segments, cut, segment_length
 from ballbot_ros.parameters import PLANT, PlantParameters, parameters_of, suggest
@@ -69,7 +69,7 @@ _TWO_SIGMA = 1.96
 _MAX_CONDITION = 1e10
 
 
-class Verdict(TextEnum):
+class Identifiability(TextEnum):
     """What the data tell of a parameter."""
 
     IDENTIFIED = 'identified'
@@ -103,7 +103,7 @@ class IdentifiedParameter:
 
     name: str
     unit: str
-    verdict: Verdict
+    verdict: Identifiability
     start: float
     value: float | None
     half_width: float
@@ -288,7 +288,7 @@ def _unseen(
             IdentifiedParameter(
                 name=name,
                 unit=parameters_of(PLANT)[name].unit,
-                verdict=Verdict.NOT_SEEN,
+                verdict=Identifiability.NOT_SEEN,
                 start=getattr(experiment.plant, name),
                 value=None,
                 half_width=math.inf,
@@ -378,13 +378,13 @@ class _Judge:
         if name in self._chosen:
             relative = float(self._half_widths[self._chosen.index(name)])
             narrow = relative <= MAX_HALF_WIDTH
-            verdict = Verdict.IDENTIFIED if narrow else Verdict.UNCERTAIN
+            verdict = Identifiability.IDENTIFIED if narrow else Identifiability.UNCERTAIN
         else:
             number = self._names.index(name)
             relative = float(_half_widths(self._information[[[number]], [[number]]])[0])
-            verdict = Verdict.NOT_SEEN
+            verdict = Identifiability.NOT_SEEN
             if relative <= MAX_HALF_WIDTH:
-                verdict, alike = Verdict.NOT_TOLD_APART, self._alike(number)
+                verdict, alike = Identifiability.NOT_TOLD_APART, self._alike(number)
         return IdentifiedParameter(
             name=name,
             unit=parameters_of(PLANT)[name].unit,
@@ -435,7 +435,7 @@ def _summary(
         )
     deviations = []
     for values in (begin, found):
-        plant = with_values(experiment.plant, {name: values[name] for name in found})
+        plant = with_identified(experiment.plant, {name: values[name] for name in found})
         deviations.append(_deviations(segments, plant))
     before, after = deviations
     return ExperimentSummary(

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ballbot_ros.identification.arrays import Floats, for_arrays
-from ballbot_ros.identification.experiment import Channel, Experiment, Quantity
+from ballbot_ros.identification.experiment import Channel, ChannelQuantity, Experiment
 from ballbot_ros.identification.segments import Segments, segment_length
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.plant import actuator, integration, laws
@@ -105,24 +105,24 @@ class SegmentModel:
         segments, plant = self.segments, self.segments.experiment.plant
         ratio = plant.ball_radius / plant.wheel_radius
         by_quantity = {each.quantity: each for each in self._channels}
-        if channel := by_quantity.get(Quantity.PITCH_RATE):
+        if channel := by_quantity.get(ChannelQuantity.PITCH_RATE):
             rates = _without_gaps(segments.readings[channel][:, :, plane])
             if channel.has_offset:
                 own[:, _STATES] = rates.mean(axis=1)
                 rates = rates - own[:, [_STATES]]
             own[:, 3] = np.radians(rates[:, 0])
-        if channel := by_quantity.get(Quantity.PITCH):
+        if channel := by_quantity.get(ChannelQuantity.PITCH):
             own[:, 1] = np.radians(_without_gaps(segments.readings[channel][:, :, plane])[:, 0])
-        elif channel := by_quantity.get(Quantity.ESTIMATED_PITCH):
+        elif channel := by_quantity.get(ChannelQuantity.ESTIMATED_PITCH):
             pitch = _without_gaps(segments.readings[channel][:, :, plane])
             own[:, _STATES] = pitch[:, 0]
             own[:, 1] = np.radians(pitch[:, 0])
             own[:, 3] = np.radians(pitch[:, 1] - pitch[:, 0]) / segments.experiment.reading_s
-        if channel := by_quantity.get(Quantity.SHAFT):
+        if channel := by_quantity.get(ChannelQuantity.SHAFT):
             wheel = np.radians(_without_gaps(segments.readings[channel][:, :, plane]))
             wheel -= segments.contact[:, [plane]] * plant.backlash / 2.0
             angle = wheel / ratio
-        elif channel := by_quantity.get(Quantity.POSITION):
+        elif channel := by_quantity.get(ChannelQuantity.POSITION):
             angle = _without_gaps(segments.readings[channel][:, :, plane]) / plant.ball_radius
         own[:, 0] = angle[:, 0] + own[:, 1]
         reading_s = segments.experiment.reading_s
@@ -321,16 +321,16 @@ class _Lanes:
         drawn = np.maximum(0.0, current) + self._idle_current
         return np.asarray(open_circuit - self._battery_resistance * drawn)
 
-    def measured(self, quantity: Quantity, motion: _Motion) -> Floats:
+    def measured(self, quantity: ChannelQuantity, motion: _Motion) -> Floats:
         """Return a quantity of a plane, in its unit."""
         theta, psi, _, psi_dot = motion.state
-        if quantity is Quantity.POSITION:
+        if quantity is ChannelQuantity.POSITION:
             return np.asarray(self._radius * theta)
         angles = {
-            Quantity.SHAFT: motion.shaft,
-            Quantity.PITCH: psi,
-            Quantity.PITCH_RATE: psi_dot,
-            Quantity.ESTIMATED_PITCH: motion.estimate,
+            ChannelQuantity.SHAFT: motion.shaft,
+            ChannelQuantity.PITCH: psi,
+            ChannelQuantity.PITCH_RATE: psi_dot,
+            ChannelQuantity.ESTIMATED_PITCH: motion.estimate,
         }
         return np.asarray(np.degrees(angles[quantity]))
 

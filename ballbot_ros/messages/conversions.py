@@ -230,7 +230,7 @@ def decode_ball_position(data: bytes) -> Pair:
     return x, -y
 
 
-def ball_position(message: Odometry) -> Pair:
+def odometry_position(message: Odometry) -> Pair:
     """Return the ball's position [m] on planes x and y from ``plant/odom``."""
     return message.pose.pose.position.x, -message.pose.pose.position.y
 
@@ -377,7 +377,7 @@ def encode_tone(stamp_ns: int, tone: Tone) -> bytes:
     return _TONE.encode(stamp_ns, *tone)
 
 
-def tone_of(message: Vector3Stamped) -> Tone:
+def sound_tone(message: Vector3Stamped) -> Tone:
     """Return the tone of ``sound``."""
     return Tone(*(round(value) for value in (message.vector.x, message.vector.y, message.vector.z)))
 

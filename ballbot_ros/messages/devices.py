@@ -120,7 +120,7 @@ ULTRASOUND = 0
 _COUNTS = 2**31
 
 
-class Source(NamedTuple):
+class AnsweredTopic(NamedTuple):
     """The plant's messages that a driver answers.
 
     `measured` returns the measured quantity of a message and its stamp [ns]. Raises ValueError if
@@ -153,12 +153,12 @@ class DeviceMessages(Generic[P, Measured, Reading]):
     encoder: Callable[[P], Callable[[int, Reading], bytes]]
     reading: Callable[[bytes], Reading]
 
-    def source(self, parameters: P) -> Source:
+    def source(self, parameters: P) -> AnsweredTopic:
         """Return what a driver with these parameters answers."""
         if not longest_delay(parameters):
-            return Source(self.truth, lambda data, stamp_ns: self.measured(data))
+            return AnsweredTopic(self.truth, lambda data, stamp_ns: self.measured(data))
         measured, age_of = self.device.measured, self.device.age_of(parameters)
-        return Source(
+        return AnsweredTopic(
             PLANT_STEPS, lambda data, stamp_ns: measured(decode_step(data, age_of(stamp_ns)))
         )
 

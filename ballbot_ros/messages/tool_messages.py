@@ -17,7 +17,7 @@ _STAMP = struct.Struct('<iI')
 _POSE = struct.Struct('<7d')
 
 
-class Pose(NamedTuple):
+class FramePose(NamedTuple):
     """Position [m] and unit quaternion w, x, y, z of a frame in another one."""
 
     position: tuple[float, float, float]
@@ -52,7 +52,7 @@ class TransformsLayout:
             for mark in marks
         ]
 
-    def encode(self, stamp_ns: int, poses: Iterable[Pose]) -> bytes:
+    def encode(self, stamp_ns: int, poses: Iterable[FramePose]) -> bytes:
         """Return the message with the pose of each frame in its parent, all at `stamp_ns`."""
         data = bytearray(self._template)
         stamp = divmod(stamp_ns, SECOND_NS)

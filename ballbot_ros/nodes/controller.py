@@ -44,7 +44,13 @@ from ballbot_ros.parameters import (
     ParameterError,
 )
 from ballbot_ros.simulation.free_running import FreeRunningTicks
-from ballbot_ros.simulation.lockstep import DEPTH, DueTick, LockstepTicks, Run, SampleReaction
+from ballbot_ros.simulation.lockstep import (
+    DEPTH,
+    DueTick,
+    LockstepTicks,
+    RunIdentity,
+    SampleReaction,
+)
 from ballbot_ros.simulation.participants import SOURCE_HASH, TUNABLE, Objection
 from ballbot_ros.timing import MILLISECOND_NS, SECOND_NS, TICK_NS
 
@@ -113,7 +119,7 @@ class TaskTimers:
             self._timers[task].reset()
 
 
-class Controller(BallbotNode[ControllerParameters]):
+class ControllerNode(BallbotNode[ControllerParameters]):
     """Answers the inputs of every tick with one ``motor_duty`` that has the same stamp.
 
     Each periodic task has a timer that releases it. In lockstep the timers run on ``/clock``, and a
@@ -245,7 +251,7 @@ class Controller(BallbotNode[ControllerParameters]):
 
         return receive
 
-    def _on_run(self, run: Run) -> None:
+    def _on_run(self, run: RunIdentity) -> None:
         self._program = self._implementation.make()
         self._program_parameters = self.parameters
         self._is_running = True
@@ -363,4 +369,4 @@ class Controller(BallbotNode[ControllerParameters]):
 
 def main() -> None:
     """Run the node."""
-    sys.exit(run_node(Controller))
+    sys.exit(run_node(ControllerNode))

@@ -32,7 +32,7 @@ from ballbot_ros.nodes.participation import Participation
 from ballbot_ros.nodes.teleop_terminal import TeleopTerminal
 from ballbot_ros.parameters import GamepadParameters
 from ballbot_ros.scenario.library import scenario_of
-from ballbot_ros.simulation.lockstep import Run
+from ballbot_ros.simulation.lockstep import RunIdentity
 from ballbot_ros.teleop import sticks as arbiter
 from ballbot_ros.teleop.csv_log import CsvLog
 from ballbot_ros.teleop.gamepad import (
@@ -297,7 +297,7 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
             if self._log_subscription is None:
                 self._log_subscription = self.subscribe(BLUETOOTH_TX, self._on_log, depth=HISTORY)
 
-    def _on_run(self, run: Run) -> None:
+    def _on_run(self, run: RunIdentity) -> None:
         self._start_ns = run.start_ns
         self._answers = GivenAnswers()
         if self._log:

@@ -12,11 +12,11 @@ from rclpy.node import Node
 from ballbot_ros.controllers.interface import OperatingState
 from ballbot_ros.messages.conversions import (
     NO_CONTROLLER_STATE,
-    ball_position,
     ball_velocity,
     body_pitch,
     body_rates,
     controller_state,
+    odometry_position,
     push_forces,
     stamp_ns,
     stick_deflection,
@@ -179,7 +179,7 @@ def snapshot_of(newest: LatestMessages) -> Snapshot | None:
     is_in_control = state is not None and state.data not in _OUT_OF_CONTROL
     return Snapshot(
         time=stamp_ns(ball) / SECOND_NS,
-        position=ball_position(ball),
+        position=odometry_position(ball),
         psi=body_pitch(body),
         speed=ball_velocity(ball),
         pitch_rate=body_rates(body),

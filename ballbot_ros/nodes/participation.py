@@ -21,7 +21,7 @@ from ballbot_ros.nodes.base import AnyNode
 from ballbot_ros.nodes.graph_observer import guid_prefix
 from ballbot_ros.nodes.presence import Presence
 from ballbot_ros.parameters import PATHS, NodeParameters, Value
-from ballbot_ros.simulation.lockstep import Run
+from ballbot_ros.simulation.lockstep import RunIdentity
 from ballbot_ros.simulation.participants import MAP_HASH, Objection, Participant, RunMember
 from ballbot_ros.world.floor_map import read_map_file
 
@@ -83,7 +83,7 @@ class Participation:
     def __init__(
         self,
         node: AnyNode,
-        on_run: Callable[[Run], None] = lambda run: None,
+        on_run: Callable[[RunIdentity], None] = lambda run: None,
         on_call: Callable[[], None] = lambda: None,
     ) -> None:
         self._node = node
@@ -107,13 +107,13 @@ class Participation:
             self._announce()
 
     def _on_roll_call(self, header: Header) -> None:
-        run = Run(header.frame_id, time_ns(header.stamp))
+        run = RunIdentity(header.frame_id, time_ns(header.stamp))
         if run != self._member.run:
             self._join(run)
         self._announce()
         self._on_call()
 
-    def _join(self, run: Run) -> None:
+    def _join(self, run: RunIdentity) -> None:
         member = self._member
         if member.join(run):
             self._node.recreate_publishers(exclude=PARTICIPANTS)

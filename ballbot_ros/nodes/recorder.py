@@ -40,7 +40,7 @@ from ballbot_ros.nodes.participation import Participation
 from ballbot_ros.parameters import PLANT, PlantParameters, RecorderParameters
 from ballbot_ros.recording.rosbag2 import RELIABLE_LATCHED, QosProfile, media_type
 from ballbot_ros.recording.writer import RUN_PARTICIPANTS, RecordingWriter
-from ballbot_ros.simulation.lockstep import Run
+from ballbot_ros.simulation.lockstep import RunIdentity
 from ballbot_ros.simulation.participants import Objection
 from ballbot_ros.simulation.recording_order import Arrival, ArrivalOrder, Stream
 from ballbot_ros.simulation.run_recording import RunRecording
@@ -48,7 +48,7 @@ from ballbot_ros.timing import SECOND_NS
 from ballbot_ros.viewer.derived_messages import DerivedChannels, DerivedMessages
 
 
-class Channel:
+class RecordedChannel:
     """A topic being recorded.
 
     Attributes
@@ -104,17 +104,17 @@ class Channel:
             yield info['received_timestamp'], item
 
 
-Item = tuple[Channel, bytes, int]
+Item = tuple[RecordedChannel, bytes, int]
 """The channel of a message, the message, and its sequence number."""
 
 
-class Channels:
+class RecordedChannels:
     """The channels of a recorder, by the names of their topics."""
 
     def __init__(self, node: Node) -> None:
         self._node = node
         self._inbox = hidden_node('inbox', node)
-        self._channels: dict[str, Channel] = {}
+        self._channels: dict[str, RecordedChannel] = {}
         self._sighted: set[str] = set()
         # The session only concerns its page.
         ignored = (*UNRECORDED, SESSION)
@@ -130,7 +130,7 @@ class Channels:
     def _subscribe(self, topic: Topic, qos: QoSProfile) -> None:
         if within := intra_process(topic):
             inbox = within.inbox(self._node.resolve_topic_name(topic.name))
-            self._channels[inbox.topic_name] = Channel(topic, inbox, None)
+            self._channels[inbox.topic_name] = RecordedChannel(topic, inbox, None)
             self._ignored.add(self._node.resolve_topic_name(topic.history.name))
             return
         subscription = raw_subscription(self._inbox, topic, qos)
@@ -139,12 +139,12 @@ class Channels:
             qos = reliable_qos(HISTORY, latched=True)
             history = raw_subscription(self._inbox, topic.history, qos)
             self._ignored.add(history.topic_name)
-        self._channels[subscription.topic_name] = Channel(topic, subscription, history)
+        self._channels[subscription.topic_name] = RecordedChannel(topic, subscription, history)
 
-    def __iter__(self) -> Iterator[Channel]:
+    def __iter__(self) -> Iterator[RecordedChannel]:
         return iter(self._channels.values())
 
-    def __getitem__(self, name: str) -> Channel:
+    def __getitem__(self, name: str) -> RecordedChannel:
         return self._channels[name]
 
     def take(self) -> dict[str, Iterator[Arrival[Item]]]:
@@ -226,7 +226,7 @@ class Recorder(BallbotNode[RecorderParameters]):
         self._writer = RecordingWriter(path)
         for name, data in attachments.items():
             self._writer.add_attachment(name, media_type(name), data)
-        self._channels = Channels(self)
+        self._channels = RecordedChannels(self)
         self._derived = DerivedChannels(
             self._writer,
             PlantParameters(),
@@ -266,11 +266,11 @@ class Recorder(BallbotNode[RecorderParameters]):
         except RecordingError as error:
             self._fail(error)
 
-    def _take(self, channel: Channel, data: bytes, sequence: int) -> None:
+    def _take(self, channel: RecordedChannel, data: bytes, sequence: int) -> None:
         try:
             stamp_ns = stamp_of(data) if channel.is_stamped else 0
             if channel.topic is RUN and not self._recording.announces(
-                Run(self._decode_run(data).frame_id, stamp_ns)
+                RunIdentity(self._decode_run(data).frame_id, stamp_ns)
             ):
                 return
         except ValueError as error:
@@ -291,7 +291,7 @@ class Recorder(BallbotNode[RecorderParameters]):
     def _send_ack(self) -> None:
         self._ack.publish(encode_header(self._recording.ticks.acked_ns))
 
-    def _on_run(self, run: Run) -> None:
+    def _on_run(self, run: RunIdentity) -> None:
         # Without an acknowledgement, which the plant of this run would take for its own, and
         # without holding anything back: what has arrived was sent before this run.
         self._write_until(math.inf)

@@ -69,7 +69,7 @@ class NodeEntry:
 _ENTRIES = (
     NodeEntry(PlantParameters, 'plant_sim', 'PlantSim'),
     *(NodeEntry(each, 'device_driver', 'DeviceDriver', serves_several=True) for each in DEVICES),
-    NodeEntry(ControllerParameters, 'controller', 'Controller'),
+    NodeEntry(ControllerParameters, 'controller', 'ControllerNode'),
     NodeEntry(GamepadParameters, 'gamepad_teleop', 'GamepadTeleop'),
     NodeEntry(RecorderParameters, 'recorder', 'Recorder'),
     NodeEntry(PlayerParameters, 'player', 'Player'),

@@ -12,7 +12,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from ballbot_ros.errors import WorldError
-from ballbot_ros.messages.conversions import encode_joy, map_grid, stamp_ns, tone_of
+from ballbot_ros.messages.conversions import encode_joy, map_grid, sound_tone, stamp_ns
 from ballbot_ros.messages.message_types import OccupancyGridMessage
 from ballbot_ros.messages.run_reports import PlantReport, decode_plant_report
 from ballbot_ros.messages.topics import (
@@ -96,7 +96,7 @@ class Viewer(BallbotNode[ViewerParameters]):
         # Imported only here: viser takes a second.
         from ballbot_ros.viewer.live_controls import DragPush, LiveControls
         from ballbot_ros.viewer.page import UPDATE_S, Page
-        from ballbot_ros.viewer.panel import PERIOD, Panel
+        from ballbot_ros.viewer.panel import PERIOD, ScenePanel
         from ballbot_ros.viewer.plots import Plots
         from ballbot_ros.viewer.scene_objects import ForceArrow
         from ballbot_ros.viewer.tuning_sliders import TuningSliders
@@ -104,7 +104,7 @@ class Viewer(BallbotNode[ViewerParameters]):
         host, port = self.parameters.host, self.parameters.port
         self._floor = self._load_floor()
         self._page = Page(Dimensions.from_parameters(self.parameters), 'NXT Ballbot', host, port)
-        self._panel = Panel(self._page.server.gui)
+        self._panel = ScenePanel(self._page.server.gui)
         self._panel_period = PERIOD
         self._plots = Plots(self._page.server.gui, offered_kinds(LIVE_SIGNALS))
         self._start_position: Pair | None = None  # of the run; None if unknown
@@ -273,7 +273,7 @@ class Viewer(BallbotNode[ViewerParameters]):
         """Play a tone of the current run if it is not too old."""
         message = self._newest[SOUND]
         if self.now_ns - stamp_ns(message) < _LATE_TONE_NS:
-            self._panel.play(tone_of(message))
+            self._panel.play(sound_tone(message))
 
     def _drive(self) -> None:
         """Publish the pages' sticks while they are held, and once after their release."""

@@ -115,7 +115,7 @@ class ViewerRequests:
 
     def set_real_time_factor(self, factor: float) -> None:
         """Set the real-time factor; 0 is as fast as possible."""
-        request = setting('real_time_factor', factor)
+        request = parameter_setting('real_time_factor', factor)
 
         def send() -> None:
             client = self._plant_parameters.find(SetParameters)
@@ -146,7 +146,7 @@ class ViewerRequests:
             if not answer.success:
                 self._notify(answer.message)
 
-        request = setting('scenario', scenario)
+        request = parameter_setting('scenario', scenario)
         self._waiting.put(lambda: self._call(f'{SUPERVISOR}/set_parameters', request, begin))
 
     def plant_parameters(
@@ -219,7 +219,7 @@ def send(client: Any, request: Any, on_response: Callable[[Any], None]) -> bool:
     return True
 
 
-def setting(name: str, value: Any) -> SetParameters.Request:
+def parameter_setting(name: str, value: Any) -> SetParameters.Request:
     """Return the request that sets a parameter."""
     message: Parameter = RosParameter(name, value=value).to_parameter_msg()
     return SetParameters.Request(parameters=[message])
@@ -365,7 +365,7 @@ class TuningRequests:
             if role in self._nodes:
                 self._call(
                     self._nodes[role],
-                    setting(name, value),
+                    parameter_setting(name, value),
                     lambda answer: self._take_answer(name, numbers, answer),
                 )
 

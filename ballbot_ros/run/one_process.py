@@ -16,7 +16,7 @@ from ballbot_ros.codegen.implementation import implementation_for
 from ballbot_ros.controllers.loading import LoadedController
 from ballbot_ros.errors import BallbotError, one_line
 from ballbot_ros.nodes.base import AnyNode, spin
-from ballbot_ros.nodes.controller import Controller
+from ballbot_ros.nodes.controller import ControllerNode
 from ballbot_ros.nodes.end_guard import guarded_end
 from ballbot_ros.nodes.intra_process import IntraProcess
 from ballbot_ros.nodes.middleware import prepare_middleware, stay_local
@@ -145,4 +145,4 @@ def _make_node(name: str, parameters: ParameterSet, composed: LoadedController |
     if name != CONTROLLER:
         return make_node(parameters.of_node(name))
     make_implementation = partial(implementation_for, loaded=composed)
-    return Controller(parameters.of(ControllerParameters), make_implementation)
+    return ControllerNode(parameters.of(ControllerParameters), make_implementation)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ballbot_ros.codegen.implementation import compose_controller
 from ballbot_ros.controllers.loading import LoadedController
-from ballbot_ros.engine.devices import DEVICES
+from ballbot_ros.engine.devices import ALL_DEVICES
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.parameters import (
     CONTROLLER,
@@ -301,7 +301,7 @@ def resolve_map(parameters: ParameterSet) -> None:
     parameters don't fit the map.
     """
     World.of(parameters.of(PlantParameters))
-    for device in DEVICES:
+    for device in ALL_DEVICES:
         device.make(parameters.of(device.parameters))
     name = parameters.of(PlantParameters).map
     if is_file_name(name):

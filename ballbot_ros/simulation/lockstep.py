@@ -193,7 +193,7 @@ class InputGate:
 
 
 @dataclass(frozen=True)
-class Run:
+class RunIdentity:
     """A run as announced: its number and the token of its plant, and its first tick [ns]."""
 
     name: str

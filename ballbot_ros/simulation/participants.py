@@ -9,7 +9,7 @@ from typing import NamedTuple, cast
 from ballbot_ros.controllers.loading import OUR_PACKAGE
 from ballbot_ros.errors import one_line
 from ballbot_ros.parameters import parameters_of
-from ballbot_ros.simulation.lockstep import Run
+from ballbot_ros.simulation.lockstep import RunIdentity
 from ballbot_ros.timing import SECOND_NS
 
 MAP_HASH = 'map_sha256'
@@ -152,7 +152,7 @@ class RunMember:
 
     def __init__(self, participant: Participant) -> None:
         self.participant = participant
-        self.run: Run | None = None
+        self.run: RunIdentity | None = None
         self._objection: Objection | None = None
         self._left = ''
 
@@ -160,7 +160,7 @@ class RunMember:
         """Return whether a sample can belong to the run that the participant has joined."""
         return self.run is not None and stamp_ns >= self.run.start_ns
 
-    def join(self, run: Run) -> bool:
+    def join(self, run: RunIdentity) -> bool:
         """Join a run without earlier objections; return whether the plant is another one.
 
         A run that another plant's has interrupted can't be continued: its state is lost.

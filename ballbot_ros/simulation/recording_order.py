@@ -11,7 +11,7 @@ from itertools import chain
 from operator import itemgetter
 from typing import Generic, NamedTuple, Protocol, TypeVar
 
-from ballbot_ros.simulation.lockstep import Run, SampleHistory, SampleStatus
+from ballbot_ros.simulation.lockstep import RunIdentity, SampleHistory, SampleStatus
 from ballbot_ros.simulation.participants import Participant
 from ballbot_ros.timing import MAX_LEAD_TICKS, SECOND_NS, SLOW_PERIOD_NS, TICK_NS
 
@@ -217,12 +217,12 @@ class RecordingGate:
         self.is_lockstep = True
         self.awaits_run = False
         self.takes_part = False
-        self._run: Run | None = None
+        self._run: RunIdentity | None = None
         self._first_ns = self._late_ns = 0
         self._held: list[_Message] = []
         self.now_ns = 0
 
-    def begin(self, run: Run, streams: Iterable[Stream]) -> bool:
+    def begin(self, run: RunIdentity, streams: Iterable[Stream]) -> bool:
         """Begin another run with some streams; return whether it belongs to another plant.
 
         A new run of the same plant continues the old one, whose last messages may still arrive.

@@ -19,7 +19,7 @@ from ballbot_ros.errors import printable
 from ballbot_ros.parameters import PlantParameters, Value, value_text
 from ballbot_ros.plant.ground_truth import GroundTruth, Push
 from ballbot_ros.scenario.scenario import Scenario
-from ballbot_ros.simulation.lockstep import Run
+from ballbot_ros.simulation.lockstep import RunIdentity
 from ballbot_ros.simulation.participants import Membership, Participant
 from ballbot_ros.text_enum import TextEnum
 from ballbot_ros.timing import SECOND_NS, TICK_NS
@@ -91,14 +91,14 @@ class Severity(Enum):
 class AnnounceRun:
     """Announce a run, so that its participants join it."""
 
-    run: Run
+    run: RunIdentity
 
 
 @dataclass(frozen=True)
 class CallRoll:
     """Ask every participant of a run, including the plant, to announce itself."""
 
-    run: Run
+    run: RunIdentity
     plant: Participant
 
 
@@ -106,7 +106,7 @@ class CallRoll:
 class PublishStatus:
     """Publish the status of a run; `summary` is None while it is in progress."""
 
-    run: Run
+    run: RunIdentity
     is_lockstep: bool
     topics: tuple[str, ...]
     members: tuple[Membership, ...]

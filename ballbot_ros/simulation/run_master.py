@@ -17,7 +17,7 @@ from ballbot_ros.parameters import CONTROLLER, PLANT, PlantParameters, Value, pa
 from ballbot_ros.plant.ground_truth import Pair, Push
 from ballbot_ros.simulation import run_actions as do
 from ballbot_ros.simulation.liveness import ProcessObserver
-from ballbot_ros.simulation.lockstep import Run
+from ballbot_ros.simulation.lockstep import RunIdentity
 from ballbot_ros.simulation.pacer import Pacer, PauseControl
 from ballbot_ros.simulation.participants import Announcement
 from ballbot_ros.simulation.roster import Readiness, ReadinessState
@@ -290,7 +290,7 @@ class RunMaster(ABC):
         self._setup = self._set_up(start_ns)
         self._parameters, self._plant = self._setup.parameters, self._setup.plant
         self._duration_ns = round(self._parameters.duration * SECOND_NS)
-        self._run = Run('', start_ns)
+        self._run = RunIdentity('', start_ns)
         self._phase = Phase.DISCOVERING
         self._truth = self._plant.truth()
         self._pushes = 0
@@ -325,7 +325,7 @@ class RunMaster(ABC):
     def _begin(self) -> None:
         """Announce a run."""
         self._number += 1
-        self._run = Run(f'{self._number} {self._token}', self._run.start_ns)
+        self._run = RunIdentity(f'{self._number} {self._token}', self._run.start_ns)
         self._phase = Phase.GATHERING
         self._waiting_since_s = self._now_s
         self._participants.gather(

@@ -15,7 +15,7 @@ from ballbot_ros.parameters import (
     ParameterError,
 )
 from ballbot_ros.simulation.liveness import LivenessMonitor, ProcessObserver
-from ballbot_ros.simulation.lockstep import Run
+from ballbot_ros.simulation.lockstep import RunIdentity
 from ballbot_ros.simulation.participants import (
     MAP_HASH,
     Announcement,
@@ -109,12 +109,12 @@ class RunParticipants:
         )
         self.liveness = LivenessMonitor(self.roster, process_observer, host)
         self._process_observer = process_observer
-        self._run: Run | None = None
+        self._run: RunIdentity | None = None
         self._plant: Participant | None = None
         self._is_gathering = self._gathers_first_run = True
         self.longest_delay = 0
 
-    def gather(self, run: Run, plant: Participant, *, requires_recorder: bool) -> None:
+    def gather(self, run: RunIdentity, plant: Participant, *, requires_recorder: bool) -> None:
         """Start collecting the participants of a run."""
         self._run, self._plant = run, plant
         self._is_gathering = True
@@ -146,7 +146,7 @@ class RunParticipants:
 
     def on_run(self, name: str, topic: str) -> None:
         """Object to the run of another plant; ignore our own, whose announcement may be late."""
-        if self._run and Run(name, 0).plant != self._run.plant:
+        if self._run and RunIdentity(name, 0).plant != self._run.plant:
             self.roster.add_objection(
                 Objection(f'another run, {name!r}, is announced on {topic!r}', topic)
             )
@@ -199,7 +199,7 @@ class RunParticipants:
 
     def publish_status(self, summary: RunSummary | None = None) -> None:
         """Publish the status of the run; `summary` is None while it is in progress."""
-        run = self._run or Run('', 0)
+        run = self._run or RunIdentity('', 0)
         topics = tuple(
             name for name in self.roster.periodic_topics if name in self._topics.periodic
         )

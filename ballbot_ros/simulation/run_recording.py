@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 
-from ballbot_ros.simulation.lockstep import Run
+from ballbot_ros.simulation.lockstep import RunIdentity
 from ballbot_ros.simulation.recording_order import RecordedTicks, RecordingGate, Stream, Writer
 from ballbot_ros.simulation.run_actions import Outcome
 
@@ -42,17 +42,17 @@ class RunRecording:
         self.run: str | None = None
         self.outcome: Mapping[str, str] = {}
         self.members: Mapping[str, str] = {}
-        self._announced: Run | None = None
+        self._announced: RunIdentity | None = None
         self._status: RunStatus | None = None
         self._stop: tuple[Stream, int, bytes, int] | None = None
 
-    def join(self, run: Run) -> None:
+    def join(self, run: RunIdentity) -> None:
         """Begin a run in which the recorder takes part."""
         self.gate.takes_part = True
         self.write_stop()
         self._begin(run)
 
-    def announces(self, run: Run) -> bool:
+    def announces(self, run: RunIdentity) -> bool:
         """Note an announced run; return whether the announcement is to be recorded.
 
         It begins the first run: a player announces runs, but does not call the roll.
@@ -64,7 +64,7 @@ class RunRecording:
         self._announced = run
         return True
 
-    def _begin(self, run: Run) -> None:
+    def _begin(self, run: RunIdentity) -> None:
         self.run, self.outcome, self.members, self._stop = run.name, {}, {}, None
         if self.gate.begin(run, [stream for _, stream in self._streams()]):
             self.ticks.begin()

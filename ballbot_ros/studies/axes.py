@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.studies.columns import Column, ColumnKind
+from ballbot_ros.studies.columns import ColumnKind, ResultColumn
 
 Floats = NDArray[np.float64]
 
@@ -66,7 +66,7 @@ class Axis:
         Whether it is logarithmic.
     """
 
-    column: Column
+    column: ResultColumn
     edges: Floats
     levels: NDArray[Any] | None = None
     is_log: bool = False
@@ -74,7 +74,7 @@ class Axis:
     @classmethod
     def of(
         cls,
-        column: Column,
+        column: ResultColumn,
         extent: Extent,
         runs: int,
         bins: int,

@@ -43,7 +43,7 @@ class Worst(TextEnum):
 
 
 @dataclass(frozen=True)
-class Column:
+class ResultColumn:
     """A column of the results.
 
     Attributes
@@ -64,7 +64,7 @@ class Column:
 
 
 @dataclass(frozen=True)
-class MeasureColumn(Column):
+class MeasureColumn(ResultColumn):
     """A column of a measure's values.
 
     A measure has no value if its window has no ticks, for example after a fall, or if it needs what
@@ -114,13 +114,13 @@ class MeasureColumn(Column):
         return -values if self.worst == Worst.SMALLEST else values
 
 
-NUMBER = Column('number', ColumnKind.INTEGER, meaning='number of the run, from 0')
-SEED = Column('seed', ColumnKind.INTEGER, meaning="seed of the run's random numbers")
-PASSED = Column('passed', ColumnKind.BOOLEAN, meaning='completed, and all expectations hold')
-OUTCOME = Column('outcome', ColumnKind.TEXT, meaning='completed, or failed: ended by a fault')
-FALLEN = Column('fallen', ColumnKind.BOOLEAN, meaning='the robot has fallen')
-TICKS = Column('ticks', ColumnKind.INTEGER, meaning='number of ticks of the run')
-DUTY_SHA256 = Column('duty_sha256', ColumnKind.SHA256, meaning='SHA-256 of the duties')
+NUMBER = ResultColumn('number', ColumnKind.INTEGER, meaning='number of the run, from 0')
+SEED = ResultColumn('seed', ColumnKind.INTEGER, meaning="seed of the run's random numbers")
+PASSED = ResultColumn('passed', ColumnKind.BOOLEAN, meaning='completed, and all expectations hold')
+OUTCOME = ResultColumn('outcome', ColumnKind.TEXT, meaning='completed, or failed: ended by a fault')
+FALLEN = ResultColumn('fallen', ColumnKind.BOOLEAN, meaning='the robot has fallen')
+TICKS = ResultColumn('ticks', ColumnKind.INTEGER, meaning='number of ticks of the run')
+DUTY_SHA256 = ResultColumn('duty_sha256', ColumnKind.SHA256, meaning='SHA-256 of the duties')
 
 BEFORE = (NUMBER, SEED)
 AFTER = (PASSED, OUTCOME, FALLEN, TICKS, DUTY_SHA256)

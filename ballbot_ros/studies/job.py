@@ -24,7 +24,7 @@ from ballbot_ros.parameters import (
 )
 from ballbot_ros.run.spec import RunSpec
 from ballbot_ros.scenario.scenario import Expectation, Measure
-from ballbot_ros.studies.columns import Column, ColumnKind, MeasureColumn
+from ballbot_ros.studies.columns import ColumnKind, MeasureColumn, ResultColumn
 from ballbot_ros.studies.manifest import PartSummary, StudyRecord
 from ballbot_ros.studies.part_file import EncodedPart, PartRows, encode_part, store_part
 from ballbot_ros.studies.rerun import parameter_text, scenario_text
@@ -125,7 +125,7 @@ def job_of(study: Study, folder: Path) -> Job:
         seed=study.seed,
         runs_per_part=_runs_per_part(study),
         varied=tuple(
-            Column(
+            ResultColumn(
                 each.name,
                 ColumnKind.of(each.distribution.values(np.zeros(1))),
                 each.unit,

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 import ballbot_ros
 from ballbot_ros.engine.compilation import code_sha256
 from ballbot_ros.errors import StudyError
-from ballbot_ros.studies.columns import AFTER, BEFORE, Column, ColumnKind, MeasureColumn
+from ballbot_ros.studies.columns import AFTER, BEFORE, ColumnKind, MeasureColumn, ResultColumn
 
 FORMAT = 1
 """Version of the folder's format; a reader takes no other."""
@@ -93,7 +93,7 @@ class StudyRecord:
     runs: int
     seed: int
     runs_per_part: int
-    varied: tuple[Column, ...]
+    varied: tuple[ResultColumn, ...]
     measures: tuple[MeasureColumn, ...]
     code_sha256: str
     versions: Versions
@@ -116,7 +116,7 @@ class StudyRecord:
         runs: int,
         seed: int,
         runs_per_part: int,
-        varied: tuple[Column, ...],
+        varied: tuple[ResultColumn, ...],
         measures: tuple[MeasureColumn, ...],
     ) -> StudyRecord:
         """Return the record of a study that the code in use runs."""
@@ -135,7 +135,7 @@ class StudyRecord:
         )
 
     @property
-    def columns(self) -> tuple[Column, ...]:
+    def columns(self) -> tuple[ResultColumn, ...]:
         """All columns, in the order of the Parquet files."""
         return (*BEFORE, *self.varied, *self.measures, *AFTER)
 
@@ -246,7 +246,7 @@ class Manifest:
 
 
 def _study(values: Any) -> StudyRecord:
-    varied = [_record(Column, each) for each in _checked(values['varied'], list)]
+    varied = [_record(ResultColumn, each) for each in _checked(values['varied'], list)]
     measures = [_record(MeasureColumn, each) for each in _checked(values['measures'], list)]
     versions = _record(Versions, values['versions'])
     return _record(

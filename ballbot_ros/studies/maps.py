@@ -104,7 +104,7 @@ LOOP_PARAMETERS = frozenset(
 
 
 @dataclass(frozen=True)
-class Prediction:
+class PredictedLimit:
     """A predicted limit on a map.
 
     Attributes
@@ -122,7 +122,7 @@ class Prediction:
     lines: Lines
 
 
-def predict(parameters: ParameterSet, x: Axis, y: Axis) -> Prediction | None:
+def predict(parameters: ParameterSet, x: Axis, y: Axis) -> PredictedLimit | None:
     """Return the limit over two varied parameters, or None if theory knows none.
 
     Parameters
@@ -145,7 +145,7 @@ def predict(parameters: ParameterSet, x: Axis, y: Axis) -> Prediction | None:
     return None
 
 
-def _recoverable(parameters: ParameterSet, x_axis: Axis, y_axis: Axis) -> Prediction:
+def _recoverable(parameters: ParameterSet, x_axis: Axis, y_axis: Axis) -> PredictedLimit:
     limit = recoverable_states(parameters)
     turned = (x_axis.column.name, y_axis.column.name) not in _PITCHES
     x, y = (np.linspace(each.edges[0], each.edges[-1], COARSE) for each in (x_axis, y_axis))
@@ -155,7 +155,7 @@ def _recoverable(parameters: ParameterSet, x_axis: Axis, y_axis: Axis) -> Predic
     # The share has a kink at 0; its two sides are planes, of which a coarse grid is exact.
     signed = np.stack([zero, pitch, zero, rate], axis=-1) @ limit.direction
     lines = [*contour_lines(x, y, signed, 1.0), *contour_lines(x, y, signed, -1.0)]
-    return Prediction(
+    return PredictedLimit(
         'limit of the motors',
         'The dashed line is the limit beyond which no controller can recover, since the motors at '
         'full voltage are too weak: by the linear model, with the ball at rest and the battery '
@@ -164,7 +164,7 @@ def _recoverable(parameters: ParameterSet, x_axis: Axis, y_axis: Axis) -> Predic
     )
 
 
-def _stable(parameters: ParameterSet, x_axis: Axis, y_axis: Axis) -> Prediction:
+def _stable(parameters: ParameterSet, x_axis: Axis, y_axis: Axis) -> PredictedLimit:
     axes = x_axis, y_axis
     names = [each.column.name for each in axes]
     kinds = [each.column.kind is ColumnKind.INTEGER for each in axes]
@@ -187,7 +187,7 @@ def _stable(parameters: ParameterSet, x_axis: Axis, y_axis: Axis) -> Prediction:
             f'By the linear model of the sampled loop, without quantisation, saturation, dead zone '
             f'and gear play, the loop is {verdict} all over this map.'
         )
-    return Prediction('predicted stability limit', sentence, lines)
+    return PredictedLimit('predicted stability limit', sentence, lines)
 
 
 def _start(axis: Axis) -> Floats:
@@ -298,7 +298,7 @@ class PassMap:
     x: Axis
     y: Axis
     counts: CellCounts
-    prediction: Prediction | None = None
+    prediction: PredictedLimit | None = None
     others: bool = False
 
     @property

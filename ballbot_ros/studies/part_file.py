@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from ballbot_ros.errors import StudyError, one_line
 from ballbot_ros.files import read_bytes
 from ballbot_ros.simulation.run_actions import Outcome
-from ballbot_ros.studies.columns import AFTER, NUMBER, SEED, TICKS, Column, ColumnKind
+from ballbot_ros.studies.columns import AFTER, NUMBER, SEED, TICKS, ColumnKind, ResultColumn
 from ballbot_ros.studies.manifest import PartSummary, StudyRecord
 
 if TYPE_CHECKING:
@@ -277,7 +277,7 @@ _ENCODINGS: Mapping[ColumnKind, str] = {
 }
 
 
-def _repeats(column: Column, values: NDArray[Any]) -> bool:
+def _repeats(column: ResultColumn, values: NDArray[Any]) -> bool:
     """Return whether a dictionary saves space: values of a list or grid, and multiples of ticks."""
     if column.kind == ColumnKind.TEXT:
         return True

@@ -33,12 +33,12 @@ from ballbot_ros.studies.charts import Histogram, ShareChart, draw_sensitivity, 
 from ballbot_ros.studies.columns import MeasureColumn
 from ballbot_ros.studies.events import is_event
 from ballbot_ros.studies.manifest import StudyRecord
-from ballbot_ros.studies.maps import PassMap, Prediction, predict, usual_values
+from ballbot_ros.studies.maps import PassMap, PredictedLimit, predict, usual_values
 from ballbot_ros.studies.rerun import study_parameters
 from ballbot_ros.studies.runs import with_values
 from ballbot_ros.studies.sensitivity import MIN_SAMPLE, SLICES, Sensitivity
 from ballbot_ros.studies.study import StudyText
-from ballbot_ros.studies.study_data import QUANTILES, Row, StudyData, StudySummary
+from ballbot_ros.studies.study_data import QUANTILES, RunResults, StudyData, StudySummary
 from ballbot_ros.studies.survey import Survey, Tallies
 
 if TYPE_CHECKING:
@@ -305,7 +305,7 @@ class Findings:
         ]
         return [*versions, ('SHA-256 of the code', study.code_sha256)]
 
-    def _maps(self, predictions: Iterable[Prediction | None]) -> list[PassMap]:
+    def _maps(self, predictions: Iterable[PredictedLimit | None]) -> list[PassMap]:
         others = len(self.data.study.varied) > 2
         return [
             PassMap(x, y, counts, prediction, others)
@@ -314,7 +314,7 @@ class Findings:
             )
         ]
 
-    def _predictions(self) -> tuple[list[Prediction | None], str]:
+    def _predictions(self) -> tuple[list[PredictedLimit | None], str]:
         """Return the prediction for each map, and why there are none at all, or an empty text."""
         varied = {name: self.survey.sample[name] for name in self._names if not is_event(name)}
         try:
@@ -455,14 +455,14 @@ def _plus_minus(value: float, half: float) -> str:
     return '–' if np.isnan(value) else text.replace('-', '−')
 
 
-def _verdict(row: Row) -> str:
+def _verdict(row: RunResults) -> str:
     if row.outcome == 'failed':
         return 'failed'
     verdict = 'passed' if row.passed else 'not passed'
     return f'{verdict}, fallen' if row.fallen else verdict
 
 
-def _varied_text(row: Row, study: StudyRecord) -> str:
+def _varied_text(row: RunResults, study: StudyRecord) -> str:
     return ', '.join(
         f'{each.name} = {_value_text(row.varied[each.name])}{_unit_after(each.unit)}'
         for each in study.varied

@@ -25,7 +25,7 @@ from ballbot_ros.scenario.writer import scenario_data
 from ballbot_ros.studies.events import event_part, is_event, scenarios_of
 from ballbot_ros.studies.manifest import StudyRecord
 from ballbot_ros.studies.runs import with_values
-from ballbot_ros.studies.study_data import Row, StudyData
+from ballbot_ros.studies.study_data import RunResults, StudyData
 from ballbot_ros.studies.variables import SEED
 
 RERUNS = 'reruns'
@@ -56,7 +56,7 @@ def new_folder(study: Path, number: int) -> Path:
     return folder
 
 
-def choose_run(data: StudyData, number: int | None, worst: str | None) -> Row:
+def choose_run(data: StudyData, number: int | None, worst: str | None) -> RunResults:
     """Return a run by its number or its rank, by default the first one that did not pass.
 
     Parameters
@@ -120,7 +120,7 @@ def study_parameters(
 
 def rerun_spec(
     record: StudyRecord,
-    row: Row,
+    row: RunResults,
     folder: Path,
     processes: Processes,
     controller: str | None = None,
@@ -151,13 +151,13 @@ def rerun_spec(
     return RunSpec.of_scenario(str(path), options)
 
 
-def _values(row: Row) -> dict[str, object]:
+def _values(row: RunResults) -> dict[str, object]:
     """Return the values of a run's parameters that are not those of its study."""
     values = {name: value for name, value in row.varied.items() if not is_event(name)}
     return {**values, SEED: row.seed}
 
 
-def _scenario(path: Path, row: Row) -> Scenario:
+def _scenario(path: Path, row: RunResults) -> Scenario:
     """Return the study's scenario, in a file, with the pushes and sticks of a run."""
     scenario = load_scenario(str(path))
     events = {name: np.array([value]) for name, value in row.varied.items() if is_event(name)}

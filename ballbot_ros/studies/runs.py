@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ballbot_ros.analysis.metrics import measure_one
 from ballbot_ros.codegen.implementation import compose_controller, implementation_for
 from ballbot_ros.engine.compilation import can_compile, compiled_and_kept
-from ballbot_ros.engine.run import END, Events, Floor, Log, simulate_run
+from ballbot_ros.engine.run import END, Events, FloorTables, RunLog, simulate_run
 from ballbot_ros.errors import ControllerError, StudyError, WorldError
 from ballbot_ros.parameters import (
     PLANT,
@@ -64,7 +64,7 @@ def simulate_runs(
             events.push_times[own].copy(), events.push_forces[own].copy(),
             events.vertical[own], events.horizontal[own],
         )  # fmt: skip
-        to = Log(log.position[run], log.psi[run], log.duty[run])
+        to = RunLog(log.position[run], log.psi[run], log.duty[run])
         simulate_run(
             plants[run], gyros[run], encoders[run], sonars[run], programs[run], floor, at, to,
             ends[run],
@@ -331,7 +331,7 @@ class CompiledSimulator:
         rows: RobotRows,
         programs: Rows,
         events: Events,
-        log: Log,
+        log: RunLog,
         time: Floats,
         results: Results,
     ) -> None:
@@ -351,7 +351,7 @@ class CompiledSimulator:
         values = np.zeros(len(plants))
         for number, each in enumerate(self._measures):
             for runs, walls in self._walls_of(plants, each.metric):
-                part = Log(log.position[runs], log.psi[runs], log.duty[runs])
+                part = RunLog(log.position[runs], log.psi[runs], log.duty[runs])
                 self._measure[each.metric](
                     plants[runs], starts[runs], ends[runs], part, time, walls,
                     each.start, each.end, values[runs],
@@ -396,9 +396,9 @@ def with_values(parameters: ParameterSet, values: Mapping[str, Any]) -> Paramete
     return changed
 
 
-def _log_of(runs: int, ticks: int) -> Log:
+def _log_of(runs: int, ticks: int) -> RunLog:
     """Return an empty log."""
-    return Log(
+    return RunLog(
         np.zeros((runs, ticks, 2)), np.zeros((runs, ticks, 2)), np.zeros((runs, ticks, 2), np.int8)
     )
 
@@ -409,12 +409,12 @@ def time_of(ticks: int) -> Floats:
     return stamps - stamps[:1]
 
 
-def floor_of(world: World | None) -> Floor:
+def floor_of(world: World | None) -> FloorTables:
     """Return the walls for the compiled code."""
     if world is None:
         nothing = np.zeros((0, 0), np.int32)
-        return Floor(nothing, nothing)
-    return Floor(world.footprint.sides, world.footprint.walls_before)
+        return FloorTables(nothing, nothing)
+    return FloorTables(world.footprint.sides, world.footprint.walls_before)
 
 
 def events_of(scenarios: Sequence[Scenario]) -> Events:

@@ -47,7 +47,7 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Row:
+class RunResults:
     """Results of a run.
 
     Attributes
@@ -255,7 +255,7 @@ class StudyData:
             done += len(part)
         return np.empty(0) if values is None else values
 
-    def row(self, number: int) -> Row:
+    def row(self, number: int) -> RunResults:
         """Return the results of a run; only its part is read."""
         study = self.study
         if not 0 <= number < study.runs:
@@ -272,7 +272,7 @@ class StudyData:
             table = read_part(self._file(part), study, part)
         place = number - study.numbers(part).start
         values = {name: column[0] for name, column in table.slice(place, 1).to_pydict().items()}
-        return Row(
+        return RunResults(
             values[NUMBER.name],
             values[SEED.name],
             {each.name: values[each.name] for each in study.varied},

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.studies.axes import Axis, Extent
-from ballbot_ros.studies.columns import PASSED, Column, ColumnKind
+from ballbot_ros.studies.columns import PASSED, ColumnKind, ResultColumn
 from ballbot_ros.studies.manifest import PartSummary
 from ballbot_ros.studies.study_data import StudyData
 
@@ -135,7 +135,7 @@ def tally(
         for axis, counts in zip(axes, shares, strict=True):
             _count(counts, axis.places(values[axis.column.name]), passed)
         for (name, limits), counts in zip(edges.items(), histograms, strict=True):
-            measured = column_values(table, Column(name))
+            measured = column_values(table, ResultColumn(name))
             known = ~np.isnan(measured)
             _count(counts, _bins(limits, measured[known]), passed[known])
     shaped = [
@@ -145,7 +145,7 @@ def tally(
     return Tallies(shaped, shares, histograms)
 
 
-def column_values(table: Any, column: Column) -> NDArray[Any]:
+def column_values(table: Any, column: ResultColumn) -> NDArray[Any]:
     """Return a column of a part: numbers, NaN where there is none, or words, also for switches."""
     found = table.column(column.name)
     if column.kind is ColumnKind.TEXT:

@@ -7,7 +7,7 @@ from functools import cache, partial
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 
-from ballbot_ros.brick.odometry import WINDOW_NS, Odometry, OdometryState
+from ballbot_ros.brick.odometry import WINDOW_NS, DeadReckoning, OdometryState
 from ballbot_ros.files import share_directory
 from ballbot_ros.messages.conversions import (
     decode_ball_position,
@@ -230,7 +230,7 @@ class DerivedMessages:
     def _send_tick(self, stamp_ns: int) -> None:
         is_new, self.sent_ns = not self.sent_ns, stamp_ns
         if is_new:  # the plant may announce its shape after the run
-            self._odometry = Odometry(self._shape.ball_radius, self._shape.wheel_radius)
+            self._odometry = DeadReckoning(self._shape.ball_radius, self._shape.wheel_radius)
         try:
             position = decode_ball_position(self._waiting[PLANT_ODOM][stamp_ns])
             pitch = decode_body_pitch(self._waiting[PLANT_IMU][stamp_ns])

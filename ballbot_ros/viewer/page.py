@@ -14,7 +14,7 @@ from ballbot_ros.viewer.address import NEXT_FREE, USUAL_PORT, AccessPolicy, chec
 from ballbot_ros.viewer.floor import Area
 from ballbot_ros.viewer.guarded_server import GuardedServer
 from ballbot_ros.viewer.overlay import Overlay
-from ballbot_ros.viewer.scene import Robot, Scene
+from ballbot_ros.viewer.scene import DrawnRobot, Scene
 from ballbot_ros.viewer.snapshot import Snapshot
 from ballbot_ros.viewer.views import TITLES, TRACKING, VIEWS, VISTA, camera
 from ballbot_ros.world.floor_map import FloorMap
@@ -73,7 +73,7 @@ class Page:
         """Whether a browser is connected."""
         return bool(self._views)
 
-    def show_robot(self, dimensions: Dimensions) -> Robot:
+    def show_robot(self, dimensions: Dimensions) -> DrawnRobot:
         """Show the robot, replacing another one."""
         self.dimensions = dimensions
         return self.scene.add_robot('robot', dimensions)

@@ -71,7 +71,7 @@ _TONE_DELAY_S = 3.0
 """Maximum time after which a browser still starts a tone."""
 
 
-class Panel:
+class ScenePanel:
     """Operating state, display and tones."""
 
     def __init__(self, gui: viser.GuiApi) -> None:

@@ -26,7 +26,7 @@ _GHOST_PREFIX = 'ghost_'
 
 
 @dataclass(frozen=True)
-class Curve:
+class PlotCurve:
     """A curve: a column of a table of signals, its name in the legend, and its line.
 
     `width` is in pixels, `dash` the lengths of strokes and gaps in pixels. With `has_points`, its
@@ -61,7 +61,7 @@ class PlotKind:
     """
 
     label: str
-    curves: tuple[Curve, ...]
+    curves: tuple[PlotCurve, ...]
     scale: float = 1.0
     least: tuple[float, float] | None = None
     is_default: bool = False
@@ -90,7 +90,7 @@ class PlotData:
         for a sonar without an echo.
     """
 
-    curves: tuple[Curve, ...]
+    curves: tuple[PlotCurve, ...]
     time: Floats
     values: tuple[Floats, ...]
 
@@ -121,14 +121,14 @@ def offered_kinds(names: Iterable[str]) -> list[PlotKind]:
 
 def topic_kind(topic: str, column: str) -> PlotKind:
     """Return the plot of a column of a recorded topic."""
-    return PlotKind(f'{topic} {column}', (Curve(column, 'value', BLUE, has_points=True),))
+    return PlotKind(f'{topic} {column}', (PlotCurve(column, 'value', BLUE, has_points=True),))
 
 
 def _has_values(values: Floats) -> bool:
     return not np.isnan(values).all()
 
 
-def _ghost_of(curve: Curve) -> Curve:
+def _ghost_of(curve: PlotCurve) -> PlotCurve:
     colour = GHOST_LIGHT if curve.colour == ORANGE else GHOST
     return replace(
         curve,
@@ -145,19 +145,19 @@ def _hex(colour: Colour) -> str:
 
 def _planes(
     name: str, unit: str, label: str = '', width: float = 1.5, dash: tuple[float, ...] = ()
-) -> tuple[Curve, ...]:
+) -> tuple[PlotCurve, ...]:
     """Return the curves of a signal for planes x and y."""
     return tuple(
-        Curve(f'{name}_{plane}_{unit}', f'{label} {plane}'.strip(), colour, width, dash)
+        PlotCurve(f'{name}_{plane}_{unit}', f'{label} {plane}'.strip(), colour, width, dash)
         for plane, colour in zip('xy', _PLANE_COLOURS, strict=True)
     )
 
 
-def _commanded(name: str, unit: str, label: str) -> tuple[Curve, ...]:
+def _commanded(name: str, unit: str, label: str) -> tuple[PlotCurve, ...]:
     return _planes(name, unit, label, 1.2, _DASHED)
 
 
-def _estimated(name: str, unit: str, label: str = 'estimated') -> tuple[Curve, ...]:
+def _estimated(name: str, unit: str, label: str = 'estimated') -> tuple[PlotCurve, ...]:
     return _planes(name, unit, label, 1.2, _DOTTED)
 
 
@@ -181,7 +181,7 @@ PLOT_KINDS: Sequence[PlotKind] = (
     PlotKind(DUTY.label, _planes('duty', 'percent'), least=(-10.0, 10.0), is_default=True),
     PlotKind(
         'sonar [cm]',
-        (Curve('distance_m', 'distance', BLUE),),
+        (PlotCurve('distance_m', 'distance', BLUE),),
         scale=100.0,
         least=(0.0, 50.0),
         is_default=True,
@@ -210,7 +210,7 @@ PLOT_KINDS: Sequence[PlotKind] = (
         'motor torque [mN·m]', _planes('motor_torque', 'n_m'), scale=1000.0, least=(-10.0, 10.0)
     ),
     PlotKind('sticks [%]', _planes('stick', 'percent'), least=(-10.0, 10.0)),
-    PlotKind('battery [V]', (Curve('battery_v', 'voltage', BLUE),)),
+    PlotKind('battery [V]', (PlotCurve('battery_v', 'voltage', BLUE),)),
 )
 """The plots in the order of the page."""
 
@@ -320,7 +320,7 @@ def _with_gaps(values: Floats) -> Floats | list[float | None]:
     ]
 
 
-def _series(curve: Curve) -> uplot.Series:
+def _series(curve: PlotCurve) -> uplot.Series:
     return uplot.Series(
         label=curve.label, stroke=curve.colour, width=curve.width, dash=curve.dash,
         points={} if curve.has_points else {'show': False},

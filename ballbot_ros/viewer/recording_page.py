@@ -28,7 +28,7 @@ from ballbot_ros.viewer.overlay import (
     Timeline,
 )
 from ballbot_ros.viewer.page import Page
-from ballbot_ros.viewer.panel import PERIOD, Panel
+from ballbot_ros.viewer.panel import PERIOD, ScenePanel
 from ballbot_ros.viewer.playback_run import PlaybackClock, PlaybackRun
 from ballbot_ros.viewer.plots import (
     MAX_ROWS,
@@ -263,7 +263,7 @@ class RecordingPage:
         self._runs = runs
         self.clock = PlaybackClock(max(run.end for run in runs))
         self._timeline = Timeline(self.clock.end, runs[0].marks)
-        self._panel = Panel(page.server.gui)
+        self._panel = ScenePanel(page.server.gui)
         self._plots = Plots(page.server.gui, recorded_kinds(runs))
         self._topics = RecordedTopics(runs)
         TopicChooser(page.server.gui, self._plots, self._topics, page.notify)

@@ -109,13 +109,13 @@ class Scene:
             flat_shading=True, cast_shadow=high > 0.0,
         )  # fmt: skip
 
-    def add_robot(self, name: str, dimensions: Dimensions, *, ghost: bool = False) -> Robot:
+    def add_robot(self, name: str, dimensions: Dimensions, *, ghost: bool = False) -> DrawnRobot:
         """Add a robot, replacing one of that name; a ghost is transparent."""
         self._api.remove_by_name(f'/{name}')
-        return Robot(self._api, name, dimensions, ghost=ghost)
+        return DrawnRobot(self._api, name, dimensions, ghost=ghost)
 
 
-class Robot:
+class DrawnRobot:
     """A robot in the scene, with its trail; a ghost is transparent and has only its shape."""
 
     def __init__(self, api: SceneApi, name: str, dimensions: Dimensions, *, ghost: bool) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.messages.conversions import body_orientation
-from ballbot_ros.messages.tool_messages import FOOTPRINT, ODOM_FRAME, Pose
+from ballbot_ros.messages.tool_messages import FOOTPRINT, ODOM_FRAME, FramePose
 from ballbot_ros.parameters import Dimensions
 from ballbot_ros.plant.ground_truth import Pair
 from ballbot_ros.viewer.robot import (
@@ -56,7 +56,7 @@ class Transform(NamedTuple):
     rotation: Rotation
 
     @classmethod
-    def of(cls, pose: Pose) -> Transform:
+    def of(cls, pose: FramePose) -> Transform:
         """Return a pose as a transform."""
         from scipy.spatial.transform import Rotation
 
@@ -85,9 +85,9 @@ class Frames:
     def __init__(self, dimensions: Dimensions) -> None:
         self._dimensions = dimensions
         self._wheel_x, self._wheel_y = wheel_centres(dimensions)
-        self.fixed = {SONAR: Pose(sonar_position(dimensions), _LEVEL)}
+        self.fixed = {SONAR: FramePose(sonar_position(dimensions), _LEVEL)}
 
-    def moving(self, position: Pair, psi: Pair, odometry: Pair) -> dict[str, Pose]:
+    def moving(self, position: Pair, psi: Pair, odometry: Pair) -> dict[str, FramePose]:
         """Return the pose of each moving frame in its parent.
 
         `odometry` is how far the ball has rolled from the start, as the robot measures it [m]; the
@@ -97,12 +97,12 @@ class Frames:
         w, x, y, z = body_orientation(psi)
         half_x, half_y = (a / 2.0 for a in wheel_angles(self._dimensions, position, psi))
         return {
-            ODOM_FRAME: Pose((position[0] - odom_x, odom_y - position[1], 0.0), _LEVEL),
-            FOOTPRINT: Pose((odom_x, -odom_y, 0.0), _LEVEL),
-            BODY: Pose((0.0, 0.0, self._dimensions.ball_radius), (w, x, y, z)),
-            BALL: Pose((0.0, 0.0, 0.0), (w, -x, -y, -z)),
-            WHEEL_X: Pose(self._wheel_x, (math.cos(half_x), 0.0, math.sin(half_x), 0.0)),
-            WHEEL_Y: Pose(self._wheel_y, (math.cos(half_y), math.sin(half_y), 0.0, 0.0)),
+            ODOM_FRAME: FramePose((position[0] - odom_x, odom_y - position[1], 0.0), _LEVEL),
+            FOOTPRINT: FramePose((odom_x, -odom_y, 0.0), _LEVEL),
+            BODY: FramePose((0.0, 0.0, self._dimensions.ball_radius), (w, x, y, z)),
+            BALL: FramePose((0.0, 0.0, 0.0), (w, -x, -y, -z)),
+            WHEEL_X: FramePose(self._wheel_x, (math.cos(half_x), 0.0, math.sin(half_x), 0.0)),
+            WHEEL_Y: FramePose(self._wheel_y, (math.cos(half_y), math.sin(half_y), 0.0, 0.0)),
         }
 
     def at(self, position: Pair, psi: Pair) -> dict[str, Transform]:

@@ -12,8 +12,8 @@ from laws import given
 from ballbot_ros.analysis.interval import Interval
 from ballbot_ros.analysis.observations import (
     EstimatedTicks,
+    EstimateStart,
     OffsetParts,
-    Start,
     decompose,
     estimate_offset,
     offset_reasons,
@@ -48,7 +48,7 @@ def parts_of(pitch, offset, noise, calibrated, a, block=100):
     reading = rate + offset + noise
     estimate = program(reading, calibrated, a)
     ticks = [np.column_stack([each, each]) for each in (estimate, pitch, reading, rate, offset)]
-    start = Start(ticks[0][0], ticks[1][0], np.full(2, calibrated), ticks[4][0])
+    start = EstimateStart(ticks[0][0], ticks[1][0], np.full(2, calibrated), ticks[4][0])
     count = len(pitch)
     blocks = (
         EstimatedTicks(*(each[row : row + block] for each in ticks))

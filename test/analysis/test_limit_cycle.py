@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from laws import given
 
 from ballbot_ros.analysis.limit_cycle import find_limit_cycle, limit_cycles
-from ballbot_ros.analysis.loop_summary import Prediction
+from ballbot_ros.analysis.loop_summary import PredictedFrequency
 from ballbot_ros.analysis.observations import limit_cycle_sentences
 from ballbot_ros.analysis.report import loop_of
 from ballbot_ros.analysis.run_data import read_run
@@ -100,17 +100,17 @@ def test_the_unstable_loop_has_a_limit_cycle_where_it_is_predicted(unstable):
 
 
 def test_the_nearest_prediction_is_nearest_in_octaves(unstable):
-    predicted = [Prediction(90.0, 'nearer'), Prediction(175.0, 'farther')]
+    predicted = [PredictedFrequency(90.0, 'nearer'), PredictedFrequency(175.0, 'farther')]
     (sentence,) = limit_cycle_sentences(unstable, predicted)
     assert sentence.endswith('90 Hz (nearer).') == (125.0 / 90.0 < 175.0 / 125.0)
-    (sentence,) = limit_cycle_sentences(unstable, [Prediction(60.0, 'an octave away')])
+    (sentence,) = limit_cycle_sentences(unstable, [PredictedFrequency(60.0, 'an octave away')])
     assert 'predicted' not in sentence
 
 
 def test_a_run_of_the_documents_loop_has_none(short_assessment):
     none = 'No limit cycle found above 4 Hz.'
     assert limit_cycle_sentences(short_assessment.run, []) == [none]
-    predicted = [Prediction(125.0, 'rings'), Prediction(3.0, '2 times the gain')]
+    predicted = [PredictedFrequency(125.0, 'rings'), PredictedFrequency(3.0, '2 times the gain')]
     (explained,) = limit_cycle_sentences(short_assessment.run, predicted)
     assert explained.startswith(f'{none} The linear model of the loop rings at 125 Hz: ')
     assert explained.endswith('dies away after each disturbance, whereas a limit cycle lasts.')

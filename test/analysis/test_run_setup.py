@@ -7,7 +7,7 @@ from laws import given
 
 from ballbot_ros.analysis.run_setup import (
     ABSENT,
-    RunSetup,
+    RecordedSetup,
     SetupChange,
     labels_of,
     names_of,
@@ -15,7 +15,7 @@ from ballbot_ros.analysis.run_setup import (
 )
 
 TEXTS = st.dictionaries(st.sampled_from(('a.x', 'b.x', 'a.y', 'c')), st.sampled_from('123'))
-SETUPS = st.builds(RunSetup, TEXTS, TEXTS)
+SETUPS = st.builds(RecordedSetup, TEXTS, TEXTS)
 
 
 @given(SETUPS, st.integers(2, 4))
@@ -32,13 +32,13 @@ def test_what_differs_is_there_once_and_nothing_else(setups):
         for name in {name for each in setups for name in getattr(each, part)}:
             values = tuple(getattr(each, part).get(name, ABSENT) for each in setups)
             assert (len(set(values)) == 1) or (name.rpartition('.')[2], values) in kept
-    alone = setup_changes([RunSetup(each.parameters, {}) for each in setups])
+    alone = setup_changes([RecordedSetup(each.parameters, {}) for each in setups])
     names = [(each.name, each.values) for each in alone]
     assert len(names) == len(set(names))
 
 
 def changed(before, after):
-    changes = setup_changes([RunSetup(before, {}), RunSetup(after, {})])
+    changes = setup_changes([RecordedSetup(before, {}), RecordedSetup(after, {})])
     return [(each.name, each.text('AB')) for each in changes]
 
 
@@ -58,7 +58,7 @@ def test_a_seed_of_all_devices_is_one_change():
 
 
 def test_unknown_parameters_are_not_compared():
-    known, unknown = RunSetup({'a.x': '1'}, {}), RunSetup(None, {})
+    known, unknown = RecordedSetup({'a.x': '1'}, {}), RecordedSetup(None, {})
     assert setup_changes([known, unknown]) == [SetupChange('parameters', ('known', 'unknown'))]
     assert setup_changes([unknown, unknown]) == []
 

@@ -10,7 +10,7 @@ from scipy import signal
 
 from ballbot_ros.analysis.interval import Interval
 from ballbot_ros.analysis.limit_cycle import Balancing
-from ballbot_ros.analysis.loop_summary import Prediction
+from ballbot_ros.analysis.loop_summary import PredictedFrequency
 from ballbot_ros.analysis.report import loop_of
 from ballbot_ros.analysis.spectrum import draw_spectrum, power_density, spectrum_table
 from ballbot_ros.parameters import ParameterSet
@@ -93,5 +93,5 @@ def test_a_loop_that_grows_predicts_only_that(short_assessment):
     parameters.set('plant_sim', 'actuator_delay', 4)
     loop = loop_of(replace(run, attached=replace(run.attached, parameters=parameters)))
     (only,) = loop.predictions
-    assert isinstance(only, Prediction)
+    assert isinstance(only, PredictedFrequency)
     assert (round(only.hz, 1), only.reason) == (57.9, 'grows')

@@ -9,7 +9,7 @@ from laws import given
 from ballbot_ros.brick.noise import device_number, noise_key
 from ballbot_ros.brick.sensors import drawn_delay, mean_delay
 from ballbot_ros.engine.devices import sample_age, uniform_pair
-from ballbot_ros.engine.plant_tick import NEVER_NS, command, duty_at, waiting_count
+from ballbot_ros.engine.plant_tick import NEVER_NS, duty_at, note_duty, waiting_count
 from ballbot_ros.timing import SLOW_PERIOD_NS, STEP_NS, TICK_NS
 
 FIRST = 250
@@ -65,7 +65,7 @@ def test_the_duty_that_acts_has_the_mean_dead_time(delay, jitter):
     ages_ticks = []
     for tick in range(1, 10_000):
         delay_ns = drawn(delay, jitter, tick) * STEP_NS
-        command(effects_ns, duties, tick * TICK_NS, delay_ns, tick, 0)
+        note_duty(effects_ns, duties, tick * TICK_NS, delay_ns, tick, 0)
         for step in range(4):
             acting, _ = duty_at(effects_ns, duties, tick * TICK_NS + step * STEP_NS)
             if tick > 50:

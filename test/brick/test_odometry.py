@@ -6,7 +6,7 @@ import random
 import numpy as np
 import pytest
 
-from ballbot_ros.brick.odometry import CALIBRATION_NS, WINDOW_NS, Odometry
+from ballbot_ros.brick.odometry import CALIBRATION_NS, WINDOW_NS, DeadReckoning
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.run.spec import RunOptions, RunSpec
 from ballbot_ros.simulation.closed_loop import ClosedLoop
@@ -19,7 +19,7 @@ QUANTITIES = ('position', 'velocity', 'pitch', 'pitch_rate')
 
 def after(seconds, readings, offset=(600, 600)):
     """Return an odometry that was calibrated, and then had the same readings [deg/s]."""
-    odometry = Odometry(*RADII)
+    odometry = DeadReckoning(*RADII)
     begin = SECOND_NS
     for stamp_ns in range(begin, begin + CALIBRATION_NS, TICK_NS):
         odometry.add(stamp_ns, offset)
@@ -57,7 +57,7 @@ def test_a_fall_is_not_taken_for_an_error():
 
 
 def test_it_is_calibrated_after_a_second():
-    odometry = Odometry(*RADII)
+    odometry = DeadReckoning(*RADII)
     for stamp_ns, expected in (
         (5, False),
         (5 + CALIBRATION_NS - 1, False),
@@ -78,7 +78,7 @@ def normalised_errors(profile, seed):
     spec = RunSpec.compose(
         'forward_backward', RunOptions(profile=profile, seed=seed, values=values)
     )
-    loop, odometry = ClosedLoop(spec.parameters, spec.scenario), Odometry(*RADII)
+    loop, odometry = ClosedLoop(spec.parameters, spec.scenario), DeadReckoning(*RADII)
     start, counts, found = None, {}, []
     for tick in loop.ticks(12.0):
         truth = tick.truth

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from graph import BALLBOT, LAST_RESORT_S, call, environment
 
-from ballbot_ros.conformance.examination import Row, Verdict
+from ballbot_ros.conformance.examination import RequirementVerdict, TestedRequirement
 from ballbot_ros.nodes.presence import DomainLock
 from ballbot_ros.parameters import GYRO, ROLES
 
@@ -51,9 +51,11 @@ def verdicts(output):
 
 def test_the_table_has_a_line_for_each_requirement(command, monkeypatch):
     rows = [
-        Row('late start', 'joins', Verdict.NOT_TESTED, 'give the COMMAND'),
-        Row('values', 'sends values', Verdict.MET),
-        Row('restart', 'takes part', Verdict.FAILED, 'no answer to 1.140 s'),
+        TestedRequirement('late start', 'joins', RequirementVerdict.NOT_TESTED, 'give the COMMAND'),
+        TestedRequirement('values', 'sends values', RequirementVerdict.MET),
+        TestedRequirement(
+            'restart', 'takes part', RequirementVerdict.FAILED, 'no answer to 1.140 s'
+        ),
     ]
     monkeypatch.setattr(
         conformance, 'examine', lambda role, words: iter(rows[not words : 3 if words else 2])

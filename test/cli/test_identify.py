@@ -14,9 +14,9 @@ from ballbot_ros.cli.identify_output import MAX_RATIO, IdentifyOutput, with_inte
 from ballbot_ros.identification.identification import (
     HARD_TO_MEASURE,
     ExperimentSummary,
+    Identifiability,
     Identification,
     IdentifiedParameter,
-    Verdict,
 )
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.parameters.files import read_parameter_file
@@ -283,13 +283,15 @@ def test_every_verdict_has_its_reason(capsys, monkeypatch):
     monkeypatch.setenv('COLUMNS', '80')
     IdentifyOutput(
         identification(
-            parameter('dead_zone', Verdict.IDENTIFIED, 4.0, recorded=4.05),
-            parameter('body_mass', Verdict.UNCERTAIN, 0.7, 0.125, recorded=0.9),
-            parameter('wheel_mass', Verdict.NOT_TOLD_APART, None, alike=('dead_zone', 'body_mass')),
-            parameter('gravity', Verdict.NOT_TOLD_APART, None),
-            parameter('ball_mass', Verdict.NOT_SEEN, None, 0.5),
-            parameter('ball_radius', Verdict.NOT_SEEN, None, float('inf')),
-            parameter('motor_inertia', Verdict.NOT_SEEN, None, 12.0),
+            parameter('dead_zone', Identifiability.IDENTIFIED, 4.0, recorded=4.05),
+            parameter('body_mass', Identifiability.UNCERTAIN, 0.7, 0.125, recorded=0.9),
+            parameter(
+                'wheel_mass', Identifiability.NOT_TOLD_APART, None, alike=('dead_zone', 'body_mass')
+            ),
+            parameter('gravity', Identifiability.NOT_TOLD_APART, None),
+            parameter('ball_mass', Identifiability.NOT_SEEN, None, 0.5),
+            parameter('ball_radius', Identifiability.NOT_SEEN, None, float('inf')),
+            parameter('motor_inertia', Identifiability.NOT_SEEN, None, 12.0),
         )
     ).print()
     text = capsys.readouterr().out
@@ -307,8 +309,8 @@ def test_every_verdict_has_its_reason(capsys, monkeypatch):
 
 def test_a_value_below_its_bound_is_written_as_the_bound():
     output = IdentifyOutput(identification(
-        parameter('dead_zone', Verdict.IDENTIFIED, -0.02),
-        parameter('body_mass', Verdict.UNCERTAIN, 0.7),
+        parameter('dead_zone', Identifiability.IDENTIFIED, -0.02),
+        parameter('body_mass', Identifiability.UNCERTAIN, 0.7),
     ))  # fmt: skip
     assert output.corrections == ['dead_zone is below its bound: the file has 0']
     assert '{dead_zone: 0.0}' in output.parameter_file()
@@ -316,7 +318,7 @@ def test_a_value_below_its_bound_is_written_as_the_bound():
 
 
 def test_checks_whose_residuals_are_much_larger_are_named():
-    row = parameter('dead_zone', Verdict.IDENTIFIED, 1.0)
+    row = parameter('dead_zone', Identifiability.IDENTIFIED, 1.0)
     alike, other = experiment('alike.mcap', 1.0, 1.7), experiment('other.mcap', 2.0, 2.0)
     assert IdentifyOutput(identification(row, checks=[alike])).warnings == []
     (line,) = IdentifyOutput(identification(row, checks=[alike, other])).warnings

@@ -14,7 +14,7 @@ from ballbot_ros.conformance.examination import (
     REQUIREMENTS,
     SERIES,
     SILENCE_S,
-    Verdict,
+    RequirementVerdict,
     examine,
 )
 from ballbot_ros.conformance.node_under_test import START_S
@@ -44,7 +44,7 @@ from ballbot_ros.parameters import (
     ROLES,
     SONAR,
 )
-from ballbot_ros.simulation.lockstep import Run
+from ballbot_ros.simulation.lockstep import RunIdentity
 from ballbot_ros.simulation.participants import Announcement, Objection, Participant
 from ballbot_ros.timing import FIRST_TICK_NS, TICK_NS
 
@@ -74,7 +74,7 @@ class Node:
     fault: str
     generation: int
     send: object
-    run: Run | None = None
+    run: RunIdentity | None = None
     newest_ns: int = 0
     answered_ns: int = 0
     ticks: int = 0
@@ -90,7 +90,7 @@ class Node:
     def take(self, topic, data):
         if topic is ROLL_CALL:
             header = decode_header(data)
-            self._answer_call(Run(header.frame_id, stamp_of(data)))
+            self._answer_call(RunIdentity(header.frame_id, stamp_of(data)))
             return
         if topic is CLOCK:
             self.newest_ns = stamp_of(data)
@@ -294,7 +294,7 @@ def rows_of(role, fault='', **options):
 
 
 def failed(rows):
-    return {row.name: row.reason for row in rows if row.verdict is Verdict.FAILED}
+    return {row.name: row.reason for row in rows if row.verdict is RequirementVerdict.FAILED}
 
 
 def names(role):
@@ -354,14 +354,14 @@ def test_a_right_node_meets_every_requirement(role):
     rows = rows_of(role)
     assert [row.name for row in rows] == names(role)
     assert failed(rows) == {}
-    assert {row.verdict for row in rows} == {Verdict.MET}
+    assert {row.verdict for row in rows} == {RequirementVerdict.MET}
 
 
 @pytest.mark.parametrize('role', ROLES)
 def test_without_a_command_nothing_is_restarted(role):
     bench = MemoryBench(role, can_start=False)
     rows = list(examine(role, bench, 'token'))
-    untested = [row.name for row in rows if row.verdict is Verdict.NOT_TESTED]
+    untested = [row.name for row in rows if row.verdict is RequirementVerdict.NOT_TESTED]
     assert untested == ['late start', 'restart']
     assert failed(rows) == {}
     assert bench.generation == 1
@@ -393,8 +393,11 @@ def test_after_a_node_that_never_joins_nothing_else_is_tested():
     for options in ({}, {'can_start': False}):
         bench = MemoryBench(GYRO, 'ignores every roll call', **options)
         first, *others = [row for row in examine(GYRO, bench, 'token') if row.reason[:4] != 'give']
-        assert (first.verdict, first.reason) == (Verdict.FAILED, 'it does not join the run')
-        assert {row.verdict for row in others} == {Verdict.NOT_TESTED}
+        assert (first.verdict, first.reason) == (
+            RequirementVerdict.FAILED,
+            'it does not join the run',
+        )
+        assert {row.verdict for row in others} == {RequirementVerdict.NOT_TESTED}
         assert {row.reason for row in others} == {'the node has never joined a run'}
         assert bench.limits == {START_S: 1} | ({DISCOVERY_S: 1} if bench.can_start else {})
 

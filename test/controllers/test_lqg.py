@@ -13,8 +13,8 @@ from ballbot_ros.controllers.lqg import (
     LQG,
     LQGParameters,
     Plane,
-    dead_time,
     discrete_model,
+    late_voltages,
     measurement,
 )
 from ballbot_ros.errors import ControllerError
@@ -65,7 +65,7 @@ def test_the_design_follows_the_model():
 @given(st.integers(0, 60), st.integers(0, 10**6))
 def test_the_prediction_over_a_dead_time_is_the_motion_of_the_plant(delay_ms, seed):
     model, generator = physical(), np.random.default_rng(seed)
-    lead, effects = dead_time(model, float(delay_ms))
+    lead, effects = late_voltages(model, float(delay_ms))
     step, effect = discrete_model(model, 1e-3)
     voltages = generator.uniform(-8.0, 8.0, effects.shape[1])  # the newest first
     start = generator.uniform(-1.0, 1.0, 4)
@@ -86,7 +86,7 @@ def test_the_prediction_over_a_dead_time_is_the_motion_of_the_plant(delay_ms, se
 
 
 def test_without_a_dead_time_nothing_is_predicted():
-    lead, effects = dead_time(physical(), 0.0)
+    lead, effects = late_voltages(physical(), 0.0)
     np.testing.assert_array_equal(lead, np.eye(4))
     np.testing.assert_array_equal(effects[:4], discrete_model(physical())[1][:, :1])
     assert effects[4] == 0.0

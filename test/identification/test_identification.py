@@ -16,7 +16,7 @@ from ballbot_ros.identification.identification import (
     HARD_TO_MEASURE,
     MAX_HALF_WIDTH,
     MAX_INFLATION,
-    Verdict,
+    Identifiability,
     check_names,
     choose,
     identify,
@@ -122,7 +122,7 @@ def test_the_truth_tells_the_exact_parameters(tmp_path):
     run = simulated(tmp_path, duration=10.0, body_height=height, torque_constant=torque)
     found = identify([recorded_experiment(run, {}, truth=True)], ('body_height', 'torque_constant'))
     for row, true in zip(found.parameters, (height, torque), strict=True):
-        assert row.verdict is Verdict.IDENTIFIED
+        assert row.verdict is Identifiability.IDENTIFIED
         assert row.value == pytest.approx(true, rel=1e-4)
         assert row.relative < 1e-3
         assert row.recorded == true
@@ -134,7 +134,7 @@ def test_the_truth_tells_the_exact_parameters(tmp_path):
 
 def assert_mass_is_found(found, true):
     row = found.parameters[0]
-    assert (row.name, row.verdict, row.recorded) == ('body_mass', Verdict.IDENTIFIED, true)
+    assert (row.name, row.verdict, row.recorded) == ('body_mass', Identifiability.IDENTIFIED, true)
     assert row.start == DOCUMENT.body_mass
     assert abs(row.value - true) <= 1.5 * row.half_width
     assert row.relative < MAX_HALF_WIDTH
@@ -170,7 +170,7 @@ def test_a_robot_that_stands_tells_nothing(tmp_path):
     run = simulated(tmp_path, 'hardware_standing', 4.0)
     found = identify([recorded_experiment(run, {})])
     assert [row.name for row in found.parameters] == list(HARD_TO_MEASURE)
-    assert {row.verdict for row in found.parameters} == {Verdict.NOT_SEEN}
+    assert {row.verdict for row in found.parameters} == {Identifiability.NOT_SEEN}
     assert found.estimated == ()
     assert all(row.start == row.recorded for row in found.parameters)
     (summary,) = found.experiments
@@ -269,7 +269,7 @@ def test_of_readings_without_sense_nothing_is_seen(heavy):
     experiment = recorded_experiment(heavy, {})
     gyro = np.full_like(experiment.readings[GYRO], 1e200)
     found = identify([with_gyro(experiment, gyro)], ('body_mass',))
-    assert [row.verdict for row in found.parameters] == [Verdict.NOT_SEEN]
+    assert [row.verdict for row in found.parameters] == [Identifiability.NOT_SEEN]
 
 
 def test_some_experiments_with_duties_cannot_be_fitted_with_others_without(heavy):

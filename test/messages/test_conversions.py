@@ -174,7 +174,7 @@ def test_body_truth_comes_back(read, psi, rate):
 def test_plane_y_is_minus_y_of_the_map(read, position, velocity):
     data = c.encode_odometry(truth(position=position, velocity=velocity), 0.026)
     message = read(PLANT_ODOM, data)
-    assert c.decode_ball_position(data) == c.ball_position(message) == position
+    assert c.decode_ball_position(data) == c.odometry_position(message) == position
     assert message.pose.pose.position.y == -position[1]
     assert message.twist.twist.linear.x == velocity[0]
     assert message.twist.twist.linear.y == -velocity[1]

@@ -8,7 +8,7 @@ from robot import make_plant, run_plant
 from ballbot_ros import parameters
 from ballbot_ros.analysis.replay import ALL_TOPICS
 from ballbot_ros.brick.brick import DeviceInputs
-from ballbot_ros.engine.devices import DEVICES
+from ballbot_ros.engine.devices import ALL_DEVICES
 from ballbot_ros.messages.devices import DEVICE_MESSAGES, INPUT_READERS, encode_steps
 from ballbot_ros.messages.run_messages import PlantMessages
 from ballbot_ros.messages.topics import CLOCK, PLANT_STEPS, TOPICS, periodic_topics
@@ -21,9 +21,9 @@ each_device = pytest.mark.parametrize(
 
 
 def test_the_tables_have_the_same_devices_in_one_order():
-    assert tuple(each.parameters for each in DEVICES) == parameters.DEVICES
-    assert tuple(each.device for each in DEVICE_MESSAGES) == DEVICES
-    assert (*(each.parameters.node for each in DEVICES), GAMEPAD) == DRIVERS
+    assert tuple(each.parameters for each in ALL_DEVICES) == parameters.DEVICES
+    assert tuple(each.device for each in DEVICE_MESSAGES) == ALL_DEVICES
+    assert (*(each.parameters.node for each in ALL_DEVICES), GAMEPAD) == DRIVERS
 
 
 def test_each_field_of_the_brick_has_one_topic():

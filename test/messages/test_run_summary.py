@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from ballbot_ros.messages.run_reports import run_status, summary_json, summary_words
 from ballbot_ros.plant.ground_truth import Push
-from ballbot_ros.simulation.lockstep import Run
+from ballbot_ros.simulation.lockstep import RunIdentity
 from ballbot_ros.simulation.participants import Membership, Participant
 from ballbot_ros.simulation.run_actions import Outcome, ParameterChange, PublishStatus, RunSummary
 
@@ -65,12 +65,14 @@ def test_round_trips_that_were_not_measured_are_none():
 
 
 def test_the_status_of_a_run_has_a_result_only_at_its_end():
-    action = PublishStatus(Run('1 a', START_NS), True, ('gyro',), (MEMBER,))
+    action = PublishStatus(RunIdentity('1 a', START_NS), True, ('gyro',), (MEMBER,))
     begun = run_status(action)
     assert (begun.run, begun.is_lockstep, begun.periodic_topics) == ('1 a', True, ('gyro',))
     assert begun.participants['gyro_driver'].startswith('/robot/gyro_driver (process 7 on here), ')
     assert begun.result == {}
-    ended = run_status(PublishStatus(Run('1 a', START_NS), True, ('gyro',), (MEMBER,), SUMMARY))
+    ended = run_status(
+        PublishStatus(RunIdentity('1 a', START_NS), True, ('gyro',), (MEMBER,), SUMMARY)
+    )
     assert ended.result == {
         'outcome': 'failed', 'reason': 'broken', 'ticks': '3', 'duty_sha256': 'ab',
     }  # fmt: skip

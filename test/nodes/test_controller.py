@@ -8,9 +8,9 @@ pytest.importorskip('rclpy')
 
 from ballbot_ros.controllers.controller_program import TickTimes
 from ballbot_ros.messages.topics import MOTOR_DUTY, PARTICIPANTS
-from ballbot_ros.nodes.controller import Controller
+from ballbot_ros.nodes.controller import ControllerNode
 from ballbot_ros.parameters import ControllerParameters
-from ballbot_ros.simulation.lockstep import DueTick, Run, SampleReaction
+from ballbot_ros.simulation.lockstep import DueTick, RunIdentity, SampleReaction
 from ballbot_ros.simulation.participants import Objection
 
 
@@ -23,7 +23,7 @@ def test_only_a_controller_that_has_driven_switches_off_the_motors(now_ns, stops
         _implementation=SimpleNamespace(times=TickTimes()),
         flush=lambda *topics: flushed.extend(topics),
     )
-    Controller.close(controller)
+    ControllerNode.close(controller)
     assert stopped == stops
     assert flushed == [MOTOR_DUTY, PARTICIPANTS]
 
@@ -56,7 +56,7 @@ def test_each_reaction_to_a_sample_is_carried_out(reaction, expected):
         _run=lambda tick: done.append('run'),
         _resends=0,
     )
-    Controller._take(controller, 'gyro', 5, b'', None)
+    ControllerNode._take(controller, 'gyro', 5, b'', None)
     assert done == expected
     assert controller._resends == expected.count('resend')
 
@@ -84,8 +84,8 @@ def test_a_controller_that_starts_in_mid_run_restarts_or_fails(reaction, expecte
         finish=lambda: done.append('finished'),
         fail=lambda problem: done.append('failed') or problems.append(problem),
     )
-    controller._abort = lambda problem: Controller._abort(controller, problem)
-    Controller._on_missed_start(controller, 1_500_000_000)
+    controller._abort = lambda problem: ControllerNode._abort(controller, problem)
+    ControllerNode._on_missed_start(controller, 1_500_000_000)
     assert done == expected
     assert len(set(problems)) == (len(problems) > 0)
     assert all('started in mid-run, at 1.500 s' in problem for problem in problems)
@@ -107,7 +107,7 @@ def test_a_run_begins_with_a_new_program_and_timers_that_its_ticks_start():
             _task_timers=SimpleNamespace(stop=lambda begun=begun: begun.append('timers stop')),
             parameters='parameters',
         )
-        Controller._on_run(controller, Run('1 abc', 7))
+        ControllerNode._on_run(controller, RunIdentity('1 abc', 7))
         assert controller._program == 'program'
         assert controller._program_parameters == 'parameters'
         assert begun == ['messages', (lockstep, 7, 'tasks'), 'timers stop']
@@ -127,5 +127,5 @@ def test_timers_are_restarted_only_at_the_time_of_the_tick():
                 now=lambda: SimpleNamespace(nanoseconds=now_ns)
             ),
         )
-        Controller._start_timers(controller, TICK)
+        ControllerNode._start_timers(controller, TICK)
         assert done == restarted, (lockstep, now_ns)

@@ -20,7 +20,7 @@ from ballbot_ros.nodes.base import BallbotNode
 from ballbot_ros.nodes.gamepad_teleop import GamepadTeleop
 from ballbot_ros.nodes.teleop_terminal import TeleopTerminal
 from ballbot_ros.parameters import GamepadParameters
-from ballbot_ros.simulation.lockstep import Run
+from ballbot_ros.simulation.lockstep import RunIdentity
 from ballbot_ros.teleop.gamepad import InputErrors
 from ballbot_ros.teleop.sticks import KEYBOARD, NEUTRAL, SCENARIO, Arbiter, Command, GivenAnswers
 from ballbot_ros.timing import FIRST_TICK_NS, SLOW_PERIOD_NS
@@ -51,7 +51,7 @@ def test_a_repeated_request_gets_the_same_answer_within_a_run():
     second_ns = FIRST_TICK_NS + SLOW_PERIOD_NS
     stamps = (FIRST_TICK_NS, second_ns, FIRST_TICK_NS)
     for name, expected in (('1 a', [1, 2, 1]), ('1 b', [3, 4, 3])):
-        node._on_run(Run(name, FIRST_TICK_NS))
+        node._on_run(RunIdentity(name, FIRST_TICK_NS))
         for stamp_ns, value in zip(stamps, expected, strict=True):
             node._answer(stamp_ns)
             assert sent[-1] == encode_sticks(stamp_ns, (value, 0), SCENARIO), name

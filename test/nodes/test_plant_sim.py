@@ -16,7 +16,7 @@ from ballbot_ros.nodes.plant_sim import PlantActions, PlantSim
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.plant.ground_truth import Push
 from ballbot_ros.simulation import run_actions as do
-from ballbot_ros.simulation.lockstep import Run
+from ballbot_ros.simulation.lockstep import RunIdentity
 from ballbot_ros.simulation.pacer import PauseControl
 from ballbot_ros.simulation.run_actions import Outcome
 from ballbot_ros.simulation.trajectory import TrajectoryLog, load_trajectory
@@ -70,7 +70,7 @@ def test_each_action_of_the_master_is_carried_out():
         ),
         (do.WakeIn(0.5), [('wake.start', 0.5)]),
         (do.CancelWake(), [('wake.cancel',)]),
-        (do.AnnounceRun(Run('1 a', 4)), [('publish announce', 4, '1 a')]),
+        (do.AnnounceRun(RunIdentity('1 a', 4)), [('publish announce', 4, '1 a')]),
         (do.ClearMap(), [('drop_latched', MAP)]),
         (do.PublishPush(PUSH, 3), [('publish push', PUSH, 3)]),
         (do.StopMotors(4), [('publish stop_motors', 4)]),

@@ -33,14 +33,14 @@ from ballbot_ros.messages.topics import (  # noqa: E402
 from ballbot_ros.nodes import recorder as recorder_channels  # noqa: E402
 from ballbot_ros.nodes import recorder as recorder_node  # noqa: E402
 from ballbot_ros.nodes.recorder import (  # noqa: E402
-    Channel,
-    Channels,
+    RecordedChannel,
+    RecordedChannels,
     Recorder,
 )
 from ballbot_ros.parameters import RecorderParameters  # noqa: E402
 from ballbot_ros.recording.rosbag2 import RELIABLE_LATCHED, QosProfile  # noqa: E402
 from ballbot_ros.recording.writer import RUN_PARTICIPANTS  # noqa: E402
-from ballbot_ros.simulation.lockstep import Run, SampleStatus  # noqa: E402
+from ballbot_ros.simulation.lockstep import RunIdentity, SampleStatus  # noqa: E402
 
 ANNOUNCED = encode_header(1_000_000_000, '1 abc')
 MALFORMED = (ANNOUNCED[:7], ANNOUNCED.replace(b'abc', b'\xff\xff\xff'))
@@ -101,7 +101,7 @@ def test_a_topic_is_recorded_from_each_of_its_publishers(offered, requested):
             get_publishers_info_by_topic=lambda name: offers,
         ),
     )
-    Channels.discover(channels)
+    RecordedChannels.discover(channels)
     ((name, qos),) = subscribed
     assert (name, qos.reliability, qos.durability) == ('/talk', *requested)
 
@@ -116,7 +116,7 @@ def test_a_topic_is_recorded_from_each_of_its_publishers(offered, requested):
 )
 def test_a_stranger_may_publish_on_a_topic_or_on_its_history(counts, has_several):
     subscriptions = [SimpleNamespace(topic_name=name) for name in counts]
-    channel = Channel(RUN_STATUS, *subscriptions)
+    channel = RecordedChannel(RUN_STATUS, *subscriptions)
     recorder = SimpleNamespace(
         _channels={channel.stream.name: channel}, count_publishers=counts.__getitem__
     )
@@ -135,7 +135,7 @@ def test_a_malformed_status_is_reported_and_changes_nothing():
 
 def channel_of(topic, *, history=None):
     subscriptions = [SimpleNamespace(topic_name=f'/{topic.name}')]
-    return Channel(topic, *subscriptions, history)
+    return RecordedChannel(topic, *subscriptions, history)
 
 
 def test_a_topic_is_recorded_as_its_publishers_use_it():
@@ -200,7 +200,7 @@ def discovered(graph, *, looks=2, refusals=0):
         get_logger=lambda: SimpleNamespace(warning=lambda text, **_: warnings.append(text)),
     )
     channels = bare(
-        Channels, _channels={'/known': None}, _sighted=set(), _ignored={'/own'},
+        RecordedChannels, _channels={'/known': None}, _sighted=set(), _ignored={'/own'},
         _subscribe=subscribe, _node=node,
     )  # fmt: skip
     for _ in range(looks):
@@ -235,9 +235,11 @@ def test_the_qos_of_a_topic_without_publishers_is_the_usual_one():
     channels = SimpleNamespace(
         _node=SimpleNamespace(get_publishers_info_by_topic=lambda name: offers)
     )
-    assert Channels.offered_qos(channels, '/talk') == [RELIABLE_LATCHED]
+    assert RecordedChannels.offered_qos(channels, '/talk') == [RELIABLE_LATCHED]
     offers.append(offer('talker'))
-    assert Channels.offered_qos(channels, '/talk') == [QosProfile.from_rclpy(offers[0].qos_profile)]
+    assert RecordedChannels.offered_qos(channels, '/talk') == [
+        QosProfile.from_rclpy(offers[0].qos_profile)
+    ]
 
 
 def stub_recorder(events, recording=None, **attributes):
@@ -338,7 +340,7 @@ def test_each_message_goes_to_the_recording_as_what_it_is():
     )
     run, duty, status, joy = map(channel_of, (RUN, MOTOR_DUTY, RUN_STATUS, JOY))
     for channel, data, expected in (
-        (run, ANNOUNCED, [Run('1 abc', 1_000_000_000), (1_000_000_000, 7)]),
+        (run, ANNOUNCED, [RunIdentity('1 abc', 1_000_000_000), (1_000_000_000, 7)]),
         (run, encode_header(2_000_000_000, '2 abc'), []),
         (status, b'status', [('status', b'status'), (0, 7)]),
         (duty, encode_duty(8, (1, 2)), [(8, 7)]),
@@ -368,7 +370,7 @@ def test_the_rest_of_a_run_is_not_acknowledged_to_the_plant_of_the_next():
             ),
             _channels=Streams(), _send_ack=lambda events=events: events.append(('ack',)),
         )  # fmt: skip
-        getattr(node, how)(*([Run('1 next', 1)] if how == '_on_run' else []))
+        getattr(node, how)(*([RunIdentity('1 next', 1)] if how == '_on_run' else []))
         assert events == expected, how
 
 
@@ -421,7 +423,7 @@ def test_a_recorder_that_is_stopped_with_its_run_awaits_the_end(monkeypatch):
 def test_a_topic_of_a_type_that_is_not_installed_does_not_count_as_published():
     """So its derived messages are recorded."""
     channels = bare(
-        Channels, _ignored={'/tf'},
+        RecordedChannels, _ignored={'/tf'},
         _node=SimpleNamespace(count_publishers={'/tf': 1, '/markers': 1, '/odom': 0}.get),
     )  # fmt: skip
     assert [channels.is_published(name) for name in ('/tf', '/markers', '/odom')] == [

@@ -18,7 +18,7 @@ from ballbot_ros.codegen.implementation import Implementation
 from ballbot_ros.errors import ControllerError
 from ballbot_ros.messages.conversions import stamp_ns
 from ballbot_ros.messages.topics import MOTOR_DUTY, OPERATING_STATE, PARAMETER_EVENTS, PLANT_IMU
-from ballbot_ros.nodes.controller import Controller
+from ballbot_ros.nodes.controller import ControllerNode
 from ballbot_ros.nodes.node_parameters import NEXT_RUN
 from ballbot_ros.parameters import CONTROLLER, ControllerParameters, parameters_of
 from ballbot_ros.simulation.lockstep import DueTick
@@ -153,7 +153,7 @@ def controller(**others):
         _abort=lambda problem: done.append(('aborted', problem)),
         **others,
     )
-    node._retune = lambda now_ns: Controller._retune(node, now_ns)
+    node._retune = lambda now_ns: ControllerNode._retune(node, now_ns)
     return node
 
 
@@ -165,8 +165,8 @@ def test_a_change_is_taken_over_and_told_before_the_next_tick(monkeypatch):
     monkeypatch.setattr('ballbot_ros.nodes.controller.device_inputs', lambda newest: 'inputs')
     node = controller()
     node.parameters = ControllerParameters(k_i=-0.01, dst_thr=20)
-    Controller._run(node, TICK)
-    Controller._run(node, LATER)
+    ControllerNode._run(node, TICK)
+    ControllerNode._run(node, LATER)
     assert node.done == [
         ('told', 1_004_000_000, {'k_i': -0.01, 'dst_thr': 20}),
         ('retune', -0.01),
@@ -181,7 +181,7 @@ def test_a_change_that_was_taken_back_is_none(monkeypatch):
     monkeypatch.setattr('ballbot_ros.nodes.controller.device_inputs', lambda newest: 'inputs')
     node = controller()
     node.parameters = ControllerParameters()
-    Controller._run(node, TICK)
+    ControllerNode._run(node, TICK)
     assert node.done == [('run', 1004), ('answered', 1_004_000_000)]
 
 
@@ -192,7 +192,7 @@ def test_a_program_that_can_not_take_it_over_ends_the_run():
     node = controller()
     node._program.retune = fail
     node.parameters = ControllerParameters(k_i=-0.01)
-    Controller._run(node, TICK)
+    ControllerNode._run(node, TICK)
     assert node.done == [
         ('told', 1_004_000_000, {'k_i': -0.01}),
         ('aborted', 'own.py:3: no'),
@@ -202,7 +202,7 @@ def test_a_program_that_can_not_take_it_over_ends_the_run():
 @pytest.mark.parametrize(('name', 'is_tunable'), [('python', True), ('c', False), ('arm', False)])
 def test_the_gains_of_c_wait_for_the_next_run(name, is_tunable):
     implementation = Implementation(ControllerParameters(implementation=name), (), lambda: None)
-    node = bare(Controller, _implementation=implementation)
+    node = bare(ControllerNode, _implementation=implementation)
     rows = parameters_of(CONTROLLER)
     assert node.is_live(rows['k_i']) == is_tunable
     assert not node.is_live(rows['a_d'])

@@ -14,7 +14,7 @@ from std_srvs.srv import Trigger
 
 from ballbot_ros.controllers.document.axis import TASK_TS1
 from ballbot_ros.messages.topics import DIAGNOSTICS, PLANT_IMU
-from ballbot_ros.nodes.controller import Controller, TaskTimers
+from ballbot_ros.nodes.controller import ControllerNode, TaskTimers
 from ballbot_ros.nodes.plant_sim import OneShotTimer
 from ballbot_ros.parameters import CONTROLLER, NODES, PLANT, RECORDER, PlantParameters
 from ballbot_ros.run import one_process
@@ -121,7 +121,7 @@ def test_timers_without_an_executor_are_polled(context):
     timers.set([])
 
 
-class Tampered(Controller):
+class Tampered(ControllerNode):
     """A controller with unchanged timers, which keeps its diagnostics when it closes."""
 
     def now(self):

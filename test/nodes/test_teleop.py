@@ -20,7 +20,7 @@ from ros_client import Client, header  # noqa: E402
 from sensor_msgs.msg import Joy  # noqa: E402
 
 from ballbot_ros.messages.conversions import (  # noqa: E402
-    ball_position,
+    odometry_position,
     stamp_ns,
 )
 from ballbot_ros.messages.topics import (  # noqa: E402
@@ -152,10 +152,12 @@ def driver(graph):
 
 
 def test_joy_drives_the_robot_forward_and_silence_stops_it(driver):
-    start, _ = ball_position(driver.newest[PLANT_ODOM.name])
+    start, _ = odometry_position(driver.newest[PLANT_ODOM.name])
     with driver.sending('joy', joy(forward=1.0), qos_profile_sensor_data):
         driver.await_command('joy', (-100, 0))
-        driver.spin_until(lambda: ball_position(driver.newest[PLANT_ODOM.name])[0] > start + 0.05)
+        driver.spin_until(
+            lambda: odometry_position(driver.newest[PLANT_ODOM.name])[0] > start + 0.05
+        )
     # test_arbiter.py tests how long a silence counts as driving.
     driver.spin_until(lambda: driver.sticks == (0, 0))
 

@@ -12,7 +12,7 @@ from maps import save, with_walls
 
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.engine.devices import SONAR_DEVICE
-from ballbot_ros.messages.conversions import ball_position
+from ballbot_ros.messages.conversions import odometry_position
 from ballbot_ros.messages.topics import MOTOR_DUTY
 from ballbot_ros.parameters import SONAR, SonarParameters
 from ballbot_ros.recording.reader import RecordingReader
@@ -153,7 +153,7 @@ def the_sonar_reads_the_distances_of_the_map(run, tmp_path, processes):
     image = save(with_walls(100, 100, (0, 100, 64, 66)), tmp_path / 'wall.png')
     profile.set(SONAR, 'map', str(image))
     read = SONAR_DEVICE.make(profile.of(SonarParameters))
-    positions = {stamp: ball_position(m) for stamp, m in recorded(run, '/plant/odom')}
+    positions = {stamp: odometry_position(m) for stamp, m in recorded(run, '/plant/odom')}
     readings = recorded(run, '/sonar')
     assert len(readings) >= run.result['ticks'] // 5, processes
     for stamp, message in readings:

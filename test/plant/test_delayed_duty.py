@@ -4,7 +4,7 @@ from hypothesis import strategies as st
 from laws import given
 from robot import START_NS, make_plant, nonlinear_step, physical, run_plant
 
-from ballbot_ros.engine.plant_tick import NEVER_NS, command, duty_at, waiting_count
+from ballbot_ros.engine.plant_tick import NEVER_NS, duty_at, note_duty, waiting_count
 from ballbot_ros.plant.actuator import motor_voltage
 from ballbot_ros.timing import STEP_NS, STEPS_PER_TICK, TICK_NS
 
@@ -40,7 +40,7 @@ def test_it_is_the_newest_duty_whose_dead_time_is_over(delay, draws):
     for number, drawn in enumerate(draws, 250):
         now_ns = number * TICK_NS
         if count:
-            command(effects_ns, duties, now_ns, (delay + drawn) * STEP_NS, number, -number)
+            note_duty(effects_ns, duties, now_ns, (delay + drawn) * STEP_NS, number, -number)
         effects.append((number, now_ns + (delay + drawn) * STEP_NS))
         for step_ns in range(now_ns, now_ns + TICK_NS, STEP_NS):
             acting = [each for each, effect_ns in effects if effect_ns <= step_ns]

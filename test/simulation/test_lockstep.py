@@ -15,7 +15,7 @@ from ballbot_ros.simulation.lockstep import (
     DueTick,
     InputGate,
     LockstepTicks,
-    Run,
+    RunIdentity,
     SampleHistory,
     SampleReaction,
     SampleStatus,
@@ -520,9 +520,9 @@ TestDisturbed.settings = settings()
 
 
 def test_the_name_of_a_run_identifies_its_plant():
-    assert Run('3 18ab', START).plant == Run('4 18ab', START).plant == '18ab'
-    assert Run('3 18ab', START).plant != Run('3 18ac', START).plant
-    assert Run('1', START).plant == ''
+    assert RunIdentity('3 18ab', START).plant == RunIdentity('4 18ab', START).plant == '18ab'
+    assert RunIdentity('3 18ab', START).plant != RunIdentity('3 18ac', START).plant
+    assert RunIdentity('1', START).plant == ''
 
 
 def test_a_sample_is_new_duplicate_conflicting_or_old():

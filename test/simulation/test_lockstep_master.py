@@ -23,7 +23,7 @@ from maps import open_floor, save
 
 from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, RECORDER, SONAR
 from ballbot_ros.simulation import run_actions as do
-from ballbot_ros.simulation.lockstep import Run
+from ballbot_ros.simulation.lockstep import RunIdentity
 from ballbot_ros.simulation.lockstep_master import LockstepMaster
 from ballbot_ros.simulation.participants import Announcement, LocalNode, Objection
 from ballbot_ros.simulation.run_actions import Outcome, ParameterChange
@@ -1025,7 +1025,10 @@ def test_a_run_without_a_map_clears_the_map_of_the_previous_one(tmp_path):
     world = begun(map=str(save(open_floor(40, 40), tmp_path / 'floor.png')))
     assert world.actions(do.ClearMap) == []
     world.parameters = replace(world.parameters, map='')
-    cleared, announced = do.ClearMap(), do.AnnounceRun(Run('2 token', START_NS + 100_000_000))
+    cleared, announced = (
+        do.ClearMap(),
+        do.AnnounceRun(RunIdentity('2 token', START_NS + 100_000_000)),
+    )
     actions = world.dispatch(world.master.reset)
     assert actions.index(cleared) < actions.index(announced)
 

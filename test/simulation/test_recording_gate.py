@@ -4,7 +4,7 @@ import random
 
 import pytest
 
-from ballbot_ros.simulation.lockstep import Run
+from ballbot_ros.simulation.lockstep import RunIdentity
 from ballbot_ros.simulation.recording_order import MAX_AHEAD_NS, RecordingGate, Stream
 from ballbot_ros.timing import SLOW_PERIOD_NS, TICK_NS
 
@@ -36,7 +36,7 @@ class File:
             self.begin(run, start_ns)
 
     def begin(self, run, start_ns):
-        return self.gate.begin(Run(run, start_ns), self.streams)
+        return self.gate.begin(RunIdentity(run, start_ns), self.streams)
 
     def keep(self, stream, log_ns, data, sequence):
         self.kept.append((stream.name, log_ns // MS, data))

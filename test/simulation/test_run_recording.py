@@ -2,7 +2,7 @@
 
 import pytest
 
-from ballbot_ros.simulation.lockstep import Run
+from ballbot_ros.simulation.lockstep import RunIdentity
 from ballbot_ros.simulation.recording_order import Stream
 from ballbot_ros.simulation.run_recording import RunRecording, RunStatus
 from ballbot_ros.timing import FIRST_TICK_NS, TICK_NS
@@ -41,7 +41,7 @@ def test_only_the_status_of_the_current_run_counts(run, is_noted, comes_first):
     recording = File().recording
     if comes_first:
         recording.note_status(status(run, outcome='failed'))
-    recording.join(Run('2 abc', FIRST_TICK_NS))
+    recording.join(RunIdentity('2 abc', FIRST_TICK_NS))
     if not comes_first:
         recording.note_status(status(run, outcome='failed'))
     assert recording.outcome == ({'outcome': 'failed'} if is_noted else {})
@@ -50,7 +50,7 @@ def test_only_the_status_of_the_current_run_counts(run, is_noted, comes_first):
 
 def test_a_run_is_announced_once_and_begins_the_first_recording():
     recording = File().recording
-    first, second = Run('1 abc', FIRST_TICK_NS), Run('2 abc', 2 * FIRST_TICK_NS)
+    first, second = RunIdentity('1 abc', FIRST_TICK_NS), RunIdentity('2 abc', 2 * FIRST_TICK_NS)
     assert [recording.announces(run) for run in (first, first, second)] == [True, False, True]
     assert recording.run == '1 abc'
     assert not recording.gate.takes_part
@@ -62,7 +62,7 @@ def test_a_run_is_announced_once_and_begins_the_first_recording():
 @pytest.mark.parametrize('outcome', ['completed', 'failed', None])
 def test_the_first_motor_stop_is_recorded_unless_the_run_completes(outcome):
     file = File()
-    file.recording.join(Run('1 abc', FIRST_TICK_NS))
+    file.recording.join(RunIdentity('1 abc', FIRST_TICK_NS))
     for stamp_ns in (5, 9):
         file.recording.hold_stop(file.duty, stamp_ns, b'stop', stamp_ns)
     if outcome:
@@ -74,7 +74,7 @@ def test_the_first_motor_stop_is_recorded_unless_the_run_completes(outcome):
 def test_a_run_is_under_way_from_its_first_tick_to_its_end():
     file = File()
     recording = file.recording
-    recording.join(Run('1 abc', FIRST_TICK_NS))
+    recording.join(RunIdentity('1 abc', FIRST_TICK_NS))
     assert not recording.is_under_way
     recording.gate.take(file.clock, FIRST_TICK_NS, b'', 1)
     assert recording.is_under_way
@@ -85,7 +85,7 @@ def test_a_run_is_under_way_from_its_first_tick_to_its_end():
 def test_a_stopped_run_is_under_way_until_the_samples_of_its_last_duty_are_there():
     file = File()
     recording = file.recording
-    recording.join(Run('1 abc', FIRST_TICK_NS))
+    recording.join(RunIdentity('1 abc', FIRST_TICK_NS))
     recording.note_status(status('1 abc', outcome='stopped'))
     for stream in (file.clock, file.duty):
         recording.gate.take(stream, FIRST_TICK_NS, b'', 1)
@@ -101,7 +101,7 @@ def test_a_stopped_run_is_under_way_until_the_samples_of_its_last_duty_are_there
 def test_a_run_without_lockstep_is_under_way_until_its_stop():
     file = File()
     recording = file.recording
-    recording.join(Run('1 abc', FIRST_TICK_NS))
+    recording.join(RunIdentity('1 abc', FIRST_TICK_NS))
     recording.note_status(RunStatus('1 abc', False, (), {}))
     for stream in (file.clock, file.duty):
         recording.gate.take(stream, FIRST_TICK_NS, b'', 1)

@@ -13,7 +13,7 @@ import pytest
 from drawn_runs import drawn_run
 
 from ballbot_ros.engine.compilation import compiled_and_kept
-from ballbot_ros.engine.run import END, Log
+from ballbot_ros.engine.run import END, RunLog
 from ballbot_ros.parameters import (
     ControllerParameters,
     EncoderParameters,
@@ -39,7 +39,7 @@ def simulate(parameters, scenario, simulate_many=None):
     rows = RobotRows(parameters, {}, 1)
     plant = parameters.of(PlantParameters)
     ticks = round(plant.duration * SECOND_NS) // TICK_NS
-    log = Log(np.zeros((1, ticks, 2)), np.zeros((1, ticks, 2)), np.zeros((1, ticks, 2), np.int8))
+    log = RunLog(np.zeros((1, ticks, 2)), np.zeros((1, ticks, 2)), np.zeros((1, ticks, 2), np.int8))
     ends = np.zeros(1, END)
     tables = [
         rows[cls] for cls in (PlantParameters, GyroParameters, EncoderParameters, SonarParameters)

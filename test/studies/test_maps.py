@@ -6,7 +6,7 @@ import pytest
 from ballbot_ros.analysis.style import png_of
 from ballbot_ros.studies.axes import Axis, Extent
 from ballbot_ros.studies.charts import MOST_BINS, ShareChart, histogram_edges
-from ballbot_ros.studies.columns import Column, ColumnKind, MeasureColumn
+from ballbot_ros.studies.columns import ColumnKind, MeasureColumn, ResultColumn
 from ballbot_ros.studies.maps import PassMap, contour_lines, map_bins
 from ballbot_ros.studies.survey import CellCounts
 
@@ -15,7 +15,7 @@ def axis(values, kind=ColumnKind.FLOAT, bins=20, **options):
     extent = Extent()
     for part in np.array_split(np.asarray(values), 3):
         extent.add(part)
-    return Axis.of(Column('x', kind, 'kg'), extent, len(values), bins, **options)
+    return Axis.of(ResultColumn('x', kind, 'kg'), extent, len(values), bins, **options)
 
 
 def counted(x, y, xs, ys, passed):

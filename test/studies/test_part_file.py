@@ -14,7 +14,7 @@ pytest.importorskip('pyarrow')
 import pyarrow.parquet
 
 from ballbot_ros.errors import StudyError
-from ballbot_ros.studies.columns import DUTY_SHA256, Column
+from ballbot_ros.studies.columns import DUTY_SHA256, ResultColumn
 from ballbot_ros.studies.data_set import begin_or_resume
 from ballbot_ros.studies.manifest import PartSummary
 from ballbot_ros.studies.part_file import (
@@ -173,7 +173,7 @@ def test_the_file_explains_its_columns(folder):
 
 def test_a_row_is_small_on_disk():
     """The goal is 40 B and 6 B a stored number, seeds among them, if seeds have 31 bits."""
-    varied = tuple(Column(f'plant_sim.value_{number}') for number in range(6))
+    varied = tuple(ResultColumn(f'plant_sim.value_{number}') for number in range(6))
     study = record(varied=varied, measures=MEASURES[:2], runs=5000, runs_per_part=5000)
     random = np.random.default_rng(1)
     settling = np.round(random.gamma(2.0, 1.0, 5000) / 0.004) * 0.004
@@ -274,6 +274,6 @@ def test_rows_must_be_those_of_the_part():
 
 
 def test_column_names_are_single():
-    doubled = (*VARIED, Column('seed'))
+    doubled = (*VARIED, ResultColumn('seed'))
     assert 'seed' in refusal(StudyError, lambda: record(varied=doubled))
     assert 'one run' in refusal(StudyError, lambda: replace(record(), runs=0))

@@ -19,7 +19,7 @@ pytest.importorskip('SALib')
 from ballbot_ros.analysis.proportion import wilson_interval
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.scenario.scenario import Measure
-from ballbot_ros.studies.columns import Column, ColumnKind, MeasureColumn
+from ballbot_ros.studies.columns import ColumnKind, MeasureColumn, ResultColumn
 from ballbot_ros.studies.data_set import begin_or_resume
 from ballbot_ros.studies.job import job_of
 from ballbot_ros.studies.part_file import PartRows, write_part
@@ -84,10 +84,10 @@ def varied_record():
         runs=RUNS,
         runs_per_part=RUNS // PARTS,
         varied=(
-            Column('plant_sim.body_mass', unit='kg', meaning='mass of the body'),
-            Column('controller.pwm_gain', unit='1'),
-            Column('plant_sim.actuator_delay', ColumnKind.INTEGER, 'ms'),
-            Column('plant_sim.plant_model', ColumnKind.TEXT),
+            ResultColumn('plant_sim.body_mass', unit='kg', meaning='mass of the body'),
+            ResultColumn('controller.pwm_gain', unit='1'),
+            ResultColumn('plant_sim.actuator_delay', ColumnKind.INTEGER, 'ms'),
+            ResultColumn('plant_sim.plant_model', ColumnKind.TEXT),
         ),
         measures=tuple(
             MeasureColumn.of(each, EXPECTATIONS)

@@ -16,7 +16,7 @@ from ballbot_ros.errors import BallbotError, StudyError
 from ballbot_ros.studies.data_set import begin_or_resume
 from ballbot_ros.studies.part_file import PartRows, write_part
 from ballbot_ros.studies.runs import Results
-from ballbot_ros.studies.study_data import QUANTILES, Row, StudyData
+from ballbot_ros.studies.study_data import QUANTILES, RunResults, StudyData
 
 
 @pytest.fixture(scope='module')
@@ -61,7 +61,7 @@ def test_a_row_is_that_of_its_run(data, written):
         rows, place = written[number // 10], number % 10
         row = data.row(number)
         results = rows.results
-        assert row == Row(
+        assert row == RunResults(
             number,
             int(rows.seed[place]),
             {

@@ -6,7 +6,7 @@ import pytest
 from ballbot_ros.design.margins import recoverable_states
 from ballbot_ros.parameters import ParameterSet
 from ballbot_ros.studies.axes import Axis, Extent
-from ballbot_ros.studies.columns import Column, ColumnKind
+from ballbot_ros.studies.columns import ColumnKind, ResultColumn
 from ballbot_ros.studies.maps import predict, refined, usual_values
 
 GAIN, DELAY = 'controller.pwm_gain', 'plant_sim.actuator_delay'
@@ -16,7 +16,7 @@ PITCH, RATE = 'plant_sim.start_pitch_x', 'plant_sim.start_pitch_rate_x'
 def axis(name, values, kind=ColumnKind.FLOAT):
     extent = Extent()
     extent.add(np.asarray(values))
-    return Axis.of(Column(name, kind), extent, 10_000, 20, is_grid=True)
+    return Axis.of(ResultColumn(name, kind), extent, 10_000, 20, is_grid=True)
 
 
 def crossings(lines, place, column):

@@ -27,7 +27,7 @@ from ballbot_ros.parameters import Dimensions, ParameterSet, ViewerParameters
 from ballbot_ros.viewer.live_controls import LiveControls
 from ballbot_ros.viewer.overlay import Banner, OverlayState, Press
 from ballbot_ros.viewer.page import Page
-from ballbot_ros.viewer.panel import Panel
+from ballbot_ros.viewer.panel import ScenePanel
 from ballbot_ros.viewer.snapshot import Snapshot
 
 PROTOCOL = f'viser-v{viser.__version__}'
@@ -74,7 +74,7 @@ class Served:
         self.server = self.page.server
         self.controls = LiveControls(self.server.gui, self.robot, ['push', 'square'])
         self.controls.offer_scenarios(offer=True)
-        Panel(self.server.gui).show(Snapshot(0.0, (0.0, 0.0), (0.0, 0.0)))
+        ScenePanel(self.server.gui).show(Snapshot(0.0, (0.0, 0.0), (0.0, 0.0)))
         self.address = self.page.address
         self.place = urlsplit(self.address).netloc
         self.inputs = {

@@ -17,7 +17,7 @@ from ballbot_ros.messages.tool_messages import (
     DELETE,
     DELETE_ALL,
     SHAPES,
-    Pose,
+    FramePose,
     TransformsLayout,
 )
 from ballbot_ros.recording.schemas import encoder, new_message
@@ -143,7 +143,7 @@ def test_transforms_chain_to_the_same_places(position, psi, odometry):
 @given(st.integers(0, 2**31 * 10**9 - 1), st.lists(st.floats(-9.0, 9.0), min_size=7, max_size=7))
 def test_transforms_have_the_bytes_of_the_general_encoder(stamp_ns, numbers):
     x, y, z, *rotation = numbers
-    poses = [Pose((x, y, z), rotation), Pose((z, x, y), rotation[::-1])]
+    poses = [FramePose((x, y, z), rotation), FramePose((z, x, y), rotation[::-1])]
     parents = {'base_link': 'map', 'sonar': 'base_link'}
     message = new_message(TRANSFORMS)
     for (child, parent), pose in zip(parents.items(), poses, strict=True):

@@ -26,7 +26,7 @@ from ballbot_ros.viewer.overlay import (  # noqa: E402
     Timeline,
 )
 from ballbot_ros.viewer.page import Page  # noqa: E402
-from ballbot_ros.viewer.panel import Panel  # noqa: E402
+from ballbot_ros.viewer.panel import ScenePanel  # noqa: E402
 from ballbot_ros.viewer.snapshot import Snapshot  # noqa: E402
 
 STATE = OverlayState(
@@ -51,7 +51,7 @@ GAMEPAD = """() => {
 def served():
     """Serve a page."""
     page = Page(DIMENSIONS, 'NXT Ballbot', '127.0.0.1', 0)
-    Panel(page.server.gui).show(Snapshot(0.0, (0.0, 0.0), (0.0, 0.0)))
+    ScenePanel(page.server.gui).show(Snapshot(0.0, (0.0, 0.0), (0.0, 0.0)))
     page.overlay.show(STATE)
     yield page
     page.stop()

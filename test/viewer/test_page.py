@@ -23,7 +23,7 @@ from scipy import ndimage  # noqa: E402
 from std_srvs.srv import SetBool  # noqa: E402
 from websockets.asyncio.server import ServerConnection  # noqa: E402
 
-from ballbot_ros.messages.conversions import ball_position, body_pitch, stamp_ns  # noqa: E402
+from ballbot_ros.messages.conversions import body_pitch, odometry_position, stamp_ns  # noqa: E402
 from ballbot_ros.messages.topics import (  # noqa: E402
     ACCEPTED_PUSH,
     PARAMETER_EVENTS,
@@ -34,7 +34,7 @@ from ballbot_ros.messages.topics import (  # noqa: E402
 from ballbot_ros.viewer.floor import Area  # noqa: E402
 from ballbot_ros.viewer.live_controls import LiveControls  # noqa: E402
 from ballbot_ros.viewer.page import Page  # noqa: E402
-from ballbot_ros.viewer.panel import Panel  # noqa: E402
+from ballbot_ros.viewer.panel import ScenePanel  # noqa: E402
 from ballbot_ros.viewer.playback_run import PlaybackRun  # noqa: E402
 from ballbot_ros.viewer.recording_page import RecordingPage  # noqa: E402
 from ballbot_ros.viewer.robot import BLACK, DARK, parts  # noqa: E402
@@ -111,7 +111,7 @@ class GraphRecorder:
         return max((abs(body_pitch(message)[0]) for message in list(seen)), default=0.0)
 
     def position(self):
-        return ball_position(self.client.newest[PLANT_ODOM.name])[0]
+        return odometry_position(self.client.newest[PLANT_ODOM.name])[0]
 
     def newest_axes(self):
         """Return the newest stick of the pages, forward and rightward."""
@@ -399,7 +399,7 @@ def test_scenarios_are_offered_where_they_can_be_started(recording):
     page = Page(PlaybackRun(recording).dimensions, 'test', '127.0.0.1', 0)
     robot = StubRobot()
     controls = LiveControls(page.server.gui, robot, ['push', 'square', 'stationary'])
-    Panel(page.server.gui).show(Snapshot(0.0, (0.0, 0.0), (0.0, 0.0)))
+    ScenePanel(page.server.gui).show(Snapshot(0.0, (0.0, 0.0), (0.0, 0.0)))
     with browsing(page.address) as browser:
         assert browser.page.get_by_role('button', name='Start', exact=True).count() == 0
         controls.offer_scenarios(offer=True)

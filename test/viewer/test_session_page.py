@@ -21,7 +21,7 @@ from std_srvs.srv import SetBool  # noqa: E402
 from terminal import Terminal  # noqa: E402
 
 from ballbot_ros.messages.topics import PLANT_IMU  # noqa: E402
-from ballbot_ros.nodes.viewer_requests import setting  # noqa: E402
+from ballbot_ros.nodes.viewer_requests import parameter_setting  # noqa: E402
 from ballbot_ros.timing import FIRST_TICK_NS, SECOND_NS  # noqa: E402
 
 DURATION_S = 4
@@ -98,7 +98,9 @@ def it_is_paused_from_anywhere(browser, client):
             lambda is_paused=is_paused: browser.banner().startswith('paused') == is_paused, browser
         )
     assert browser.pressed(f'{SLOW}×')
-    client.call(SetParameters, 'plant_sim/set_parameters', setting('real_time_factor', 0.0))
+    client.call(
+        SetParameters, 'plant_sim/set_parameters', parameter_setting('real_time_factor', 0.0)
+    )
     wait_until(lambda: browser.pressed('max') and not browser.pressed(f'{SLOW}×'), browser)
 
 

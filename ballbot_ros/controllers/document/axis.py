@@ -100,13 +100,13 @@ ZERO, ONE, HUNDRED, THOUSAND = Single(0), Single(1), Single(100), Single(1000)
 TS1_PERIOD = Single(TS1_MS)
 
 AxisState = tuple[Single, Single, Single, Single, Single, Single]
-"""The state carried from one period to the next, see :class:`Axis`.
+"""The state carried from one period to the next, see :class:`PlaneValues`.
 
 gyro_offset, theta_ref_dot, sum_theta_ref_dot, sum_psi_dot, sum_theta_diff, theta_smooth.
 """
 
 AxisEstimates = tuple[Single, Single, Single, Single, Single, Single, Single]
-"""theta, psi, theta_dot, psi_dot, theta_ref, theta_diff, psi_diff; see :class:`Axis`."""
+"""theta, psi, theta_dot, psi_dot, theta_ref, theta_diff, psi_diff; see :class:`PlaneValues`."""
 
 AT_REST: AxisState = (ZERO, ZERO, ZERO, ZERO, ZERO, ZERO)
 
@@ -206,7 +206,7 @@ def in_control(theta_diff: Single, psi_diff: Single, theta_thr: Single, psi_thr:
     return bool(abs(theta_diff) < theta_thr and abs(psi_diff) < psi_thr)
 
 
-class Axis(NamedTuple):
+class PlaneValues(NamedTuple):
     """The controller of one plane; both planes are alike.
 
     Attributes

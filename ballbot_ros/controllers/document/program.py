@@ -25,10 +25,10 @@ from ballbot_ros.controllers.document.axis import (
     ONE,
     PROGRAM_NAME,
     ZERO,
-    Axis,
     AxisEstimates,
     AxisState,
     Constants,
+    PlaneValues,
     ProgramConstants,
     Single,
     calibrated_offset,
@@ -457,14 +457,14 @@ class ControlProgram:
         return outputs
 
     @property
-    def x(self) -> Axis:
+    def x(self) -> PlaneValues:
         """The controller of plane x."""
-        return Axis(*self.state.x, *self.state.estimates_x)
+        return PlaneValues(*self.state.x, *self.state.estimates_x)
 
     @property
-    def y(self) -> Axis:
+    def y(self) -> PlaneValues:
         """The controller of plane y."""
-        return Axis(*self.state.y, *self.state.estimates_y)
+        return PlaneValues(*self.state.y, *self.state.estimates_y)
 
     @property
     def operating_state(self) -> OperatingState:
