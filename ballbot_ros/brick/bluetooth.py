@@ -13,6 +13,12 @@ _STICKS = struct.Struct('<bb30x')
 _LOG = struct.Struct('<IbbHiiihhhhi')
 
 
+Sticks = tuple[int, int]
+"""Left stick vertical (up, forward, is negative) and right stick horizontal (right is positive)."""
+
+NEUTRAL: Sticks = (0, 0)
+
+
 class PacketError(BallbotError):
     """Bytes that are not a packet, or values that do not fit in one."""
 

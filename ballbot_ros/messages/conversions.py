@@ -52,6 +52,7 @@ from ballbot_ros.messages.topics import (
     PLANT_ODOM,
     PUSH,
     RUN,
+    SCENARIO,
     SOUND,
     WALL_HIT,
 )
@@ -59,7 +60,6 @@ from ballbot_ros.numerics.elementary import sine_cosine
 from ballbot_ros.plant.ground_truth import GroundTruth, Pair, Push
 from ballbot_ros.recording.batch import Batch, Rows
 from ballbot_ros.recording.schemas import encoder, new_message
-from ballbot_ros.teleop.sticks import SCENARIO
 from ballbot_ros.timing import SECOND_NS
 
 if TYPE_CHECKING:

@@ -45,6 +45,7 @@ from ballbot_ros.messages.topics import (
     PLANT_SLOW_ODOM,
     PLANT_STEPS,
     RUN,
+    SCENARIO,
     SOUND,
     WALL_HIT,
     Topic,
@@ -52,7 +53,6 @@ from ballbot_ros.messages.topics import (
 from ballbot_ros.parameters import ParameterSet, PlantParameters, Value
 from ballbot_ros.plant.ground_truth import GroundTruth, Push
 from ballbot_ros.simulation.closed_loop import Tick
-from ballbot_ros.teleop.sticks import SCENARIO
 from ballbot_ros.timing import BATTERY_PERIOD_NS, SLOW_PERIOD_NS, TICK_NS
 from ballbot_ros.world.exports import occupancy_grid
 from ballbot_ros.world.world import World

@@ -117,6 +117,9 @@ GYRO_IMU = _samples_of(GyroParameters, 'gyro', 'sensor_msgs/msg/Imu')
 JOINT_STATES = _samples_of(EncoderParameters, 'joint_states', 'sensor_msgs/msg/JointState')
 SONAR_RANGE = _samples_of(SonarParameters, 'sonar', 'sensor_msgs/msg/Range')
 GAMEPAD_JOY = _samples_of(GamepadParameters, 'gamepad', 'sensor_msgs/msg/Joy')
+SCENARIO = 'scenario'
+"""The source of the sticks that acts while no live input is in command."""
+
 JOY = Topic('joy', 'sensor_msgs/msg/Joy', None)
 VIEWER_JOY = Topic('viewer/joy', 'sensor_msgs/msg/Joy', None)
 CMD_VEL = Topic('cmd_vel', 'geometry_msgs/msg/Twist', None)

@@ -11,7 +11,7 @@ from typing import Any
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 
-from ballbot_ros.brick.bluetooth import PacketError
+from ballbot_ros.brick.bluetooth import NEUTRAL, PacketError, Sticks
 from ballbot_ros.errors import BallbotError, TeleopError, one_line
 from ballbot_ros.messages.conversions import encode_sticks, log_packet, planar_velocity
 from ballbot_ros.messages.message_types import Bytes
@@ -24,6 +24,7 @@ from ballbot_ros.messages.topics import (
     HISTORY,
     JOY,
     PLANT_SLOW_ODOM,
+    SCENARIO,
     VIEWER_JOY,
     Topic,
 )
@@ -43,16 +44,7 @@ from ballbot_ros.teleop.gamepad import (
     SdlBackend,
     list_devices,
 )
-from ballbot_ros.teleop.sticks import (
-    NEUTRAL,
-    SCENARIO,
-    Arbiter,
-    Command,
-    GivenAnswers,
-    JoyMapping,
-    Sticks,
-    VelocityMapping,
-)
+from ballbot_ros.teleop.sticks import Arbiter, Command, GivenAnswers, JoyMapping, VelocityMapping
 from ballbot_ros.teleop.terminal import keyboard_unavailable_reason
 from ballbot_ros.timing import MILLISECOND_NS, SLOW_PERIOD_NS
 

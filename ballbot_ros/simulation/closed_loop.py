@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, NamedTuple, Protocol
 
+from ballbot_ros.brick.bluetooth import NEUTRAL
 from ballbot_ros.brick.brick import DeviceInputs, DeviceOutputs, from_numbers
 from ballbot_ros.codegen.implementation import implementation_for
 from ballbot_ros.controllers.interface import Program
@@ -28,8 +29,6 @@ from ballbot_ros.scenario.scenario import Scenario
 from ballbot_ros.timing import FIRST_TICK_NS, MILLISECOND_NS, SECOND_NS, SLOW_PERIOD_NS, TICK_NS
 from ballbot_ros.world.sonar_beam import check_rays
 from ballbot_ros.world.world import World
-
-_NEUTRAL = (0, 0)
 
 
 class ExternalInputs(Protocol):
@@ -93,7 +92,7 @@ class Robot:
 
     def sample(self) -> DeviceInputs:
         """Return the samples of the devices and sticks that are due now."""
-        plant, now_ns, sticks = self.plant, self.plant.time_ns, _NEUTRAL
+        plant, now_ns, sticks = self.plant, self.plant.time_ns, NEUTRAL
         if now_ns % SLOW_PERIOD_NS == 0:
             sticks = self._scenario.sticks_at((now_ns - self.start_ns) * 1e-9)
         inputs = from_numbers(

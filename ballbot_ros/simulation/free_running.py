@@ -6,11 +6,11 @@ from collections import Counter
 from collections.abc import Collection, Iterable
 from typing import Any
 
+from ballbot_ros.brick.bluetooth import NEUTRAL
 from ballbot_ros.brick.schedule import Schedule, TaskTiming
 from ballbot_ros.simulation.lockstep import DueTick, InputGate
 from ballbot_ros.simulation.run_actions import Outcome
 from ballbot_ros.simulation.run_master import Phase, RunMaster, event
-from ballbot_ros.teleop.sticks import NEUTRAL
 from ballbot_ros.timing import FREE_RUNNING_SILENCE_S, RESEND_S, SECOND_NS, TICK_S
 
 

@@ -8,15 +8,12 @@ from dataclasses import dataclass
 from threading import Lock
 from typing import NamedTuple
 
+from ballbot_ros.brick.bluetooth import NEUTRAL, Sticks
 from ballbot_ros.brick.sensors import quantise
 from ballbot_ros.errors import TeleopError
+from ballbot_ros.messages.topics import SCENARIO
 from ballbot_ros.parameters import Subset
 from ballbot_ros.timing import MAX_LEAD_TICKS, SLOW_PERIOD_NS, TICK_NS
-
-Sticks = tuple[int, int]
-"""Left stick vertical (up, forward, is negative) and right stick horizontal (right is positive)."""
-
-NEUTRAL: Sticks = (0, 0)
 
 
 def sticks_of(forward: float, rightward: float, full: int) -> Sticks:
@@ -32,9 +29,6 @@ LIVE_SOURCES = DEVICE, JOY, VIEWER, KEYBOARD, CMD_VEL = (
     'cmd_vel',
 )
 """The live inputs in order of priority."""
-
-SCENARIO = 'scenario'
-"""The source that acts while no live input is in command."""
 
 NO_SOURCE = 'nobody'
 """Name displayed while no live input is in command and there is no scenario."""

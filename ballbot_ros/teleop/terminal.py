@@ -17,9 +17,9 @@ from contextlib import suppress
 from threading import Lock, Thread
 from typing import TYPE_CHECKING, Any
 
+from ballbot_ros.brick.bluetooth import Sticks
 from ballbot_ros.brick.sensors import quantise
 from ballbot_ros.errors import TeleopError
-from ballbot_ros.teleop.sticks import Sticks
 
 if TYPE_CHECKING:
     from prompt_toolkit.application import Application

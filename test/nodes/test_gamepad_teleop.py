@@ -12,9 +12,10 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.serialization import serialize_message
 from stubs import bare
 
+from ballbot_ros.brick.bluetooth import NEUTRAL
 from ballbot_ros.errors import TeleopError
 from ballbot_ros.messages.conversions import encode_sticks, fill_time
-from ballbot_ros.messages.topics import PLANT_SLOW_ODOM
+from ballbot_ros.messages.topics import PLANT_SLOW_ODOM, SCENARIO
 from ballbot_ros.nodes import gamepad_teleop, teleop_terminal
 from ballbot_ros.nodes.base import BallbotNode
 from ballbot_ros.nodes.gamepad_teleop import GamepadTeleop
@@ -22,7 +23,7 @@ from ballbot_ros.nodes.teleop_terminal import TeleopTerminal
 from ballbot_ros.parameters import GamepadParameters
 from ballbot_ros.simulation.lockstep import RunIdentity
 from ballbot_ros.teleop.gamepad import InputErrors
-from ballbot_ros.teleop.sticks import KEYBOARD, NEUTRAL, SCENARIO, Arbiter, Command, GivenAnswers
+from ballbot_ros.teleop.sticks import KEYBOARD, Arbiter, Command, GivenAnswers
 from ballbot_ros.timing import FIRST_TICK_NS, SLOW_PERIOD_NS
 
 FORWARD = (-50, 0)

@@ -16,6 +16,7 @@ from rclpy.qos import (
     qos_check_compatible,
 )
 
+from ballbot_ros.brick.bluetooth import NEUTRAL
 from ballbot_ros.errors import TeleopError
 from ballbot_ros.messages.topics import CMD_VEL, CMD_VEL_STAMPED, JOY, VIEWER_JOY
 from ballbot_ros.nodes import gamepad_teleop as teleop_inputs
@@ -23,7 +24,7 @@ from ballbot_ros.nodes.gamepad_teleop import TeleopInputs
 from ballbot_ros.parameters import GamepadParameters
 from ballbot_ros.recording.schemas import encoder, new_message
 from ballbot_ros.teleop.gamepad import ANY, GamepadState, InputErrors
-from ballbot_ros.teleop.sticks import NEUTRAL, Arbiter
+from ballbot_ros.teleop.sticks import Arbiter
 
 FORWARD = (-100, 0)
 

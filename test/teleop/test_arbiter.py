@@ -4,11 +4,11 @@ import pytest
 from hypothesis import strategies as st
 from laws import given
 
+from ballbot_ros.brick.bluetooth import NEUTRAL
+from ballbot_ros.messages.topics import SCENARIO
 from ballbot_ros.teleop.sticks import (
     LIVE_SOURCES,
-    NEUTRAL,
     NO_SOURCE,
-    SCENARIO,
     SILENCE_S,
     TAKEOVER_DELAY_S,
     Arbiter,
