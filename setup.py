@@ -68,8 +68,8 @@ setup(
         PACKAGE: ['py.typed'],
         f'{PACKAGE}.analysis': ['templates/*.html', 'assets/*.js'],
         f'{PACKAGE}.controllers': ['templates/*.jinja'],
-        f'{PACKAGE}.codegen': ['templates/*', 'target/*'],
-        f'{PACKAGE}.studies': ['templates/*.html'],
+        f'{PACKAGE}.controllers.codegen': ['templates/*', 'target/*'],
+        f'{PACKAGE}.lab.studies': ['templates/*.html'],
         f'{PACKAGE}.viewer': ['assets/*'],
     },
     data_files=[

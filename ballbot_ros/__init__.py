@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from ballbot_ros.analysis.run import Run
     from ballbot_ros.errors import BallbotError
+    from ballbot_ros.lab.studies.from_python import study
     from ballbot_ros.run.library import linear_model, loop, sampled_loop, simulate
     from ballbot_ros.run.library import open as open  # noqa: A004
-    from ballbot_ros.studies.from_python import study
 
 __version__ = '0.1.0'
 
@@ -22,7 +22,7 @@ def __getattr__(name: str) -> Any:
     # Imported at their first use, so that a node's start does not wait for them.
     if name not in (*__all__, 'open'):
         raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
-    module = 'studies.from_python' if name == 'study' else 'run.library'
+    module = 'lab.studies.from_python' if name == 'study' else 'run.library'
     return getattr(import_module(f'{__name__}.{module}'), name)
 
 

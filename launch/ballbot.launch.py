@@ -13,7 +13,6 @@ from launch_ros.actions import Node
 from launch_ros.substitutions import FindPackagePrefix
 
 from ballbot_ros.files import share_directory, temporary_folder
-from ballbot_ros.messages.topics import MAP, MARKERS, PLANT_ODOM, ROBOT_DESCRIPTION
 from ballbot_ros.parameters import (
     ALL_NODES,
     PLANT,
@@ -21,6 +20,7 @@ from ballbot_ros.parameters import (
     ParameterSet,
 )
 from ballbot_ros.parameters.files import write_parameter_file
+from ballbot_ros.recording.messages.topics import MAP, MARKERS, PLANT_ODOM, ROBOT_DESCRIPTION
 from ballbot_ros.run.graph import graph_parameters
 from ballbot_ros.run.spec import RunOptions, RunSpec
 

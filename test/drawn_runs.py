@@ -6,6 +6,7 @@ from contextlib import suppress
 
 import numpy as np
 
+from ballbot_ros.engine.scenario.scenario import Scenario, ScheduledPush, Segment, StickSignal
 from ballbot_ros.errors import WorldError
 from ballbot_ros.parameters import (
     CONTROLLER,
@@ -18,9 +19,8 @@ from ballbot_ros.parameters import (
     SonarParameters,
     parameters_of,
 )
-from ballbot_ros.scenario.scenario import Scenario, ScheduledPush, Segment, StickSignal
-from ballbot_ros.world.floor_map import load_map
-from ballbot_ros.world.world import World
+from ballbot_ros.robot.world.floor_map import load_map
+from ballbot_ros.robot.world.world import World
 
 # Those of the pace, the graph and the files, and those that are drawn in their own way.
 LEFT_ALONE = {

@@ -6,9 +6,9 @@ import shutil
 import pytest
 from robot import values_of
 
-from ballbot_ros.codegen.application import read_tasks, write_application
-from ballbot_ros.codegen.compiled_program import BrickProcess, CompiledProgram
-from ballbot_ros.codegen.toolchain import TARGETS, build, missing_tool
+from ballbot_ros.controllers.codegen.application import read_tasks, write_application
+from ballbot_ros.controllers.codegen.compiled_program import BrickProcess, CompiledProgram
+from ballbot_ros.controllers.codegen.toolchain import TARGETS, build, missing_tool
 from ballbot_ros.parameters import CONTROLLER
 
 

@@ -25,8 +25,11 @@ import scipy
 from pushes import pushes
 from scipy.linalg import expm
 
+from ballbot_ros.engine.closed_loop import ClosedLoop
+from ballbot_ros.engine.golden import GOLDEN_FILE, arithmetic_sha256, duty_sha256
+from ballbot_ros.engine.scenario.library import load_scenario, scenario_names
+from ballbot_ros.engine.scenario.scenario import Scenario, Segment, StickSignal
 from ballbot_ros.files import share_directory
-from ballbot_ros.numerics.random_numbers import bits_53, philox4x32, uniform
 from ballbot_ros.parameters import (
     CONTROLLER,
     GYRO,
@@ -35,10 +38,7 @@ from ballbot_ros.parameters import (
     ParameterSet,
     parameters_of,
 )
-from ballbot_ros.scenario.library import load_scenario, scenario_names
-from ballbot_ros.scenario.scenario import Scenario, Segment, StickSignal
-from ballbot_ros.simulation.closed_loop import ClosedLoop
-from ballbot_ros.simulation.golden import GOLDEN_FILE, arithmetic_sha256, duty_sha256
+from ballbot_ros.robot.numerics.random_numbers import bits_53, philox4x32, uniform
 
 RANDOM_FILE = Path(__file__).parent / 'machines' / 'random_runs.json'
 MODELS = ('linear', 'nonlinear')
@@ -188,7 +188,7 @@ def probes():
 def write():
     head = (
         '# Results that every machine must reproduce to the bit: the arithmetic of '
-        'ballbot_ros.numerics,\n'
+        'ballbot_ros.robot.numerics,\n'
         '# and the duty_sha256 of each shipped scenario. Explain any change in CHANGELOG.\n'
         '# Written by test/golden_runs.py --write.\n'
     )

@@ -12,7 +12,13 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 
 from ballbot_ros.engine.plant import Plant
-from ballbot_ros.messages.topics import RUN_TOPICS
+from ballbot_ros.engine.scenario.scenario import Scenario
+from ballbot_ros.lockstep import run_actions as do
+from ballbot_ros.lockstep.liveness import Observation, ThreadTime
+from ballbot_ros.lockstep.lockstep_master import LockstepMaster
+from ballbot_ros.lockstep.participants import Announcement, Objection, Participant
+from ballbot_ros.lockstep.run_actions import RunSetup
+from ballbot_ros.lockstep.strangers import Publisher
 from ballbot_ros.parameters import (
     ALL_NODES,
     CONTROLLER,
@@ -22,15 +28,9 @@ from ballbot_ros.parameters import (
     RECORDER,
     PlantParameters,
 )
-from ballbot_ros.scenario.scenario import Scenario
-from ballbot_ros.simulation import run_actions as do
-from ballbot_ros.simulation.liveness import Observation, ThreadTime
-from ballbot_ros.simulation.lockstep_master import LockstepMaster
-from ballbot_ros.simulation.participants import Announcement, Objection, Participant
-from ballbot_ros.simulation.run_actions import RunSetup
-from ballbot_ros.simulation.strangers import Publisher
-from ballbot_ros.timing import TICK_NS
-from ballbot_ros.world.world import World
+from ballbot_ros.parameters.timing import TICK_NS
+from ballbot_ros.recording.messages.topics import RUN_TOPICS
+from ballbot_ros.robot.world.world import World
 
 TOPICS = dataclasses.replace(RUN_TOPICS, is_same_duty=operator.eq)
 ROLES = (*DRIVERS, CONTROLLER)

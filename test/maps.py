@@ -3,7 +3,7 @@
 import numpy as np
 from PIL import Image
 
-from ballbot_ros.world.floor_map import FLOOR, LINE, WALL, FloorMap
+from ballbot_ros.robot.world.floor_map import FLOOR, LINE, WALL, FloorMap
 
 SIGNS = {'.': FLOOR, '#': WALL, '-': LINE}
 

@@ -13,8 +13,8 @@ from pathlib import Path
 
 from study_folders import NOW, record, rows_of
 
-from ballbot_ros.studies.data_set import begin_or_resume
-from ballbot_ros.studies.part_file import encode_part, write_part
+from ballbot_ros.lab.studies.data_set import begin_or_resume
+from ballbot_ros.lab.studies.part_file import encode_part, write_part
 
 SMALL = {'runs': 480, 'runs_per_part': 8}
 

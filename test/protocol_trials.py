@@ -12,9 +12,26 @@ import numpy as np
 from protocol_world import DRIVER_NODES, PERIODIC, Process, ProtocolWorld, RecorderNode
 from robot import steps
 
-from ballbot_ros.messages.conversions import decode_duty, encode_duty, is_stop
-from ballbot_ros.messages.devices import INPUT_READERS
-from ballbot_ros.messages.topics import (
+from ballbot_ros.engine.closed_loop import ClosedLoop
+from ballbot_ros.engine.scenario.scenario import Scenario
+from ballbot_ros.lockstep.lockstep import RunIdentity
+from ballbot_ros.lockstep.participants import Objection
+from ballbot_ros.lockstep.run_actions import Outcome
+from ballbot_ros.nodes.teleop.sticks import JOY
+from ballbot_ros.parameters import (
+    CONTROLLER,
+    DRIVERS,
+    GAMEPAD,
+    GYRO,
+    PLANT,
+    RECORDER,
+    ParameterSet,
+    PlantParameters,
+)
+from ballbot_ros.parameters.timing import FIRST_TICK_NS, TICK_NS
+from ballbot_ros.recording.messages.conversions import decode_duty, encode_duty, is_stop
+from ballbot_ros.recording.messages.devices import INPUT_READERS
+from ballbot_ros.recording.messages.topics import (
     CLOCK,
     GYRO_IMU,
     JOINT_STATES,
@@ -27,23 +44,6 @@ from ballbot_ros.messages.topics import (
     ROLL_CALL,
     RUN,
 )
-from ballbot_ros.parameters import (
-    CONTROLLER,
-    DRIVERS,
-    GAMEPAD,
-    GYRO,
-    PLANT,
-    RECORDER,
-    ParameterSet,
-    PlantParameters,
-)
-from ballbot_ros.scenario.scenario import Scenario
-from ballbot_ros.simulation.closed_loop import ClosedLoop
-from ballbot_ros.simulation.lockstep import RunIdentity
-from ballbot_ros.simulation.participants import Objection
-from ballbot_ros.simulation.run_actions import Outcome
-from ballbot_ros.teleop.sticks import JOY
-from ballbot_ros.timing import FIRST_TICK_NS, TICK_NS
 
 SCENARIO = Scenario(
     vertical=steps((0.0, 0), (0.04, -60), (0.1, 30)), horizontal=steps((0.0, 0), (0.06, 100))

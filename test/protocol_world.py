@@ -21,12 +21,38 @@ from types import MappingProxyType
 from robot_world import Brick
 
 from ballbot_ros.engine.plant import Plant
-from ballbot_ros.messages.conversions import decode_duty, encode_sticks, is_stop
-from ballbot_ros.messages.devices import DEVICE_MESSAGES, INPUT_READERS
-from ballbot_ros.messages.raw import same_content, stamp_of
-from ballbot_ros.messages.run_messages import ControllerMessages, PlantMessages
-from ballbot_ros.messages.run_reports import run_status
-from ballbot_ros.messages.topics import (
+from ballbot_ros.lockstep import run_actions as do
+from ballbot_ros.lockstep.liveness import Observation, ThreadTime
+from ballbot_ros.lockstep.lockstep import DEPTH, RunIdentity
+from ballbot_ros.lockstep.lockstep_master import LockstepMaster
+from ballbot_ros.lockstep.participants import (
+    Announcement,
+    LocalNode,
+    Objection,
+    Participant,
+    RunMember,
+)
+from ballbot_ros.lockstep.recording_order import ArrivalOrder, Stream
+from ballbot_ros.lockstep.run_actions import RunSetup
+from ballbot_ros.lockstep.run_recording import RunRecording
+from ballbot_ros.lockstep.strangers import Publisher
+from ballbot_ros.nodes.teleop.sticks import Arbiter, GivenAnswers
+from ballbot_ros.parameters import (
+    CONTROLLER,
+    GAMEPAD,
+    PLANT,
+    RECORDER,
+    ROLES,
+    ControllerParameters,
+    PlantParameters,
+)
+from ballbot_ros.parameters.timing import RESEND_S, SLOW_PERIOD_NS
+from ballbot_ros.recording.messages.conversions import decode_duty, encode_sticks, is_stop
+from ballbot_ros.recording.messages.devices import DEVICE_MESSAGES, INPUT_READERS
+from ballbot_ros.recording.messages.raw import same_content, stamp_of
+from ballbot_ros.recording.messages.run_messages import ControllerMessages, PlantMessages
+from ballbot_ros.recording.messages.run_reports import run_status
+from ballbot_ros.recording.messages.topics import (
     BATTERY_STATE,
     CLOCK,
     GAMEPAD_JOY,
@@ -42,33 +68,7 @@ from ballbot_ros.messages.topics import (
     RUN_TOPICS,
     periodic_topics,
 )
-from ballbot_ros.parameters import (
-    CONTROLLER,
-    GAMEPAD,
-    PLANT,
-    RECORDER,
-    ROLES,
-    ControllerParameters,
-    PlantParameters,
-)
-from ballbot_ros.simulation import run_actions as do
-from ballbot_ros.simulation.liveness import Observation, ThreadTime
-from ballbot_ros.simulation.lockstep import DEPTH, RunIdentity
-from ballbot_ros.simulation.lockstep_master import LockstepMaster
-from ballbot_ros.simulation.participants import (
-    Announcement,
-    LocalNode,
-    Objection,
-    Participant,
-    RunMember,
-)
-from ballbot_ros.simulation.recording_order import ArrivalOrder, Stream
-from ballbot_ros.simulation.run_actions import RunSetup
-from ballbot_ros.simulation.run_recording import RunRecording
-from ballbot_ros.simulation.strangers import Publisher
-from ballbot_ros.teleop.sticks import Arbiter, GivenAnswers
-from ballbot_ros.timing import RESEND_S, SLOW_PERIOD_NS
-from ballbot_ros.world.world import World
+from ballbot_ros.robot.world.world import World
 
 DRIVER_NODES = {each.sample.publisher: each for each in DEVICE_MESSAGES}
 PERIODIC = {topic.name: topic for role in (PLANT, *ROLES) for topic in periodic_topics(role)}

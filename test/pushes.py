@@ -1,6 +1,6 @@
 """Pushes for tests."""
 
-from ballbot_ros.scenario.scenario import ScheduledPush
+from ballbot_ros.engine.scenario.scenario import ScheduledPush
 
 
 def pushes(time, duration, force_x, force_y=0.0):

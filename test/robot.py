@@ -5,18 +5,18 @@ from functools import partial
 
 import numpy as np
 
-from ballbot_ros.brick.brick import DeviceInputs
+from ballbot_ros.engine.closed_loop import ClosedLoop
 from ballbot_ros.engine.plant import Plant
+from ballbot_ros.engine.scenario.scenario import Segment, StickSignal
 from ballbot_ros.parameters import PLANT, Dimensions, ParameterSet, ViewerParameters
-from ballbot_ros.plant.integration import (
+from ballbot_ros.robot.brick.brick import DeviceInputs
+from ballbot_ros.robot.plant.integration import (
     advance_linear,
     advance_nonlinear,
     discrete_matrices,
     equations_of,
 )
-from ballbot_ros.plant.model import PhysicalParameters, mass_matrix
-from ballbot_ros.scenario.scenario import Segment, StickSignal
-from ballbot_ros.simulation.closed_loop import ClosedLoop
+from ballbot_ros.robot.plant.model import PhysicalParameters, mass_matrix
 
 START_NS = 1_000_000_000
 DIMENSIONS = Dimensions.from_parameters(ViewerParameters())

@@ -11,15 +11,11 @@ from functools import partial
 
 from lockstep_world import DRIVERS, ROLES, LockstepWorld, data_of
 
-from ballbot_ros.brick.sensors import battery_mv
 from ballbot_ros.controllers.document.axis import task_timings
 from ballbot_ros.controllers.document.program import ControlProgram
-from ballbot_ros.messages.devices import DEVICE_MESSAGES, INPUT_READERS, device_inputs
-from ballbot_ros.messages.topics import (
-    BATTERY_STATE,
-    GAMEPAD_JOY,
-    GYRO_IMU,
-)
+from ballbot_ros.lockstep import run_actions as do
+from ballbot_ros.lockstep.lockstep import DueTick, LockstepTicks, SampleReaction
+from ballbot_ros.lockstep.lockstep_master import LockstepMaster
 from ballbot_ros.parameters import (
     CONTROLLER,
     GAMEPAD,
@@ -27,14 +23,18 @@ from ballbot_ros.parameters import (
     ControllerParameters,
     PlantParameters,
 )
-from ballbot_ros.simulation import run_actions as do
-from ballbot_ros.simulation.lockstep import DueTick, LockstepTicks, SampleReaction
-from ballbot_ros.simulation.lockstep_master import LockstepMaster
-from ballbot_ros.timing import (
+from ballbot_ros.parameters.timing import (
     BATTERY_PERIOD_NS,
     MILLISECOND_NS,
     TICK_NS,
 )
+from ballbot_ros.recording.messages.devices import DEVICE_MESSAGES, INPUT_READERS, device_inputs
+from ballbot_ros.recording.messages.topics import (
+    BATTERY_STATE,
+    GAMEPAD_JOY,
+    GYRO_IMU,
+)
+from ballbot_ros.robot.brick.sensors import battery_mv
 
 
 class Driver:

@@ -9,9 +9,9 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from std_msgs.msg import Header
 
-from ballbot_ros.messages.conversions import fill_header, stamp_ns
-from ballbot_ros.messages.topics import DIAGNOSTICS, PLANT_IMU
 from ballbot_ros.nodes.endpoints import reliable_qos, requested_qos
+from ballbot_ros.recording.messages.conversions import fill_header, stamp_ns
+from ballbot_ros.recording.messages.topics import DIAGNOSTICS, PLANT_IMU
 
 
 def header(stamp_ns, frame_id=''):

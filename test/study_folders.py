@@ -5,12 +5,12 @@ from datetime import datetime, timezone
 
 import numpy as np
 
-from ballbot_ros.scenario.scenario import Expectation, Measure
-from ballbot_ros.studies.columns import ColumnKind, MeasureColumn, ResultColumn
-from ballbot_ros.studies.data_set import begin_or_resume
-from ballbot_ros.studies.manifest import StudyRecord, Versions
-from ballbot_ros.studies.part_file import PartRows, write_part
-from ballbot_ros.studies.runs import Results
+from ballbot_ros.engine.scenario.scenario import Expectation, Measure
+from ballbot_ros.lab.studies.columns import ColumnKind, MeasureColumn, ResultColumn
+from ballbot_ros.lab.studies.data_set import begin_or_resume
+from ballbot_ros.lab.studies.manifest import StudyRecord, Versions
+from ballbot_ros.lab.studies.part_file import PartRows, write_part
+from ballbot_ros.lab.studies.runs import Results
 
 NOW = datetime(2026, 1, 2, 3, 4, 5, tzinfo=timezone.utc)
 

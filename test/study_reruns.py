@@ -1,12 +1,12 @@
 """Runs of a study once more, without its results."""
 
+from ballbot_ros.lab.studies.job import job_of
+from ballbot_ros.lab.studies.rerun import rerun_spec
+from ballbot_ros.lab.studies.study_data import RunResults
+from ballbot_ros.lab.studies.variables import SEED
+from ballbot_ros.lockstep.run_actions import Outcome
 from ballbot_ros.parameters.files import plain_value
 from ballbot_ros.run.processes import Processes
-from ballbot_ros.simulation.run_actions import Outcome
-from ballbot_ros.studies.job import job_of
-from ballbot_ros.studies.rerun import rerun_spec
-from ballbot_ros.studies.study_data import RunResults
-from ballbot_ros.studies.variables import SEED
 
 
 def rerun_of(study, samples, run, folder, controller=None):

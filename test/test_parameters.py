@@ -31,8 +31,8 @@ from ballbot_ros.parameters import (
     parameters_of,
 )
 from ballbot_ros.parameters.controller import Period
-from ballbot_ros.plant.model import PhysicalParameters
-from ballbot_ros.timing import BATTERY_PERIOD_NS, MILLISECOND_NS, TICK_NS
+from ballbot_ros.parameters.timing import BATTERY_PERIOD_NS, MILLISECOND_NS, TICK_NS
+from ballbot_ros.robot.plant.model import PhysicalParameters
 
 # Values from the document and the author's other robot (sections 3.1, 6 and 7).
 REFERENCE = {

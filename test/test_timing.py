@@ -3,7 +3,7 @@
 from hypothesis import strategies as st
 from laws import given
 
-from ballbot_ros.timing import (
+from ballbot_ros.parameters.timing import (
     BATTERY_PERIOD_NS,
     FIRST_TICK_NS,
     SLOW_PERIOD_NS,

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import strategies as st
 from laws import given, is_read_or_refused_in_one_line
 
-from ballbot_ros.yaml_document import YamlDocument, YamlError, parse_value
+from ballbot_ros.parameters.yaml_document import YamlDocument, YamlError, parse_value
 
 FRAGMENTS = [
     'a',

@@ -13,15 +13,15 @@ from typing import Any, NamedTuple, TypeAlias, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.brick.sensors import battery_mv
 from ballbot_ros.controllers.document import axis
 from ballbot_ros.controllers.document.axis import ProgramConstants, Single
 from ballbot_ros.controllers.document.program import max_motor_voltage
 from ballbot_ros.engine.devices import ENCODER_DEVICE, GYRO_DEVICE, AnyDevice, longest_delay
 from ballbot_ros.engine.plant import Plant
 from ballbot_ros.parameters import ControllerParameters, ParameterSet, PlantParameters
-from ballbot_ros.plant.ground_truth import Push
-from ballbot_ros.timing import FIRST_TICK_NS
+from ballbot_ros.parameters.timing import FIRST_TICK_NS
+from ballbot_ros.robot.brick.sensors import battery_mv
+from ballbot_ros.robot.plant.ground_truth import Push
 
 Floats = NDArray[np.float64]
 

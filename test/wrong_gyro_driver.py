@@ -2,11 +2,11 @@
 
 import sys
 
-from ballbot_ros.messages.raw import stamp_of
 from ballbot_ros.nodes import participation
 from ballbot_ros.nodes.base import run_node
 from ballbot_ros.nodes.device_driver import DeviceDriver
 from ballbot_ros.parameters import GyroParameters
+from ballbot_ros.recording.messages.raw import stamp_of
 
 FAULTS = sys.argv.pop(1).split(',')
 

@@ -18,11 +18,11 @@ from ballbot_ros.analysis.metrics import (
 )
 from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.analysis.run_metrics import RUN_METRICS
+from ballbot_ros.lockstep.run_actions import changes_text
 from ballbot_ros.parameters import GyroParameters, PlantParameters
-from ballbot_ros.simulation.run_actions import changes_text
-from ballbot_ros.world.exports import floor_map_of
-from ballbot_ros.world.floor_map import CELL_M
-from ballbot_ros.world.world import NO_WALLS, Walls, World
+from ballbot_ros.robot.world.exports import floor_map_of
+from ballbot_ros.robot.world.floor_map import CELL_M
+from ballbot_ros.robot.world.world import NO_WALLS, Walls, World
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Assessment:
     Attributes
     ----------
     metrics : dict of str to float
-        The metrics of :data:`~ballbot_ros.scenario.metrics.METRICS`, then those of
+        The metrics of :data:`~ballbot_ros.engine.scenario.metrics.METRICS`, then those of
         :data:`~ballbot_ros.analysis.run_metrics.RUN_METRICS`; NaN if the data are missing.
     reason : str
         Why the run did not pass; empty if it passed.

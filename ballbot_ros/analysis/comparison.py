@@ -51,9 +51,9 @@ from ballbot_ros.analysis.style import (
 )
 from ballbot_ros.analysis.table import Table, csv_text
 from ballbot_ros.errors import BallbotError, similar
-from ballbot_ros.messages.topics import MOTOR_DUTY, PLANT_IMU, PLANT_ODOM, Topic
-from ballbot_ros.world.exports import OccupancyGrid
-from ballbot_ros.world.floor_map import FloorMap
+from ballbot_ros.recording.messages.topics import MOTOR_DUTY, PLANT_IMU, PLANT_ODOM, Topic
+from ballbot_ros.robot.world.exports import OccupancyGrid
+from ballbot_ros.robot.world.floor_map import FloorMap
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

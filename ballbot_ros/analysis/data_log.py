@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ballbot_ros.analysis.robot_topics import robot_namespace
-from ballbot_ros.brick.bluetooth import PacketError
 from ballbot_ros.errors import RecordingError
-from ballbot_ros.messages.conversions import log_packet, time_ns
-from ballbot_ros.messages.topics import BLUETOOTH_TX, RUN
+from ballbot_ros.parameters.timing import MILLISECOND_NS
+from ballbot_ros.recording.csv_log import CsvLog
+from ballbot_ros.recording.messages.conversions import log_packet, time_ns
+from ballbot_ros.recording.messages.topics import BLUETOOTH_TX, RUN
 from ballbot_ros.recording.reader import RecordingReader
-from ballbot_ros.teleop.csv_log import CsvLog
-from ballbot_ros.timing import MILLISECOND_NS
+from ballbot_ros.robot.brick.bluetooth import PacketError
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,8 @@ from ballbot_ros.analysis.panel import POINTS, TRUE, Curve, Panel, panel_of_plan
 from ballbot_ros.analysis.style import BLUE, GRAY, GREEN, ORANGE, PURPLE, SKY, YELLOW, Line
 from ballbot_ros.analysis.table import Table, plane_columns
 from ballbot_ros.controllers.interface import OperatingState
-from ballbot_ros.world.exports import OccupancyGrid
-from ballbot_ros.world.floor_map import CELL_M, LINE, WALL, FloorMap
+from ballbot_ros.robot.world.exports import OccupancyGrid
+from ballbot_ros.robot.world.floor_map import CELL_M, LINE, WALL, FloorMap
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -26,12 +26,20 @@ from ballbot_ros.analysis.recorded_runs import (
 )
 from ballbot_ros.analysis.recorded_scenario import PushPairs
 from ballbot_ros.analysis.robot_topics import RobotTopics, robot_topics
-from ballbot_ros.brick.brick import Tone
 from ballbot_ros.errors import RecordingError
-from ballbot_ros.messages.conversions import body_rates, odometry_position, pitch_angles, sound_tone
-from ballbot_ros.messages.message_types import DiagnosticStatus, OccupancyGridMessage
-from ballbot_ros.messages.run_reports import decode_parameter_event
-from ballbot_ros.messages.topics import (
+from ballbot_ros.parameters import Value
+from ballbot_ros.parameters.timing import SECOND_NS
+from ballbot_ros.process import ProgressCallback
+from ballbot_ros.recording.batch import Batch, RawMessage, Rows
+from ballbot_ros.recording.messages.conversions import (
+    body_rates,
+    odometry_position,
+    pitch_angles,
+    sound_tone,
+)
+from ballbot_ros.recording.messages.message_types import DiagnosticStatus, OccupancyGridMessage
+from ballbot_ros.recording.messages.run_reports import decode_parameter_event
+from ballbot_ros.recording.messages.topics import (
     ACCEPTED_PUSH,
     BATTERY_STATE,
     CONTROLLER_STATE,
@@ -55,11 +63,8 @@ from ballbot_ros.messages.topics import (
     WALL_HIT,
     Topic,
 )
-from ballbot_ros.parameters import Value
-from ballbot_ros.process import ProgressCallback
-from ballbot_ros.recording.batch import Batch, RawMessage, Rows
 from ballbot_ros.recording.reader import RecordingReader
-from ballbot_ros.timing import SECOND_NS
+from ballbot_ros.robot.brick.brick import Tone
 
 _EVENTS = (
     OPERATING_STATE, RUN_STATUS, PARTICIPANTS, DIAGNOSTICS, LCD, SOUND, MAP, PARAMETER_EVENTS,

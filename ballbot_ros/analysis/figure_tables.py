@@ -20,7 +20,7 @@ from ballbot_ros.analysis.run_metrics import (
     true_gyro_offset,
 )
 from ballbot_ros.analysis.table import Table, envelope, every_nth, plane_columns, track_columns
-from ballbot_ros.messages.topics import (
+from ballbot_ros.recording.messages.topics import (
     BATTERY_STATE,
     GAMEPAD_JOY,
     GYRO_IMU,

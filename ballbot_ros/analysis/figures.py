@@ -24,10 +24,10 @@ from ballbot_ros.analysis.drawing import (
 from ballbot_ros.analysis.interval import Interval, IntervalKind
 from ballbot_ros.analysis.style import BLUE, WIDTH, Line, new_figure
 from ballbot_ros.analysis.table import track_columns
-from ballbot_ros.scenario.scenario import Segment
-from ballbot_ros.simulation.trajectory import Trajectory
-from ballbot_ros.world.exports import OccupancyGrid
-from ballbot_ros.world.floor_map import FloorMap
+from ballbot_ros.engine.scenario.scenario import Segment
+from ballbot_ros.engine.trajectory import Trajectory
+from ballbot_ros.robot.world.exports import OccupancyGrid
+from ballbot_ros.robot.world.floor_map import FloorMap
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ballbot_ros.text_enum import TextEnum
+from ballbot_ros.parameters.text_enum import TextEnum
 
 
 class IntervalKind(TextEnum):

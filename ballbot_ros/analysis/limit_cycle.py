@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.analysis.run_data import RunData
-from ballbot_ros.messages.topics import CONTROLLER_STATE
-from ballbot_ros.timing import TICK_S
+from ballbot_ros.parameters.timing import TICK_S
+from ballbot_ros.recording.messages.topics import CONTROLLER_STATE
 
 _GAP_S = 1.5 * TICK_S
 

@@ -19,12 +19,12 @@ from ballbot_ros.analysis.loop_summary import AS_IT_RUNS, IDEAL
 from ballbot_ros.analysis.run_figures import RenderedFigure
 from ballbot_ros.analysis.style import BLUE, GRAY, ORANGE, WIDTH, Line, new_figure, png_of
 from ballbot_ros.analysis.table import Table
-from ballbot_ros.design.linear_model import ideal_loop
-from ballbot_ros.design.loop_analysis import LoopAnalysis
-from ballbot_ros.design.margins import LoopResponse, Margins
-from ballbot_ros.design.sampled_loop import FORCE, INPUTS, STICK, SampledLoop
+from ballbot_ros.controllers.design.linear_model import ideal_loop
+from ballbot_ros.controllers.design.loop_analysis import LoopAnalysis
+from ballbot_ros.controllers.design.margins import LoopResponse, Margins
+from ballbot_ros.controllers.design.sampled_loop import FORCE, INPUTS, STICK, SampledLoop
 from ballbot_ros.parameters import ControllerParameters, ParameterSet, PlantParameters
-from ballbot_ros.timing import TICK_S
+from ballbot_ros.parameters.timing import TICK_S
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ballbot_ros.messages.raw import decoder, has_stamp
-from ballbot_ros.messages.topics import Topic
+from ballbot_ros.recording.messages.raw import decoder, has_stamp
+from ballbot_ros.recording.messages.topics import Topic
 
 _EXTRA, _MISSING = 'recorded but not replayed', 'replayed but not recorded'
 

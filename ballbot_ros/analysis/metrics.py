@@ -9,13 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot_ros.engine.scenario.metrics import METRICS, Motion
+from ballbot_ros.engine.scenario.scenario import Expectation, Measure
+from ballbot_ros.engine.trajectory import Trajectory
 from ballbot_ros.parameters import PlantParameters
-from ballbot_ros.scenario.metrics import METRICS, Motion
-from ballbot_ros.scenario.scenario import Expectation, Measure
-from ballbot_ros.simulation.trajectory import Trajectory
-from ballbot_ros.text_enum import TextEnum
-from ballbot_ros.timing import TICK_S
-from ballbot_ros.world.world import NO_WALLS, Walls
+from ballbot_ros.parameters.text_enum import TextEnum
+from ballbot_ros.parameters.timing import TICK_S
+from ballbot_ros.robot.world.world import NO_WALLS, Walls
 
 
 class Verdict(TextEnum):

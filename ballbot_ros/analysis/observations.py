@@ -27,17 +27,17 @@ from ballbot_ros.analysis.limit_cycle import LimitCycle, limit_cycles, lowest_hz
 from ballbot_ros.analysis.loop_summary import RINGS, PredictedFrequency
 from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.analysis.run_metrics import pitch_error, position_error
-from ballbot_ros.brick.sensors import gyro_offset
 from ballbot_ros.engine.devices import gyro_constants
-from ballbot_ros.messages.topics import (
+from ballbot_ros.parameters import GYRO, ControllerParameters, GyroParameters
+from ballbot_ros.parameters.timing import TICK_NS, TICK_S
+from ballbot_ros.recording.messages.topics import (
     CONTROLLER_STATE,
     GYRO_IMU,
     MOTOR_DUTY,
     PLANT_IMU,
     PLANT_ODOM,
 )
-from ballbot_ros.parameters import GYRO, ControllerParameters, GyroParameters
-from ballbot_ros.timing import TICK_NS, TICK_S
+from ballbot_ros.robot.brick.sensors import gyro_offset
 
 RIGHT_DEG = 0.05
 """Smallest mean error that counts as one [°], and smallest part that is always named."""

@@ -28,11 +28,11 @@ from ballbot_ros.controllers.loading import (
 )
 from ballbot_ros.errors import ControllerError, one_line, printable
 from ballbot_ros.files import write_temporary
+from ballbot_ros.lockstep.participants import SOURCE_HASH, Participant
 from ballbot_ros.parameters import DOCUMENTS_PROGRAM
+from ballbot_ros.parameters.yaml_document import parse_data
 from ballbot_ros.recording.reader import AttachedFile
 from ballbot_ros.recording.rosbag2 import CONTROLLER_INFO, CONTROLLER_SOURCES
-from ballbot_ros.simulation.participants import SOURCE_HASH, Participant
-from ballbot_ros.yaml_document import parse_data
 
 SHOWN_HASH = 12
 _HASH = re.compile('[0-9a-f]{64}')

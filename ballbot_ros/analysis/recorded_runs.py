@@ -16,9 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.analysis.robot_topics import RobotTopics
-from ballbot_ros.messages.conversions import are_stops, time_ns
-from ballbot_ros.messages.participation import decode_announcement, decode_run_status
-from ballbot_ros.messages.topics import HISTORY, MOTOR_DUTY, RUN, RUN_STATUS, Topic
+from ballbot_ros.lockstep.participants import MAP_HASH, Participant
+from ballbot_ros.lockstep.recording_order import MAX_AHEAD_NS
 from ballbot_ros.parameters import (
     NODES,
     PATHS,
@@ -29,11 +28,12 @@ from ballbot_ros.parameters import (
     ParameterSet,
 )
 from ballbot_ros.recording.batch import Batch, RawMessage, Rows
+from ballbot_ros.recording.messages.conversions import are_stops, time_ns
+from ballbot_ros.recording.messages.participation import decode_announcement, decode_run_status
+from ballbot_ros.recording.messages.topics import HISTORY, MOTOR_DUTY, RUN, RUN_STATUS, Topic
 from ballbot_ros.recording.reader import AttachedFile, RecordingReader
 from ballbot_ros.recording.rosbag2 import MAPS
-from ballbot_ros.simulation.participants import MAP_HASH, Participant
-from ballbot_ros.simulation.recording_order import MAX_AHEAD_NS
-from ballbot_ros.world.floor_map import is_file_name
+from ballbot_ros.robot.world.floor_map import is_file_name
 
 END_OF_TIME_NS = 2**63 - 1
 """The largest stamp."""

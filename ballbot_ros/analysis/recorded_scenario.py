@@ -13,22 +13,22 @@ from typing import Any
 from ballbot_ros.analysis.interval import Interval, IntervalKind
 from ballbot_ros.analysis.recorded_controller import decode_controller
 from ballbot_ros.analysis.recorded_runs import END_OF_TIME_NS, AnnouncedParameters
+from ballbot_ros.engine.scenario.library import load_scenario
+from ballbot_ros.engine.scenario.scenario import Scenario
 from ballbot_ros.errors import BallbotError, short_text
 from ballbot_ros.files import temporary_folder, write_temporary
-from ballbot_ros.messages.conversions import push_forces, stamp_ns
-from ballbot_ros.messages.message_types import WrenchStamped
-from ballbot_ros.messages.topics import ACCEPTED_PUSH
 from ballbot_ros.parameters import CONTROLLER, ControllerParameters, ParameterSet, PlantParameters
 from ballbot_ros.parameters.files import read_parameter_file
-from ballbot_ros.plant.ground_truth import Pair, Push
+from ballbot_ros.parameters.timing import SECOND_NS
+from ballbot_ros.parameters.yaml_document import YamlDocument
+from ballbot_ros.recording.messages.conversions import push_forces, stamp_ns
+from ballbot_ros.recording.messages.message_types import WrenchStamped
+from ballbot_ros.recording.messages.topics import ACCEPTED_PUSH
 from ballbot_ros.recording.reader import AttachedFile, RecordingReader
 from ballbot_ros.recording.rosbag2 import MAPS, PARAMETERS, SCENARIO, VERSIONS
-from ballbot_ros.scenario.library import load_scenario
-from ballbot_ros.scenario.scenario import Scenario
-from ballbot_ros.timing import SECOND_NS
-from ballbot_ros.world.floor_map import FloorMap, load_map, map_names
-from ballbot_ros.world.image import read_map
-from ballbot_ros.yaml_document import YamlDocument
+from ballbot_ros.robot.plant.ground_truth import Pair, Push
+from ballbot_ros.robot.world.floor_map import FloorMap, load_map, map_names
+from ballbot_ros.robot.world.image import read_map
 
 
 @dataclass

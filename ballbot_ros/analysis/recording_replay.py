@@ -29,13 +29,13 @@ from ballbot_ros.analysis.replay import (
     replay_controller,
     replay_run,
 )
-from ballbot_ros.codegen.implementation import missing_tool_for, require_implementation
+from ballbot_ros.controllers.codegen.implementation import missing_tool_for, require_implementation
 from ballbot_ros.controllers.loading import OUR_PACKAGE, public_reference
 from ballbot_ros.controllers.own_parameters import own_rows
+from ballbot_ros.engine.closed_loop import Tick
 from ballbot_ros.errors import BallbotError, ControllerError, RecordingError, printable
 from ballbot_ros.files import write_temporary
-from ballbot_ros.messages.devices import DEVICE_MESSAGES
-from ballbot_ros.messages.topics import PARTICIPANTS, Topic
+from ballbot_ros.lockstep.participants import Participant
 from ballbot_ros.parameters import (
     CONTROLLER,
     DOCUMENTS_PROGRAM,
@@ -47,12 +47,12 @@ from ballbot_ros.parameters import (
     PlantParameters,
 )
 from ballbot_ros.parameters.files import assign, read_parameter_file
+from ballbot_ros.parameters.timing import SECOND_NS, TICK_NS, TICK_S
+from ballbot_ros.recording.messages.devices import DEVICE_MESSAGES
+from ballbot_ros.recording.messages.topics import PARTICIPANTS, Topic
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.rosbag2 import CONTROLLER_INFO, PARAMETERS
-from ballbot_ros.simulation.closed_loop import Tick
-from ballbot_ros.simulation.participants import Participant
-from ballbot_ros.timing import SECOND_NS, TICK_NS, TICK_S
-from ballbot_ros.world.floor_map import is_file_name
+from ballbot_ros.robot.world.floor_map import is_file_name
 
 CONTEXT_TICKS = 2
 """Ticks shown before and after a difference."""

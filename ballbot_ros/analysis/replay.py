@@ -22,21 +22,30 @@ from ballbot_ros.analysis.recorded_runs import (
 )
 from ballbot_ros.analysis.recorded_scenario import PushPairs
 from ballbot_ros.analysis.robot_topics import robot_topics
-from ballbot_ros.brick.brick import DeviceInputs, DeviceOutputs
-from ballbot_ros.codegen.implementation import implementation_for
+from ballbot_ros.controllers.codegen.implementation import implementation_for
 from ballbot_ros.controllers.loading import public_reference
+from ballbot_ros.engine.closed_loop import ClosedLoop, Tick
 from ballbot_ros.errors import BallbotError, RecordingError
-from ballbot_ros.messages.conversions import decode_sticks, is_stop, stamp_ns
-from ballbot_ros.messages.devices import (
+from ballbot_ros.parameters import (
+    CONTROLLER,
+    ControllerParameters,
+    ParameterError,
+    ParameterSet,
+    Value,
+)
+from ballbot_ros.parameters.timing import MILLISECOND_NS, TICK_NS
+from ballbot_ros.recording.batch import RawMessage
+from ballbot_ros.recording.messages.conversions import decode_sticks, is_stop, stamp_ns
+from ballbot_ros.recording.messages.devices import (
     DEVICE_MESSAGES,
     INPUT_READERS,
     AnyDeviceMessages,
     device_inputs,
 )
-from ballbot_ros.messages.raw import stamp_of
-from ballbot_ros.messages.run_messages import ControllerMessages, RunMessages
-from ballbot_ros.messages.run_reports import decode_parameter_event
-from ballbot_ros.messages.topics import (
+from ballbot_ros.recording.messages.raw import stamp_of
+from ballbot_ros.recording.messages.run_messages import ControllerMessages, RunMessages
+from ballbot_ros.recording.messages.run_reports import decode_parameter_event
+from ballbot_ros.recording.messages.topics import (
     ACCEPTED_PUSH,
     BATTERY_STATE,
     BLUETOOTH_TX,
@@ -58,18 +67,9 @@ from ballbot_ros.messages.topics import (
     WALL_HIT,
     Topic,
 )
-from ballbot_ros.parameters import (
-    CONTROLLER,
-    ControllerParameters,
-    ParameterError,
-    ParameterSet,
-    Value,
-)
-from ballbot_ros.plant.ground_truth import Push
-from ballbot_ros.recording.batch import RawMessage
 from ballbot_ros.recording.reader import RecordingReader
-from ballbot_ros.simulation.closed_loop import ClosedLoop, Tick
-from ballbot_ros.timing import MILLISECOND_NS, TICK_NS
+from ballbot_ros.robot.brick.brick import DeviceInputs, DeviceOutputs
+from ballbot_ros.robot.plant.ground_truth import Push
 
 _DECODED = {RUN, GAMEPAD_JOY, ACCEPTED_PUSH, MOTOR_DUTY, PARAMETER_EVENTS, *INPUT_READERS}
 

@@ -29,6 +29,7 @@ from ballbot_ros.analysis.run_figures import RenderedFigure, draw_figures, figur
 from ballbot_ros.analysis.run_metrics import RUN_METRICS
 from ballbot_ros.analysis.spectrum import render_spectrum
 from ballbot_ros.analysis.table import csv_text
+from ballbot_ros.engine.scenario.metrics import METRICS, label
 from ballbot_ros.errors import printable
 from ballbot_ros.parameters import (
     CONTROLLER,
@@ -38,7 +39,6 @@ from ballbot_ros.parameters import (
     parameters_of,
     value_text,
 )
-from ballbot_ros.scenario.metrics import METRICS, label
 
 _MARKS = {
     ExpectationVerdict.MET: '✓ ',
@@ -97,8 +97,8 @@ def loop_of(run: RunData) -> LoopSection | None:
         return None
     # Imported only here: python-control takes two seconds.
     from ballbot_ros.analysis.loop_figure import render_loop
-    from ballbot_ros.design.linear_model import DesignError
-    from ballbot_ros.design.loop_analysis import analyse_ideal, analyse_sampled
+    from ballbot_ros.controllers.design.linear_model import DesignError
+    from ballbot_ros.controllers.design.loop_analysis import analyse_ideal, analyse_sampled
 
     parameters = run.attached.parameters
     try:

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from ballbot_ros.errors import RecordingError
-from ballbot_ros.messages.topics import MOTOR_DUTY, TOPICS, UNRECORDED, Topic
+from ballbot_ros.recording.messages.topics import MOTOR_DUTY, TOPICS, UNRECORDED, Topic
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.schemas import typestore
 

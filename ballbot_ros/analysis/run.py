@@ -18,10 +18,10 @@ from ballbot_ros.analysis.report import banner, metric_text
 from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.analysis.signals import frame_of
 from ballbot_ros.analysis.style import png_of
+from ballbot_ros.engine.scenario.metrics import METRICS
+from ballbot_ros.engine.trajectory import Trajectory
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.parameters import DOCUMENTS_PROGRAM
-from ballbot_ros.scenario.metrics import METRICS
-from ballbot_ros.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:
     import pandas

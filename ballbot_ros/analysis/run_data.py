@@ -27,27 +27,33 @@ from ballbot_ros.analysis.recorded_scenario import (
     read_attachments,
     recorded_pushes,
 )
-from ballbot_ros.brick.brick import Tone
 from ballbot_ros.controllers.interface import OperatingState
+from ballbot_ros.engine.scenario.metrics import Floats
+from ballbot_ros.engine.scenario.scenario import Scenario
+from ballbot_ros.engine.trajectory import Trajectory
 from ballbot_ros.errors import RecordingError, one_line
-from ballbot_ros.messages.conversions import map_grid
-from ballbot_ros.messages.topics import GAMEPAD_JOY, MOTOR_DUTY, PLANT_IMU, PLANT_ODOM, Topic
+from ballbot_ros.lockstep.run_actions import Outcome, ParameterChange
 from ballbot_ros.parameters import (
     CONTROLLER,
     DOCUMENTS_PROGRAM,
     ControllerParameters,
     PlantParameters,
 )
+from ballbot_ros.parameters.timing import SECOND_NS, TICK_NS, TICK_S
 from ballbot_ros.process import ProgressCallback
+from ballbot_ros.recording.messages.conversions import map_grid
+from ballbot_ros.recording.messages.topics import (
+    GAMEPAD_JOY,
+    MOTOR_DUTY,
+    PLANT_IMU,
+    PLANT_ODOM,
+    Topic,
+)
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.writer import RUN_OUTCOME
-from ballbot_ros.scenario.metrics import Floats
-from ballbot_ros.scenario.scenario import Scenario
-from ballbot_ros.simulation.run_actions import Outcome, ParameterChange
-from ballbot_ros.simulation.trajectory import Trajectory
-from ballbot_ros.timing import SECOND_NS, TICK_NS, TICK_S
-from ballbot_ros.world.exports import OccupancyGrid
-from ballbot_ros.world.floor_map import FloorMap
+from ballbot_ros.robot.brick.brick import Tone
+from ballbot_ros.robot.world.exports import OccupancyGrid
+from ballbot_ros.robot.world.floor_map import FloorMap
 
 Integers = NDArray[np.int64]
 _Event = TypeVar('_Event')

@@ -58,7 +58,7 @@ from ballbot_ros.analysis.run_data import RunData, Series
 from ballbot_ros.analysis.style import BLUE, GRAY, WIDTH, Line, new_figure, png_of
 from ballbot_ros.analysis.table import Table, track_columns
 from ballbot_ros.controllers.interface import OperatingState
-from ballbot_ros.messages.topics import (
+from ballbot_ros.recording.messages.topics import (
     BATTERY_STATE,
     CONTROLLER_STATE,
     GAMEPAD_JOY,

@@ -13,7 +13,10 @@ from numpy.typing import NDArray
 from ballbot_ros.analysis.metrics import HALF_TICK_S
 from ballbot_ros.analysis.run_data import RunData, seconds
 from ballbot_ros.controllers.interface import OperatingState
-from ballbot_ros.messages.topics import (
+from ballbot_ros.engine.scenario.metrics import MetricRegistry
+from ballbot_ros.parameters import CONTROLLER, PLANT, ControllerParameters
+from ballbot_ros.parameters.timing import RESEND_S, TICK_NS
+from ballbot_ros.recording.messages.topics import (
     BATTERY_STATE,
     CONTROLLER_STATE,
     GYRO_IMU,
@@ -22,9 +25,6 @@ from ballbot_ros.messages.topics import (
     PLANT_JOINT_STATES,
     PLANT_ODOM,
 )
-from ballbot_ros.parameters import CONTROLLER, PLANT, ControllerParameters
-from ballbot_ros.scenario.metrics import MetricRegistry
-from ballbot_ros.timing import RESEND_S, TICK_NS
 
 RUN_METRICS = MetricRegistry[RunData]()
 """Metrics of recorded runs in addition to those of expectations; NaN if the file lacks the data."""

@@ -21,7 +21,8 @@ from ballbot_ros.analysis.run_metrics import (
 )
 from ballbot_ros.analysis.table import plane_columns
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.messages.topics import (
+from ballbot_ros.parameters.timing import SECOND_NS
+from ballbot_ros.recording.messages.topics import (
     BATTERY_STATE,
     CONTROLLER_STATE,
     GAMEPAD_JOY,
@@ -34,7 +35,6 @@ from ballbot_ros.messages.topics import (
     SONAR_RANGE,
     Topic,
 )
-from ballbot_ros.timing import SECOND_NS
 
 if TYPE_CHECKING:
     import pandas

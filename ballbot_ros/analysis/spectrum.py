@@ -15,8 +15,8 @@ from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.analysis.run_figures import RenderedFigure
 from ballbot_ros.analysis.style import GRAY, PLANES, WIDTH, new_figure, png_of
 from ballbot_ros.analysis.table import Table, plane_columns
-from ballbot_ros.messages.topics import MOTOR_DUTY, PLANT_IMU
-from ballbot_ros.timing import TICK_S
+from ballbot_ros.parameters.timing import TICK_S
+from ballbot_ros.recording.messages.topics import MOTOR_DUTY, PLANT_IMU
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -11,23 +11,31 @@ from rich.text import Text
 
 from ballbot_ros.cli.options import PATH, Choice
 from ballbot_ros.cli.progress import ProgressLines, stderr_console
-from ballbot_ros.codegen.application import STACK_BYTES, parameter_hash, write_application
-from ballbot_ros.codegen.folder_check import BuiltApplication, ProgramCost, read_folder_parameters
-from ballbot_ros.codegen.measure import (
+from ballbot_ros.controllers.codegen.application import (
+    STACK_BYTES,
+    parameter_hash,
+    write_application,
+)
+from ballbot_ros.controllers.codegen.folder_check import (
+    BuiltApplication,
+    ProgramCost,
+    read_folder_parameters,
+)
+from ballbot_ros.controllers.codegen.measure import (
     CLOCK_HZ,
     CYCLES_PER_INSTRUCTION,
     FLASH_BYTES,
     FLASH_FACTOR,
     SRAM_BYTES,
 )
-from ballbot_ros.codegen.toolchain import ARM, HOST, missing_tool
+from ballbot_ros.controllers.codegen.toolchain import ARM, HOST, missing_tool
 from ballbot_ros.controllers.document.axis import TS1_MS
+from ballbot_ros.engine.scenario_steps import check_sequences
 from ballbot_ros.errors import CodegenError, RecordingError
 from ballbot_ros.files import temporary_folder
 from ballbot_ros.parameters import CONTROLLER, ControllerParameters, ParameterSet
 from ballbot_ros.parameters.files import read_parameter_file
 from ballbot_ros.process import own_command
-from ballbot_ros.simulation.scenario_steps import check_sequences
 
 
 def generate(folder: Path, parameter_file: Path | None, mode: str | None) -> None:

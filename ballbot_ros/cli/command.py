@@ -52,7 +52,7 @@ def _commands_with(option: str) -> list[str]:
 def _check_scenario(word: str) -> None:
     """Raise UsageError for a word that is neither a scenario nor a file, but like a command."""
     # Imported only here: it takes a while, and only a scenario's name needs it.
-    from ballbot_ros.scenario.library import scenario_names
+    from ballbot_ros.engine.scenario.library import scenario_names
 
     known = [*COMMANDS, *scenario_names()]
     found = similar(word, known)

@@ -17,7 +17,7 @@ from ballbot_ros.parameters import ROLES
 from ballbot_ros.process import stdout_to_stderr
 
 if TYPE_CHECKING:  # importing it takes a while
-    from ballbot_ros.conformance.examination import TestedRequirement
+    from ballbot_ros.nodes.conformance.examination import TestedRequirement
 
 
 @click.command('conform')
@@ -35,8 +35,8 @@ def command(role: str, command_line: tuple[str, ...], as_json: bool) -> int:
     from ballbot_ros.run.requirements import require_rclpy
 
     require_rclpy()
-    from ballbot_ros.conformance.examination import RequirementVerdict
-    from ballbot_ros.conformance.node_under_test import START_S
+    from ballbot_ros.nodes.conformance.examination import RequirementVerdict
+    from ballbot_ros.nodes.conformance.node_under_test import START_S
     from ballbot_ros.run.conformance import examine_node
     from ballbot_ros.run.graph import call_for
 

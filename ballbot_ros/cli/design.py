@@ -13,13 +13,13 @@ import click
 
 from ballbot_ros.cli.options import NEW_FILE, PATH, Choice, set_option
 from ballbot_ros.cli.written_file import command_line, heading, write_file
-from ballbot_ros.codegen.implementation import compose_controller
+from ballbot_ros.controllers.codegen.implementation import compose_controller
 from ballbot_ros.parameters import CONTROLLER, MAX_DELAY_MS, PLANT, ParameterSet, PlantParameters
 from ballbot_ros.parameters.controller import MODEL
 from ballbot_ros.parameters.files import assign, format_parameters, read_parameter_file
-from ballbot_ros.plant.model import PhysicalParameters
+from ballbot_ros.parameters.text_enum import TextEnum
 from ballbot_ros.process import stdout_to_stderr
-from ballbot_ros.text_enum import TextEnum
+from ballbot_ros.robot.plant.model import PhysicalParameters
 
 LOOP_PARAMETERS = ('k_f', 'k_i', 'a_d', 'a_gd')
 """What makes the loop of the document's program."""
@@ -107,9 +107,12 @@ class Redesign:
             If there are none.
         """
         # Imported only here: python-control takes two seconds.
-        from ballbot_ros.design.gain_design import GainDesign, set_gains
-        from ballbot_ros.design.linear_model import Q_DIAGONAL, R_WEIGHT, design_servo
-        from ballbot_ros.design.sampled_loop import LoopDelays, require_documents_program
+        from ballbot_ros.controllers.design.gain_design import GainDesign, set_gains
+        from ballbot_ros.controllers.design.linear_model import Q_DIAGONAL, R_WEIGHT, design_servo
+        from ballbot_ros.controllers.design.sampled_loop import (
+            LoopDelays,
+            require_documents_program,
+        )
 
         delays = LoopDelays.of(parameters)
         if self.delay is not None:

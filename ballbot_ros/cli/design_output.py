@@ -21,30 +21,30 @@ from ballbot_ros.analysis.loop_summary import (
     neglected,
     single_poles,
 )
-from ballbot_ros.controllers.loading import public_reference
-from ballbot_ros.design.linear_model import (
+from ballbot_ros.controllers.design.linear_model import (
     PUBLISHED_GAIN,
     DesignError,
     ServoDesign,
     degree_state_space,
     design_servo,
 )
-from ballbot_ros.design.loop_analysis import (
+from ballbot_ros.controllers.design.loop_analysis import (
     LoopAnalysis,
     SampleAnalysis,
     analyse_ideal,
     analyse_sampled,
     sorted_poles,
 )
-from ballbot_ros.design.margins import Limit, Margins
-from ballbot_ros.design.sampled_loop import LoopDelays
+from ballbot_ros.controllers.design.margins import Limit, Margins
+from ballbot_ros.controllers.design.sampled_loop import LoopDelays
+from ballbot_ros.controllers.loading import public_reference
 from ballbot_ros.parameters import (
     DOCUMENTS_PROGRAM,
     ControllerParameters,
     ParameterSet,
     PlantParameters,
 )
-from ballbot_ros.plant.model import Matrix, PhysicalParameters
+from ballbot_ros.robot.plant.model import Matrix, PhysicalParameters
 
 GAIN_NAMES = ('θ', 'ψ', 'θ̇', 'ψ̇', '∫θ')
 

@@ -17,10 +17,10 @@ from ballbot_ros.cli.options import (
 )
 from ballbot_ros.cli.progress import Progress
 from ballbot_ros.cli.web_page import PageObserver, PageOpening
+from ballbot_ros.nodes.teleop.terminal import can_read_keys, keyboard_unavailable_reason
 from ballbot_ros.process import next_steps
 from ballbot_ros.run.observer import RunObserver
 from ballbot_ros.run.requirements import require_rclpy
-from ballbot_ros.teleop.terminal import can_read_keys, keyboard_unavailable_reason
 
 
 @click.command('drive')
@@ -69,7 +69,7 @@ def command(
     Runs in real time until q, Ctrl-C or SIGTERM.
     """
     if list_devices:
-        from ballbot_ros.teleop import gamepad as device_list
+        from ballbot_ros.nodes.teleop import gamepad as device_list
 
         device_list.list_devices()
         return 0

@@ -11,12 +11,12 @@ from rich.console import Console
 from ballbot_ros.cli.options import PATH, RECORDING, Choice, split_at_commas
 from ballbot_ros.cli.recordings import file_progress
 from ballbot_ros.errors import RecordingError
-from ballbot_ros.messages.column_hints import column_hints
-from ballbot_ros.messages.topics import OPERATING_STATE
+from ballbot_ros.parameters.timing import TICK_NS
 from ballbot_ros.recording.columns import load_pyarrow
 from ballbot_ros.recording.export import Exporter
+from ballbot_ros.recording.messages.column_hints import column_hints
+from ballbot_ros.recording.messages.topics import OPERATING_STATE
 from ballbot_ros.recording.reader import RecordingReader
-from ballbot_ros.timing import TICK_NS
 
 
 @click.command('export')

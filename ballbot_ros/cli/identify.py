@@ -17,7 +17,7 @@ from ballbot_ros.parameters import PLANT, ParameterSet, Value
 from ballbot_ros.parameters.files import assign, read_parameter_file
 
 if TYPE_CHECKING:
-    from ballbot_ros.identification.experiment import Experiment
+    from ballbot_ros.analysis.identification.experiment import Experiment
 
 
 @click.command('identify')
@@ -105,8 +105,12 @@ def command(
     that is neither a recording of a ballbot nor a data log.
     """
     # Imported only here: it takes half a second.
+    from ballbot_ros.analysis.identification.identification import (
+        HARD_TO_MEASURE,
+        check_names,
+        identify,
+    )
     from ballbot_ros.cli.identify_output import IdentifyOutput
-    from ballbot_ros.identification.identification import HARD_TO_MEASURE, check_names, identify
 
     if number and (len(recordings) > 1 or _is_log(recordings[0])):
         raise click.UsageError('--run needs exactly one recording')
@@ -131,7 +135,7 @@ def command(
         )
     written = []
     if plot:
-        from ballbot_ros.identification.figure import render_identification
+        from ballbot_ros.analysis.identification.figure import render_identification
 
         write_file('--plot', plot, render_identification(found))
         written.append(f'plot  {plot}')
@@ -184,8 +188,11 @@ def _of_plant(parameters: ParameterSet) -> dict[str, Value]:
 
 
 def _read(path: Path, number: int | None, known: Mapping[str, Value], truth: bool) -> Experiment:
+    from ballbot_ros.analysis.identification.experiment import (
+        logged_experiment,
+        recorded_experiment,
+    )
     from ballbot_ros.analysis.run_data import read_run
-    from ballbot_ros.identification.experiment import logged_experiment, recorded_experiment
 
     if _is_log(path):
         if truth:

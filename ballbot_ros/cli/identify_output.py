@@ -8,14 +8,14 @@ from collections.abc import Sequence
 from rich.console import Console
 from rich.table import Table
 
-from ballbot_ros.errors import printable
-from ballbot_ros.identification.identification import (
+from ballbot_ros.analysis.identification.identification import (
     MAX_HALF_WIDTH,
     ExperimentSummary,
     Identifiability,
     Identification,
     IdentifiedParameter,
 )
+from ballbot_ros.errors import printable
 from ballbot_ros.parameters import PLANT, ParameterSet, parameters_of
 from ballbot_ros.parameters.files import format_parameters
 

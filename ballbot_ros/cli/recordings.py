@@ -15,8 +15,8 @@ from ballbot_ros.analysis.assessment import Assessment, assess
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.cli.progress import ProgressLines, stderr_console
 from ballbot_ros.process import PROGRESS_PERIOD_S, ProgressCallback
+from ballbot_ros.robot.world.floor_map import FloorMap
 from ballbot_ros.viewer.playback_run import PlaybackRun
-from ballbot_ros.world.floor_map import FloorMap
 
 
 @contextmanager

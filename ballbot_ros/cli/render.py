@@ -12,8 +12,8 @@ import click
 from ballbot_ros.cli.options import NEW_FILE, RECORDING, FloatRange
 from ballbot_ros.cli.recordings import file_progress
 from ballbot_ros.errors import ViewerError, did_you_mean, importing_viewer
+from ballbot_ros.parameters.timing import TICK_S
 from ballbot_ros.process import DeferredSignals
-from ballbot_ros.timing import TICK_S
 from ballbot_ros.viewer.address import require_viser
 from ballbot_ros.viewer.browser import browser_program
 from ballbot_ros.viewer.views import CHASER_1, VIEWS, FreeView, View

@@ -14,6 +14,7 @@ from ballbot_ros.analysis.metrics import Judgement, number, with_judgements
 from ballbot_ros.analysis.recorded_controller import ControllerIdentity
 from ballbot_ros.analysis.recorded_scenario import RecordedPush, outside_pushes
 from ballbot_ros.cli.progress import Progress
+from ballbot_ros.engine.scenario.metrics import label as metric_label
 from ballbot_ros.errors import short_text
 from ballbot_ros.parameters import ControllerParameters, GyroParameters
 from ballbot_ros.process import next_steps, stdout_to_stderr
@@ -21,7 +22,6 @@ from ballbot_ros.run.execution import execute
 from ballbot_ros.run.node_process import ForkClient
 from ballbot_ros.run.result import RunResult
 from ballbot_ros.run.spec import RunOptions, RunSpec
-from ballbot_ros.scenario.metrics import label as metric_label
 
 
 def print_json(spec: RunSpec, result: RunResult) -> None:

@@ -14,8 +14,8 @@ from ballbot_ros.errors import similar
 from ballbot_ros.run.processes import Processes
 
 if TYPE_CHECKING:
+    from ballbot_ros.lab.studies.execution import WorkersOfJob
     from ballbot_ros.run.spec import RunSpec
-    from ballbot_ros.studies.execution import WorkersOfJob
 
 
 class _StudyGroup(click.Group):
@@ -48,7 +48,7 @@ def command(context: click.Context) -> None:
 
 
 def _list_studies() -> None:
-    from ballbot_ros.studies.reader import read_study, study_names
+    from ballbot_ros.lab.studies.reader import read_study, study_names
 
     names = study_names()
     width = max(map(len, names))
@@ -88,13 +88,13 @@ def run(
     2 for a mistake in the arguments; 130 after Ctrl-C.
     """
     from ballbot_ros.cli.study_output import StudyProgress, print_study_json, print_summary
+    from ballbot_ros.lab.studies.execution import LocalWorkers, folder_of, run_study
+    from ballbot_ros.lab.studies.job import job_of
+    from ballbot_ros.lab.studies.reader import read_study
+    from ballbot_ros.lab.studies.sampling import Sampler
+    from ballbot_ros.lab.studies.study import grid_shape
+    from ballbot_ros.lab.studies.study_data import StudyData
     from ballbot_ros.process import stdout_to_stderr
-    from ballbot_ros.studies.execution import LocalWorkers, folder_of, run_study
-    from ballbot_ros.studies.job import job_of
-    from ballbot_ros.studies.reader import read_study
-    from ballbot_ros.studies.sampling import Sampler
-    from ballbot_ros.studies.study import grid_shape
-    from ballbot_ros.studies.study_data import StudyData
 
     with stdout_to_stderr():  # a controller may print while its class is loaded
         described = read_study(study, runs=runs, seed=seed)
@@ -122,7 +122,7 @@ def run(
 
 def _workers_of(cluster: str) -> WorkersOfJob:
     # Imported here, because most studies have no cluster.
-    from ballbot_ros.studies.cluster import workers_of
+    from ballbot_ros.lab.studies.cluster import workers_of
 
     return workers_of(cluster)
 
@@ -164,8 +164,8 @@ def rerun(
     """
     if sum((number is not None, worst is not None, failed)) != 1:
         raise click.UsageError('choose the run by its NUMBER, or by --worst or --failed')
-    from ballbot_ros.studies.rerun import choose_run, new_folder, rerun_spec
-    from ballbot_ros.studies.study_data import StudyData
+    from ballbot_ros.lab.studies.rerun import choose_run, new_folder, rerun_spec
+    from ballbot_ros.lab.studies.study_data import StudyData
 
     data = StudyData.open(folder)
     row = choose_run(data, number, worst)
@@ -189,9 +189,9 @@ def report(folder: Path, output: Path | None) -> int:
 
     Exit status: 0 if the report was written; 2 for invalid arguments or a folder without results.
     """
-    from ballbot_ros.studies.report import study_report
-    from ballbot_ros.studies.report_page import check_output
-    from ballbot_ros.studies.study_data import StudyData
+    from ballbot_ros.lab.studies.report import study_report
+    from ballbot_ros.lab.studies.report_page import check_output
+    from ballbot_ros.lab.studies.study_data import StudyData
 
     data = StudyData.open(folder)
     place = check_output(folder, output)
@@ -203,15 +203,15 @@ def report(folder: Path, output: Path | None) -> int:
 def _execute(spec: RunSpec, expected: str, as_json: bool) -> int:
     """Execute a run, print its result, and compare its duties with those of the study."""
     from ballbot_ros.cli.progress import Progress
-    from ballbot_ros.cli.result import print_study_json, print_table
+    from ballbot_ros.cli.result import print_json, print_table
+    from ballbot_ros.lockstep.run_actions import Outcome
     from ballbot_ros.process import stdout_to_stderr
     from ballbot_ros.run.execution import execute
-    from ballbot_ros.simulation.run_actions import Outcome
 
     with Progress(spec.name, spec.plant.duration) as progress, stdout_to_stderr():
         result = execute(spec, progress)
         progress.release(result.reason)
-    (print_study_json if as_json else print_table)(spec, result)
+    (print_json if as_json else print_table)(spec, result)
     if result.outcome is Outcome.STOPPED or result.duty_sha256 is None:
         return result.exit_status  # it did not get far enough to be compared
     if result.duty_sha256 == expected:

@@ -15,6 +15,7 @@ from ballbot_ros.cli.web_page import PageOpening, PageOptions
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.files import temporary_folder
 from ballbot_ros.nodes.supervisor import Supervisor
+from ballbot_ros.nodes.teleop.terminal import KeyPress, can_read_keys
 from ballbot_ros.parameters import VIEWER, ParameterSet, ViewerParameters
 from ballbot_ros.parameters.files import write_parameter_file
 from ballbot_ros.process import StopRequest, stdout_to_stderr
@@ -25,7 +26,6 @@ from ballbot_ros.run.one_process import NodeThread, ros
 from ballbot_ros.run.requirements import require_viewer
 from ballbot_ros.run.result import RunResult
 from ballbot_ros.run.spec import RunOptions, RunSpec
-from ballbot_ros.teleop.terminal import KeyPress, can_read_keys
 
 POLL_S = 0.05
 

@@ -4,8 +4,8 @@ from ballbot_ros.controllers.controller import Controller, Duty, Readings, task
 from ballbot_ros.controllers.interface import Estimates, OperatingState
 from ballbot_ros.errors import ControllerError
 from ballbot_ros.parameters import ControllerParameters, TakesEffect, designed, quantity, setting
-from ballbot_ros.plant.model import PhysicalParameters
-from ballbot_ros.timing import TICK_S
+from ballbot_ros.parameters.timing import TICK_S
+from ballbot_ros.robot.plant.model import PhysicalParameters
 
 __all__ = [
     'TICK_S',

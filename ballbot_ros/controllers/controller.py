@@ -19,14 +19,14 @@ from typing import (
 
 import numpy as np
 
-from ballbot_ros.brick.brick import Brick, DeviceInputs
-from ballbot_ros.brick.schedule import TaskTiming
-from ballbot_ros.brick.sensors import NO_DATA_CM, NO_ECHO_CM
 from ballbot_ros.controllers.interface import Estimates, OperatingState
 from ballbot_ros.errors import ControllerError, short_repr
 from ballbot_ros.parameters import ControllerParameters, PlantParameters
-from ballbot_ros.plant.model import PhysicalParameters
-from ballbot_ros.timing import TICK_MS
+from ballbot_ros.parameters.timing import TICK_MS
+from ballbot_ros.robot.brick.brick import Brick, DeviceInputs
+from ballbot_ros.robot.brick.schedule import TaskTiming
+from ballbot_ros.robot.brick.sensors import NO_DATA_CM, NO_ECHO_CM
+from ballbot_ros.robot.plant.model import PhysicalParameters
 
 TICK = 'tick'
 """Name of the task of a controller that has only one."""

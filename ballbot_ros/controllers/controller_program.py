@@ -9,8 +9,6 @@ from dataclasses import dataclass, fields
 from types import FrameType
 from typing import Any, NoReturn
 
-from ballbot_ros.brick.brick import UINT32_MASK, Brick, DeviceInputs, DeviceOutputs
-from ballbot_ros.brick.schedule import Schedule
 from ballbot_ros.controllers.controller import (
     IDLE,
     MAX_DUTY,
@@ -28,8 +26,10 @@ from ballbot_ros.controllers.loading import LoadedController, shown_line
 from ballbot_ros.controllers.own_parameters import user_parameters
 from ballbot_ros.errors import ControllerError, short_repr
 from ballbot_ros.parameters import ControllerParameters
-from ballbot_ros.plant.model import PhysicalParameters
-from ballbot_ros.timing import MILLISECOND_NS, TICK_MS
+from ballbot_ros.parameters.timing import MILLISECOND_NS, TICK_MS
+from ballbot_ros.robot.brick.brick import UINT32_MASK, Brick, DeviceInputs, DeviceOutputs
+from ballbot_ros.robot.brick.schedule import Schedule
+from ballbot_ros.robot.plant.model import PhysicalParameters
 
 SECOND_MS = 1000
 _ESTIMATES = tuple(each.name for each in fields(Estimates))

@@ -20,8 +20,8 @@ from ballbot_ros.controllers.document.axis import (
 from ballbot_ros.controllers.driving import DrivingController, PlaneController, PlaneInputs
 from ballbot_ros.controllers.interface import Estimates
 from ballbot_ros.parameters import ControllerParameters, quantity
-from ballbot_ros.plant.model import PhysicalParameters, mass_matrix
-from ballbot_ros.timing import TICK_S
+from ballbot_ros.parameters.timing import TICK_S
+from ballbot_ros.robot.plant.model import PhysicalParameters, mass_matrix
 
 
 @dataclass(frozen=True)

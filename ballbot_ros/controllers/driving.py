@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, ClassVar, NamedTuple, Protocol
 
-from ballbot_ros.brick.sensors import NO_ECHO_CM
 from ballbot_ros.controllers.controller import Controller, Duty, P, Readings
 from ballbot_ros.controllers.document.axis import LCD_MS, PROGRAM_NAME
 from ballbot_ros.controllers.document.program import logged
 from ballbot_ros.controllers.interface import Estimates, OperatingState
 from ballbot_ros.parameters import ControllerParameters
-from ballbot_ros.timing import TICK_S
+from ballbot_ros.parameters.timing import TICK_S
+from ballbot_ros.robot.brick.sensors import NO_ECHO_CM
 
 MOTORS_OFF: Duty = (0, 0)
 

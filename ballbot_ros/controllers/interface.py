@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol, SupportsFloat
 
-from ballbot_ros.brick.brick import DeviceInputs, DeviceOutputs
 from ballbot_ros.parameters import ControllerParameters
-from ballbot_ros.text_enum import TextEnum
+from ballbot_ros.parameters.text_enum import TextEnum
+from ballbot_ros.robot.brick.brick import DeviceInputs, DeviceOutputs
 
 
 class OperatingState(TextEnum):

@@ -23,7 +23,6 @@ from threading import RLock
 from types import CodeType, FrameType, FunctionType, ModuleType, TracebackType
 from typing import Any
 
-from ballbot_ros.brick.schedule import TaskTiming
 from ballbot_ros.controllers.controller import Controller, tasks_of
 from ballbot_ros.errors import (
     BallbotError,
@@ -35,6 +34,7 @@ from ballbot_ros.errors import (
 )
 from ballbot_ros.files import read_bytes, shown_path
 from ballbot_ros.parameters import DOCUMENTS_PROGRAM
+from ballbot_ros.robot.brick.schedule import TaskTiming
 
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 """The time of every file in an archive, so that the same files always give the same bytes."""

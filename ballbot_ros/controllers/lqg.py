@@ -18,9 +18,9 @@ from ballbot_ros.controllers.driving import (
 from ballbot_ros.controllers.interface import Estimates
 from ballbot_ros.errors import ControllerError
 from ballbot_ros.parameters import ControllerParameters, TakesEffect, designed, quantity
-from ballbot_ros.plant.integration import zero_order_hold
-from ballbot_ros.plant.model import Matrix, PhysicalParameters, state_space
-from ballbot_ros.timing import TICK_MS, TICK_S
+from ballbot_ros.parameters.timing import TICK_MS, TICK_S
+from ballbot_ros.robot.plant.integration import zero_order_hold
+from ballbot_ros.robot.plant.model import Matrix, PhysicalParameters, state_space
 
 DEGREE = math.pi / 180.0
 ANY, POSITIVE = (-1e9, 1e9), (1e-6, 1e6)

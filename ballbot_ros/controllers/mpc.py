@@ -12,8 +12,8 @@ from ballbot_ros.controllers.driving import PlaneController
 from ballbot_ros.controllers.lqg import LQG, STATES, LQGParameters, Plane, PlaneError
 from ballbot_ros.errors import ControllerError
 from ballbot_ros.parameters import ControllerParameters, TakesEffect, quantity
-from ballbot_ros.plant.model import Matrix, PhysicalParameters
-from ballbot_ros.timing import TICK_S
+from ballbot_ros.parameters.timing import TICK_S
+from ballbot_ros.robot.plant.model import Matrix, PhysicalParameters
 
 HORIZON = 40
 """Ticks ahead that the limits count: 0.16 s."""

@@ -24,7 +24,7 @@ from ballbot_ros.parameters import (
     parameters_of,
 )
 from ballbot_ros.parameters.controller import MODEL, USER
-from ballbot_ros.plant.model import PhysicalParameters
+from ballbot_ros.robot.plant.model import PhysicalParameters
 
 
 @lru_cache(maxsize=8)

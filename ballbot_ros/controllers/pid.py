@@ -13,8 +13,8 @@ from ballbot_ros.controllers.driving import (
 )
 from ballbot_ros.controllers.interface import Estimates
 from ballbot_ros.parameters import ControllerParameters, TakesEffect, quantity
-from ballbot_ros.plant.model import PhysicalParameters
-from ballbot_ros.timing import TICK_S
+from ballbot_ros.parameters.timing import TICK_S
+from ballbot_ros.robot.plant.model import PhysicalParameters
 
 
 def gain(default: float, unit: str, description: str) -> float:

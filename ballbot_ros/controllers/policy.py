@@ -10,13 +10,13 @@ import math
 from collections.abc import Callable, Sequence
 from typing import ClassVar, NamedTuple
 
-from ballbot_ros.brick.sensors import quantise
 from ballbot_ros.controllers.controller import MAX_DUTY, NO_READINGS, Controller, Duty, P, Readings
 from ballbot_ros.controllers.driving import commanded_rate
 from ballbot_ros.controllers.interface import OperatingState
 from ballbot_ros.errors import short_repr
 from ballbot_ros.parameters import ControllerParameters
-from ballbot_ros.timing import TICK_MS
+from ballbot_ros.parameters.timing import TICK_MS
+from ballbot_ros.robot.brick.sensors import quantise
 
 DEVICE_NAMES = (
     'rate_x_deg_per_s',

@@ -22,7 +22,7 @@ import numpy as np
 import ballbot_ros
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.files import make_folder
-from ballbot_ros.numerics.compiler_hints import ALTERNATIVES, INLINED
+from ballbot_ros.robot.numerics.compiler_hints import ALTERNATIVES, INLINED
 
 _PACKAGE = ballbot_ros.__name__
 _KEPT_FOLDERS = 4

@@ -24,11 +24,6 @@ from typing import (
 
 import numpy as np
 
-from ballbot_ros.brick.noise import Key, device_number, noise_bits, noise_key
-from ballbot_ros.brick.sensors import GyroConstants as PlaneGyro
-from ballbot_ros.brick.sensors import drawn_delay, encoder_reading, gyro_reading, sonar_reading
-from ballbot_ros.numerics.compiler_hints import compiled_as
-from ballbot_ros.numerics.random_numbers import normal, uniform
 from ballbot_ros.parameters import (
     DeviceParameters,
     EncoderParameters,
@@ -36,10 +31,20 @@ from ballbot_ros.parameters import (
     NodeParameters,
     SonarParameters,
 )
-from ballbot_ros.plant.ground_truth import GroundTruth, MeasuredState, Pair
-from ballbot_ros.timing import SLOW_PERIOD_NS, STEP_NS, TICK_NS
-from ballbot_ros.world.floor_map import CELL_M, map_point
-from ballbot_ros.world.sonar_beam import nearest_echo, sides_of
+from ballbot_ros.parameters.timing import SLOW_PERIOD_NS, STEP_NS, TICK_NS
+from ballbot_ros.robot.brick.noise import Key, device_number, noise_bits, noise_key
+from ballbot_ros.robot.brick.sensors import GyroConstants as PlaneGyro
+from ballbot_ros.robot.brick.sensors import (
+    drawn_delay,
+    encoder_reading,
+    gyro_reading,
+    sonar_reading,
+)
+from ballbot_ros.robot.numerics.compiler_hints import compiled_as
+from ballbot_ros.robot.numerics.random_numbers import normal, uniform
+from ballbot_ros.robot.plant.ground_truth import GroundTruth, MeasuredState, Pair
+from ballbot_ros.robot.world.floor_map import CELL_M, map_point
+from ballbot_ros.robot.world.sonar_beam import nearest_echo, sides_of
 
 
 @cache
@@ -230,7 +235,7 @@ def distance_ahead(constants: SonarConstants, x: float, y: float, sides: Any) ->
     x, y : float
         Position of the ball's centre [m].
     sides : array of int32
-        Result of :func:`~ballbot_ros.world.sonar_beam.sides_of`.
+        Result of :func:`~ballbot_ros.robot.world.sonar_beam.sides_of`.
     """
     if not len(sides):
         return math.inf
@@ -291,7 +296,7 @@ class Device(Generic[P, Measured, Reading]):
     Attributes
     ----------
     field : str
-        Field of :class:`~ballbot_ros.brick.brick.DeviceInputs` that holds its readings.
+        Field of :class:`~ballbot_ros.robot.brick.brick.DeviceInputs` that holds its readings.
     measured : callable
         Returns the measured quantity of a true state.
     make : callable

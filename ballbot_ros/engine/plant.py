@@ -18,10 +18,10 @@ from ballbot_ros.engine.plant_tick import (
     waiting_count,
 )
 from ballbot_ros.parameters import PlantParameters
-from ballbot_ros.plant.actuator import motor_current
-from ballbot_ros.plant.ground_truth import GroundTruth, MeasuredState, Push
-from ballbot_ros.plant.laws import Floor, WallHit
-from ballbot_ros.timing import STEP_NS
+from ballbot_ros.parameters.timing import STEP_NS
+from ballbot_ros.robot.plant.actuator import motor_current
+from ballbot_ros.robot.plant.ground_truth import GroundTruth, MeasuredState, Push
+from ballbot_ros.robot.plant.laws import Floor, WallHit
 
 _FLOAT32 = struct.Struct('<f')
 
@@ -56,7 +56,7 @@ class Plant:
     kept_steps : list of float
         The ring of the newest steps.
     sides : array of int32
-        Distances to the walls, see :class:`~ballbot_ros.world.world.Footprint`; () without walls.
+        Distances to walls, as in :class:`~ballbot_ros.robot.world.world.Footprint`; () for none.
     """
 
     def __init__(

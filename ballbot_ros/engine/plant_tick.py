@@ -4,20 +4,21 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from ballbot_ros.brick.noise import Key, device_number, noise_key
-from ballbot_ros.brick.sensors import drawn_delay
 from ballbot_ros.engine.devices import choice, uniform_pair
-from ballbot_ros.numerics.compiler_hints import inlined
 from ballbot_ros.parameters import PlantParameters
-from ballbot_ros.plant.actuator import (
+from ballbot_ros.parameters.timing import SLOW_PERIOD_NS, STEP_NS, STEPS_PER_TICK, TICK_NS
+from ballbot_ros.robot.brick.noise import Key, device_number, noise_key
+from ballbot_ros.robot.brick.sensors import drawn_delay
+from ballbot_ros.robot.numerics.compiler_hints import inlined
+from ballbot_ros.robot.plant.actuator import (
     capacity_slope,
     discharge,
     motor_current,
     motor_voltage,
     supply_current,
 )
-from ballbot_ros.plant.ground_truth import Pair
-from ballbot_ros.plant.integration import (
+from ballbot_ros.robot.plant.ground_truth import Pair
+from ballbot_ros.robot.plant.integration import (
     Equations,
     ForceCoefficients,
     PlaneState,
@@ -27,7 +28,7 @@ from ballbot_ros.plant.integration import (
     discrete_matrices,
     equations_of,
 )
-from ballbot_ros.plant.laws import (
+from ballbot_ros.robot.plant.laws import (
     add_push_forces,
     ball_position,
     has_fallen,
@@ -39,9 +40,8 @@ from ballbot_ros.plant.laws import (
     state_after_impact,
     wheel_angle,
 )
-from ballbot_ros.plant.model import MassMatrix, gear_ratio, mass_matrix, torque_per_volt
-from ballbot_ros.timing import SLOW_PERIOD_NS, STEP_NS, STEPS_PER_TICK, TICK_NS
-from ballbot_ros.world.world import Footprint, half_cells, is_blocked
+from ballbot_ros.robot.plant.model import MassMatrix, gear_ratio, mass_matrix, torque_per_volt
+from ballbot_ros.robot.world.world import Footprint, half_cells, is_blocked
 
 STEP_S = STEP_NS * 1e-9
 NEVER_NS = 2**62
@@ -66,9 +66,9 @@ class PlantConstants(NamedTuple):
     is_linear : bool
         Whether the planes follow the linear model.
     transition, force_coefficients : tuple of float
-        Of the linear model, see :func:`~ballbot_ros.plant.integration.discrete_matrices`.
+        Of the linear model, see :func:`~ballbot_ros.robot.plant.integration.discrete_matrices`.
     equations : tuple of float
-        Of the nonlinear model, see :func:`~ballbot_ros.plant.integration.equations_of`.
+        Of the nonlinear model, see :func:`~ballbot_ros.robot.plant.integration.equations_of`.
     alpha : float
         Torque of a motor per voltage [N·m/V].
     mass : MassMatrix
@@ -78,7 +78,7 @@ class PlantConstants(NamedTuple):
     back_emf, ohms : float
         k Kb [V·s/rad] and Rm [Ohm].
     dead_zone, volt_slope, volt_offset : float
-        As in :func:`~ballbot_ros.plant.actuator.motor_voltage`.
+        As in :func:`~ballbot_ros.robot.plant.actuator.motor_voltage`.
     start_x, start_y, start_psi_x, start_psi_y, start_rate_x, start_rate_y : float
         Position, pitch and pitch rate at the start.
     hold_until_ns : int
@@ -88,7 +88,7 @@ class PlantConstants(NamedTuple):
     is_draining : bool
         Whether the battery drains.
     idle_current, full_volts, charge_slope, battery_ohms : float
-        As in :func:`~ballbot_ros.plant.actuator.discharge`.
+        As in :func:`~ballbot_ros.robot.plant.actuator.discharge`.
     stops_at_hit : bool
         Whether a wall hit ends the run.
     half_u, half_v : float
@@ -220,7 +220,7 @@ def plant_tick(
     steps : sequence of float
         The newest steps, :data:`STEP_VALUES` each, in a ring that is changed; empty for none.
     sides, walls_before : array of int32
-        As in :class:`~ballbot_ros.world.world.Footprint`; without rows if there are no walls.
+        As in :class:`~ballbot_ros.robot.world.world.Footprint`; without rows if there are no walls.
     """
     (
         is_linear, transition, force_coefficients, equations, alpha, mass,

@@ -10,8 +10,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ballbot_ros.brick.brick import NO_SAMPLE, Inputs
-from ballbot_ros.brick.sensors import battery_mv
 from ballbot_ros.controllers.document.program import (
     INIT,
     INITIAL_STATE,
@@ -48,9 +46,8 @@ from ballbot_ros.engine.plant_tick import (
     position,
     waiting_count,
 )
-from ballbot_ros.numerics.compiler_hints import inlined
-from ballbot_ros.scenario.scenario import signal_value
-from ballbot_ros.timing import (
+from ballbot_ros.engine.scenario.scenario import signal_value
+from ballbot_ros.parameters.timing import (
     BATTERY_PERIOD_NS,
     FIRST_TICK_NS,
     MILLISECOND_NS,
@@ -59,6 +56,9 @@ from ballbot_ros.timing import (
     STEP_NS,
     TICK_NS,
 )
+from ballbot_ros.robot.brick.brick import NO_SAMPLE, Inputs
+from ballbot_ros.robot.brick.sensors import battery_mv
+from ballbot_ros.robot.numerics.compiler_hints import inlined
 
 
 class RobotConstants(NamedTuple):
@@ -153,7 +153,7 @@ class FloorTables(NamedTuple):
     Attributes
     ----------
     sides, walls_before : ndarray of int32
-        As in :class:`~ballbot_ros.world.world.Footprint`.
+        As in :class:`~ballbot_ros.robot.world.world.Footprint`.
     """
 
     sides: Any
@@ -171,7 +171,7 @@ class Events(NamedTuple):
         Forces [N] and torques [N·m] of each push on planes x and y.
     vertical, horizontal : ndarray of float64, shape (k, 2)
         Times [s] and values of the points of both stick signals, see
-        :func:`~ballbot_ros.scenario.scenario.signal_value`.
+        :func:`~ballbot_ros.engine.scenario.scenario.signal_value`.
     """
 
     push_times: Any

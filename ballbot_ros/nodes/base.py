@@ -18,9 +18,6 @@ from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
 from ballbot_ros.errors import BallbotError, one_line
-from ballbot_ros.messages.conversions import fill_time
-from ballbot_ros.messages.raw import decoder
-from ballbot_ros.messages.topics import DIAGNOSTICS, UNRECORDED, Topic
 from ballbot_ros.nodes.end_guard import guarded_end
 from ballbot_ros.nodes.endpoints import TopicPublisher, flush, requested_qos
 from ballbot_ros.nodes.intra_process import IntraProcess, intra_process
@@ -28,6 +25,9 @@ from ballbot_ros.nodes.middleware import prepare_middleware
 from ballbot_ros.nodes.node_parameters import P, ParameterNode
 from ballbot_ros.nodes.processes import END_WITH_PARENT, end_with_parent
 from ballbot_ros.process import StopRequest
+from ballbot_ros.recording.messages.conversions import fill_time
+from ballbot_ros.recording.messages.raw import decoder
+from ballbot_ros.recording.messages.topics import DIAGNOSTICS, UNRECORDED, Topic
 
 DIAGNOSTICS_PERIOD_S = 1.0
 SIGNAL_PERIOD_S = 0.05

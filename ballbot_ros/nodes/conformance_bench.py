@@ -13,9 +13,8 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rclpy.subscription import Subscription
 
-from ballbot_ros.conformance.contract import CONTRACTS, Offer
 from ballbot_ros.errors import BallbotError, one_line
-from ballbot_ros.messages.topics import HISTORY, PARTICIPANTS, TOPICS, Topic
+from ballbot_ros.nodes.conformance.contract import CONTRACTS, Offer
 from ballbot_ros.nodes.endpoints import (
     TopicPublisher,
     drain,
@@ -25,6 +24,7 @@ from ballbot_ros.nodes.endpoints import (
 )
 from ballbot_ros.nodes.processes import exit_description
 from ballbot_ros.process import StopRequest
+from ballbot_ros.recording.messages.topics import HISTORY, PARTICIPANTS, TOPICS, Topic
 
 POLL_S = 2e-4
 END_S = 5.0

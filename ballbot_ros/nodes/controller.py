@@ -12,8 +12,7 @@ from rclpy.node import Node
 from rclpy.time import Time
 from rclpy.timer import Timer
 
-from ballbot_ros.brick.schedule import TaskTiming
-from ballbot_ros.codegen.implementation import (
+from ballbot_ros.controllers.codegen.implementation import (
     Implementation,
     implementation_for,
     parameters_of_implementation,
@@ -21,19 +20,15 @@ from ballbot_ros.codegen.implementation import (
 )
 from ballbot_ros.controllers.controller import every_tick
 from ballbot_ros.errors import ControllerError
-from ballbot_ros.messages.devices import INPUT_READERS, device_inputs
-from ballbot_ros.messages.raw import same_content, stamp_of
-from ballbot_ros.messages.run_messages import ControllerMessages
-from ballbot_ros.messages.topics import (
-    BATTERY_STATE,
-    CLOCK,
-    GAMEPAD_JOY,
-    GYRO_IMU,
-    JOINT_STATES,
-    MOTOR_DUTY,
-    PARTICIPANTS,
-    Topic,
+from ballbot_ros.lockstep.free_running import FreeRunningTicks
+from ballbot_ros.lockstep.lockstep import (
+    DEPTH,
+    DueTick,
+    LockstepTicks,
+    RunIdentity,
+    SampleReaction,
 )
+from ballbot_ros.lockstep.participants import SOURCE_HASH, TUNABLE, Objection
 from ballbot_ros.nodes.base import NO_SAMPLE, BallbotNode, run_node
 from ballbot_ros.nodes.participation import Participation
 from ballbot_ros.parameters import (
@@ -43,16 +38,21 @@ from ballbot_ros.parameters import (
     Parameter,
     ParameterError,
 )
-from ballbot_ros.simulation.free_running import FreeRunningTicks
-from ballbot_ros.simulation.lockstep import (
-    DEPTH,
-    DueTick,
-    LockstepTicks,
-    RunIdentity,
-    SampleReaction,
+from ballbot_ros.parameters.timing import MILLISECOND_NS, SECOND_NS, TICK_NS
+from ballbot_ros.recording.messages.devices import INPUT_READERS, device_inputs
+from ballbot_ros.recording.messages.raw import same_content, stamp_of
+from ballbot_ros.recording.messages.run_messages import ControllerMessages
+from ballbot_ros.recording.messages.topics import (
+    BATTERY_STATE,
+    CLOCK,
+    GAMEPAD_JOY,
+    GYRO_IMU,
+    JOINT_STATES,
+    MOTOR_DUTY,
+    PARTICIPANTS,
+    Topic,
 )
-from ballbot_ros.simulation.participants import SOURCE_HASH, TUNABLE, Objection
-from ballbot_ros.timing import MILLISECOND_NS, SECOND_NS, TICK_NS
+from ballbot_ros.robot.brick.schedule import TaskTiming
 
 
 class TaskTimers:

@@ -6,12 +6,12 @@ import sys
 from functools import partial
 
 from ballbot_ros.engine.devices import P
-from ballbot_ros.messages.devices import DEVICE_MESSAGES, AnyDeviceMessages
-from ballbot_ros.messages.raw import stamp_of
-from ballbot_ros.messages.topics import HISTORY, Topic
 from ballbot_ros.nodes.base import NO_SAMPLE, BallbotNode, run_node
 from ballbot_ros.nodes.participation import Participation
 from ballbot_ros.parameters import DeviceParameters
+from ballbot_ros.recording.messages.devices import DEVICE_MESSAGES, AnyDeviceMessages
+from ballbot_ros.recording.messages.raw import stamp_of
+from ballbot_ros.recording.messages.topics import HISTORY, Topic
 
 
 class DeviceDriver(BallbotNode[P]):

@@ -12,8 +12,8 @@ from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 
-from ballbot_ros.messages.topics import HISTORY, Topic
 from ballbot_ros.nodes.intra_process import Inbox, intra_process
+from ballbot_ros.recording.messages.topics import HISTORY, Topic
 
 FLUSH_S = 1.0
 """Time limit for the last messages to reach their readers."""
@@ -86,7 +86,7 @@ class TopicPublisher:
         self._make()
 
     def send(self, stamp_ns: int, data: bytes) -> None:
-        """Publish a serialised message, as a `Send` of :mod:`ballbot_ros.messages.run_messages`."""
+        """Publish a serialised message: a `Send` of :mod:`~ballbot_ros.recording.messages`."""
         self.publish(data)
 
     def publish(self, message: object) -> None:

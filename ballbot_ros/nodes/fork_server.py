@@ -102,9 +102,9 @@ def import_nodes() -> str:
     with suppress(ImportError):
         from std_srvs.srv import SetBool, Trigger
 
-        from ballbot_ros.messages.topics import TOPICS
         from ballbot_ros.nodes.registry import REGISTRY
         from ballbot_ros.parameters import NODES
+        from ballbot_ros.recording.messages.topics import TOPICS
 
         for name in NODES:
             REGISTRY[name].load()

@@ -11,12 +11,36 @@ from typing import Any
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 
-from ballbot_ros.brick.bluetooth import NEUTRAL, PacketError, Sticks
+from ballbot_ros.engine.scenario.library import scenario_of
 from ballbot_ros.errors import BallbotError, TeleopError, one_line
-from ballbot_ros.messages.conversions import encode_sticks, log_packet, planar_velocity
-from ballbot_ros.messages.message_types import Bytes
-from ballbot_ros.messages.raw import decoder, stamp_of
-from ballbot_ros.messages.topics import (
+from ballbot_ros.lockstep.lockstep import RunIdentity
+from ballbot_ros.nodes.base import BallbotNode, run_node
+from ballbot_ros.nodes.participation import Participation
+from ballbot_ros.nodes.teleop import sticks as arbiter
+from ballbot_ros.nodes.teleop.gamepad import (
+    ANY,
+    Gamepad,
+    GamepadState,
+    InputErrors,
+    SdlBackend,
+    list_devices,
+)
+from ballbot_ros.nodes.teleop.sticks import (
+    Arbiter,
+    Command,
+    GivenAnswers,
+    JoyMapping,
+    VelocityMapping,
+)
+from ballbot_ros.nodes.teleop.terminal import keyboard_unavailable_reason
+from ballbot_ros.nodes.teleop_terminal import TeleopTerminal
+from ballbot_ros.parameters import GamepadParameters
+from ballbot_ros.parameters.timing import MILLISECOND_NS, SLOW_PERIOD_NS
+from ballbot_ros.recording.csv_log import CsvLog
+from ballbot_ros.recording.messages.conversions import encode_sticks, log_packet, planar_velocity
+from ballbot_ros.recording.messages.message_types import Bytes
+from ballbot_ros.recording.messages.raw import decoder, stamp_of
+from ballbot_ros.recording.messages.topics import (
     BLUETOOTH_TX,
     CMD_VEL,
     CMD_VEL_STAMPED,
@@ -28,25 +52,7 @@ from ballbot_ros.messages.topics import (
     VIEWER_JOY,
     Topic,
 )
-from ballbot_ros.nodes.base import BallbotNode, run_node
-from ballbot_ros.nodes.participation import Participation
-from ballbot_ros.nodes.teleop_terminal import TeleopTerminal
-from ballbot_ros.parameters import GamepadParameters
-from ballbot_ros.scenario.library import scenario_of
-from ballbot_ros.simulation.lockstep import RunIdentity
-from ballbot_ros.teleop import sticks as arbiter
-from ballbot_ros.teleop.csv_log import CsvLog
-from ballbot_ros.teleop.gamepad import (
-    ANY,
-    Gamepad,
-    GamepadState,
-    InputErrors,
-    SdlBackend,
-    list_devices,
-)
-from ballbot_ros.teleop.sticks import Arbiter, Command, GivenAnswers, JoyMapping, VelocityMapping
-from ballbot_ros.teleop.terminal import keyboard_unavailable_reason
-from ballbot_ros.timing import MILLISECOND_NS, SLOW_PERIOD_NS
+from ballbot_ros.robot.brick.bluetooth import NEUTRAL, PacketError, Sticks
 
 TYPE_POLL_S = 0.2
 """Interval for looking up the type of ``cmd_vel``."""

@@ -12,13 +12,13 @@ from rclpy.subscription import Subscription
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from std_msgs.msg import Header
 
-from ballbot_ros.messages.raw import stamp_of
-from ballbot_ros.messages.topics import Topic
+from ballbot_ros.lockstep.participants import LocalNode
+from ballbot_ros.lockstep.strangers import Publisher
 from ballbot_ros.nodes.endpoints import drain, hidden_node, raw_subscription
 from ballbot_ros.nodes.middleware import is_local
 from ballbot_ros.nodes.presence import living_participants, present_nodes
-from ballbot_ros.simulation.participants import LocalNode
-from ballbot_ros.simulation.strangers import Publisher
+from ballbot_ros.recording.messages.raw import stamp_of
+from ballbot_ros.recording.messages.topics import Topic
 
 _PREFIX = 24
 """Number of hexadecimal digits shared by all identifiers of one DDS participant."""

@@ -6,7 +6,7 @@ import time
 from collections import defaultdict, deque
 from collections.abc import Callable, Collection, Iterator, Mapping
 
-from ballbot_ros.messages.topics import RECORDER_ACK, UNRECORDED, Topic
+from ballbot_ros.recording.messages.topics import RECORDER_ACK, UNRECORDED, Topic
 
 TURN_S = 5e-3
 """Time after which the executor gets its turn, even if there are messages [s]."""

@@ -10,7 +10,10 @@ from typing import Any
 from rclpy.node import Node
 
 from ballbot_ros.controllers.interface import OperatingState
-from ballbot_ros.messages.conversions import (
+from ballbot_ros.nodes.endpoints import drain, hidden_node, raw_subscription, requested_qos
+from ballbot_ros.parameters import PLANT
+from ballbot_ros.parameters.timing import SECOND_NS
+from ballbot_ros.recording.messages.conversions import (
     NO_CONTROLLER_STATE,
     ball_velocity,
     body_pitch,
@@ -22,8 +25,8 @@ from ballbot_ros.messages.conversions import (
     stick_deflection,
     time_ns,
 )
-from ballbot_ros.messages.raw import decoder, has_stamp, stamp_of
-from ballbot_ros.messages.topics import (
+from ballbot_ros.recording.messages.raw import decoder, has_stamp, stamp_of
+from ballbot_ros.recording.messages.topics import (
     ACCEPTED_PUSH,
     BATTERY_STATE,
     CONTROLLER_STATE,
@@ -39,9 +42,6 @@ from ballbot_ros.messages.topics import (
     SONAR_RANGE,
     Topic,
 )
-from ballbot_ros.nodes.endpoints import drain, hidden_node, raw_subscription, requested_qos
-from ballbot_ros.parameters import PLANT
-from ballbot_ros.timing import SECOND_NS
 from ballbot_ros.viewer.session import Session, decode_session
 from ballbot_ros.viewer.snapshot import UNKNOWN, ForceEvent, ShownRun, Snapshot, acting_force
 

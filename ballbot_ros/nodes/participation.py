@@ -13,17 +13,17 @@ from uuid import uuid4
 
 from ballbot_ros import __version__
 from ballbot_ros.controllers.loading import public_reference
-from ballbot_ros.messages.conversions import time_ns
-from ballbot_ros.messages.message_types import Header
-from ballbot_ros.messages.participation import encode_announcement
-from ballbot_ros.messages.topics import PARTICIPANTS, ROLL_CALL, periodic_topics
+from ballbot_ros.lockstep.lockstep import RunIdentity
+from ballbot_ros.lockstep.participants import MAP_HASH, Objection, Participant, RunMember
 from ballbot_ros.nodes.base import AnyNode
 from ballbot_ros.nodes.graph_observer import guid_prefix
 from ballbot_ros.nodes.presence import Presence
 from ballbot_ros.parameters import PATHS, NodeParameters, Value
-from ballbot_ros.simulation.lockstep import RunIdentity
-from ballbot_ros.simulation.participants import MAP_HASH, Objection, Participant, RunMember
-from ballbot_ros.world.floor_map import read_map_file
+from ballbot_ros.recording.messages.conversions import time_ns
+from ballbot_ros.recording.messages.message_types import Header
+from ballbot_ros.recording.messages.participation import encode_announcement
+from ballbot_ros.recording.messages.topics import PARTICIPANTS, ROLL_CALL, periodic_topics
+from ballbot_ros.robot.world.floor_map import read_map_file
 
 
 def participant_of(node: AnyNode) -> Participant:

@@ -14,8 +14,25 @@ from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
 from ballbot_ros.engine.plant import Plant
+from ballbot_ros.engine.scenario.library import scenario_of
+from ballbot_ros.engine.trajectory import TrajectoryLog, save_trajectory
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.messages.conversions import (
+from ballbot_ros.lockstep import run_actions as do
+from ballbot_ros.lockstep.free_running import FreeRunningMaster
+from ballbot_ros.lockstep.lockstep import DEPTH
+from ballbot_ros.lockstep.lockstep_master import LockstepMaster
+from ballbot_ros.lockstep.participants import Announcement
+from ballbot_ros.lockstep.run_actions import Actions, RunSetup
+from ballbot_ros.lockstep.run_master import RunMaster
+from ballbot_ros.nodes.base import BallbotNode, run_node
+from ballbot_ros.nodes.graph_observer import GraphObserver
+from ballbot_ros.nodes.heartbeat import HEARTBEAT_S, Heartbeat, HeartbeatSender
+from ballbot_ros.nodes.participation import participant_of, with_parameters
+from ballbot_ros.nodes.presence import DomainLock
+from ballbot_ros.nodes.processes import LocalProcessObserver
+from ballbot_ros.parameters import PLANT, PlantParameters
+from ballbot_ros.parameters.timing import RESEND_S, SECOND_NS, TICK_S
+from ballbot_ros.recording.messages.conversions import (
     decode_duty,
     encode_header,
     is_stop,
@@ -23,21 +40,21 @@ from ballbot_ros.messages.conversions import (
     stamp_ns,
     time_ns,
 )
-from ballbot_ros.messages.message_types import Header, WrenchStamped
-from ballbot_ros.messages.participation import (
+from ballbot_ros.recording.messages.message_types import Header, WrenchStamped
+from ballbot_ros.recording.messages.participation import (
     decode_announcement,
     encode_announcement,
     encode_run_status,
 )
-from ballbot_ros.messages.raw import stamp_of
-from ballbot_ros.messages.run_messages import PlantMessages
-from ballbot_ros.messages.run_reports import (
+from ballbot_ros.recording.messages.raw import stamp_of
+from ballbot_ros.recording.messages.run_messages import PlantMessages
+from ballbot_ros.recording.messages.run_reports import (
     decode_parameter_event,
     run_status,
     summary_json,
     summary_words,
 )
-from ballbot_ros.messages.topics import (
+from ballbot_ros.recording.messages.topics import (
     CLOCK,
     DIAGNOSTICS,
     HISTORY,
@@ -59,24 +76,7 @@ from ballbot_ros.messages.topics import (
     WALL_HIT,
     Topic,
 )
-from ballbot_ros.nodes.base import BallbotNode, run_node
-from ballbot_ros.nodes.graph_observer import GraphObserver
-from ballbot_ros.nodes.heartbeat import HEARTBEAT_S, Heartbeat, HeartbeatSender
-from ballbot_ros.nodes.participation import participant_of, with_parameters
-from ballbot_ros.nodes.presence import DomainLock
-from ballbot_ros.nodes.processes import LocalProcessObserver
-from ballbot_ros.parameters import PLANT, PlantParameters
-from ballbot_ros.scenario.library import scenario_of
-from ballbot_ros.simulation import run_actions as do
-from ballbot_ros.simulation.free_running import FreeRunningMaster
-from ballbot_ros.simulation.lockstep import DEPTH
-from ballbot_ros.simulation.lockstep_master import LockstepMaster
-from ballbot_ros.simulation.participants import Announcement
-from ballbot_ros.simulation.run_actions import Actions, RunSetup
-from ballbot_ros.simulation.run_master import RunMaster
-from ballbot_ros.simulation.trajectory import TrajectoryLog, save_trajectory
-from ballbot_ros.timing import RESEND_S, SECOND_NS, TICK_S
-from ballbot_ros.world.world import World
+from ballbot_ros.robot.world.world import World
 
 
 class OneShotTimer:

@@ -20,12 +20,12 @@ from rclpy.qos import (
 from std_msgs.msg import Float64
 from std_srvs.srv import SetBool
 
-from ballbot_ros.messages.conversions import encode_clock
-from ballbot_ros.messages.topics import CLOCK, HISTORY, TOPICS, find_message_class
 from ballbot_ros.nodes.base import BallbotNode, run_node
 from ballbot_ros.nodes.endpoints import TopicPublisher, flush, reliable_qos
 from ballbot_ros.nodes.presence import DomainLock
 from ballbot_ros.parameters import PLANT, PlayerParameters
+from ballbot_ros.recording.messages.conversions import encode_clock
+from ballbot_ros.recording.messages.topics import CLOCK, HISTORY, TOPICS, find_message_class
 from ballbot_ros.recording.playback import Playback
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.rosbag2 import QosProfile

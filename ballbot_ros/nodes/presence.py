@@ -13,7 +13,7 @@ import socket
 from pathlib import Path
 
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.simulation.participants import LocalNode
+from ballbot_ros.lockstep.participants import LocalNode
 
 LOCK_FD_ENV = 'BALLBOT_DOMAIN_LOCK'
 """Environment variable: file descriptor of a lock inherited from the starting process."""

@@ -12,8 +12,8 @@ from contextlib import suppress
 from pathlib import Path
 from threading import Thread
 
-from ballbot_ros.simulation.liveness import Observation, SilenceTimer, Threads, ThreadTime
-from ballbot_ros.simulation.participants import LocalNode
+from ballbot_ros.lockstep.liveness import Observation, SilenceTimer, Threads, ThreadTime
+from ballbot_ros.lockstep.participants import LocalNode
 
 END_WITH_PARENT = 'BALLBOT_END_WITH_PARENT'
 """Environment variable: the parent process, a command, whose end also ends the node."""

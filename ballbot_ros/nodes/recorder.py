@@ -15,10 +15,21 @@ from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
 from ballbot_ros.errors import RecordingError
-from ballbot_ros.messages.conversions import encode_header, is_stop
-from ballbot_ros.messages.participation import decode_run_status
-from ballbot_ros.messages.raw import decoder, has_stamp, same_content, stamp_of
-from ballbot_ros.messages.topics import (
+from ballbot_ros.lockstep.lockstep import RunIdentity
+from ballbot_ros.lockstep.participants import Objection
+from ballbot_ros.lockstep.recording_order import Arrival, ArrivalOrder, Stream
+from ballbot_ros.lockstep.run_recording import RunRecording
+from ballbot_ros.nodes.base import BallbotNode, run_node
+from ballbot_ros.nodes.endpoints import drain, hidden_node, raw_subscription, reliable_qos
+from ballbot_ros.nodes.graph_observer import full_name
+from ballbot_ros.nodes.intra_process import Inbox, intra_process
+from ballbot_ros.nodes.participation import Participation
+from ballbot_ros.parameters import PLANT, PlantParameters, RecorderParameters
+from ballbot_ros.parameters.timing import SECOND_NS
+from ballbot_ros.recording.messages.conversions import encode_header, is_stop
+from ballbot_ros.recording.messages.participation import decode_run_status
+from ballbot_ros.recording.messages.raw import decoder, has_stamp, same_content, stamp_of
+from ballbot_ros.recording.messages.topics import (
     CLOCK,
     HISTORY,
     MOTOR_DUTY,
@@ -32,19 +43,8 @@ from ballbot_ros.messages.topics import (
     Topic,
     find_message_class,
 )
-from ballbot_ros.nodes.base import BallbotNode, run_node
-from ballbot_ros.nodes.endpoints import drain, hidden_node, raw_subscription, reliable_qos
-from ballbot_ros.nodes.graph_observer import full_name
-from ballbot_ros.nodes.intra_process import Inbox, intra_process
-from ballbot_ros.nodes.participation import Participation
-from ballbot_ros.parameters import PLANT, PlantParameters, RecorderParameters
 from ballbot_ros.recording.rosbag2 import RELIABLE_LATCHED, QosProfile, media_type
 from ballbot_ros.recording.writer import RUN_PARTICIPANTS, RecordingWriter
-from ballbot_ros.simulation.lockstep import RunIdentity
-from ballbot_ros.simulation.participants import Objection
-from ballbot_ros.simulation.recording_order import Arrival, ArrivalOrder, Stream
-from ballbot_ros.simulation.run_recording import RunRecording
-from ballbot_ros.timing import SECOND_NS
 from ballbot_ros.viewer.derived_messages import DerivedChannels, DerivedMessages
 
 

@@ -7,10 +7,14 @@ import sys
 import time
 from contextlib import suppress
 
-from ballbot_ros.messages.conversions import map_grid, stamp_ns
-from ballbot_ros.messages.raw import stamp_of
-from ballbot_ros.messages.run_messages import Send
-from ballbot_ros.messages.topics import (
+from ballbot_ros.nodes.base import BallbotNode, run_node
+from ballbot_ros.nodes.endpoints import drain, raw_subscription, requested_qos
+from ballbot_ros.nodes.latest_messages import LatestMessages
+from ballbot_ros.parameters import Dimensions, VisualizerParameters
+from ballbot_ros.recording.messages.conversions import map_grid, stamp_ns
+from ballbot_ros.recording.messages.raw import stamp_of
+from ballbot_ros.recording.messages.run_messages import Send
+from ballbot_ros.recording.messages.topics import (
     HISTORY,
     LCD,
     MAP,
@@ -26,14 +30,10 @@ from ballbot_ros.messages.topics import (
     find_message_class,
     message_class,
 )
-from ballbot_ros.nodes.base import BallbotNode, run_node
-from ballbot_ros.nodes.endpoints import drain, raw_subscription, requested_qos
-from ballbot_ros.nodes.latest_messages import LatestMessages
-from ballbot_ros.parameters import Dimensions, VisualizerParameters
+from ballbot_ros.robot.world.exports import floor_map_of
 from ballbot_ros.viewer.derived_messages import DerivedMessages
 from ballbot_ros.viewer.markers import RobotMarkers
 from ballbot_ros.viewer.transforms import Frames, poses_in_map
-from ballbot_ros.world.exports import floor_map_of
 
 _DRAWN = (PLANT_IMU, PLANT_ODOM, SONAR_RANGE, OPERATING_STATE, LCD, MAP, RUN)
 _SOURCES = tuple(topic for topic in DerivedMessages.INPUTS if topic is not PARTICIPANTS)

@@ -8,12 +8,18 @@ from collections.abc import Callable, Mapping
 
 from std_srvs.srv import Trigger
 
-from ballbot_ros.messages.topics import OPERATING_STATE, PLANT_IMU, PLANT_ODOM, RUN, SONAR_RANGE
 from ballbot_ros.nodes.base import AnyNode, BallbotNode
 from ballbot_ros.nodes.latest_messages import LatestMessages
+from ballbot_ros.nodes.teleop.sticks import KEYBOARD, Arbiter, Command
+from ballbot_ros.nodes.teleop.terminal import KeyboardSticks, Terminal
 from ballbot_ros.parameters import PLANT, GamepadParameters
-from ballbot_ros.teleop.sticks import KEYBOARD, Arbiter, Command
-from ballbot_ros.teleop.terminal import KeyboardSticks, Terminal
+from ballbot_ros.recording.messages.topics import (
+    OPERATING_STATE,
+    PLANT_IMU,
+    PLANT_ODOM,
+    RUN,
+    SONAR_RANGE,
+)
 from ballbot_ros.viewer.run_activity import RealTimeFactor, drive_status
 from ballbot_ros.viewer.snapshot import Snapshot
 

@@ -11,11 +11,19 @@ from itertools import islice
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
+from ballbot_ros.engine.scenario.library import scenario_names
 from ballbot_ros.errors import WorldError
-from ballbot_ros.messages.conversions import encode_joy, map_grid, sound_tone, stamp_ns
-from ballbot_ros.messages.message_types import OccupancyGridMessage
-from ballbot_ros.messages.run_reports import PlantReport, decode_plant_report
-from ballbot_ros.messages.topics import (
+from ballbot_ros.nodes.base import BallbotNode, run_node
+from ballbot_ros.nodes.endpoints import drain, raw_subscription
+from ballbot_ros.nodes.latest_messages import LatestMessages, snapshot_of
+from ballbot_ros.nodes.supervisor import StartRequest
+from ballbot_ros.nodes.viewer_requests import TuningRequests, ViewerRequests
+from ballbot_ros.parameters import Dimensions, PlantParameters, ViewerParameters
+from ballbot_ros.parameters.timing import SECOND_NS
+from ballbot_ros.recording.messages.conversions import encode_joy, map_grid, sound_tone, stamp_ns
+from ballbot_ros.recording.messages.message_types import OccupancyGridMessage
+from ballbot_ros.recording.messages.run_reports import PlantReport, decode_plant_report
+from ballbot_ros.recording.messages.topics import (
     ACCEPTED_PUSH,
     BATTERY_STATE,
     CONTROLLER_STATE,
@@ -34,15 +42,9 @@ from ballbot_ros.messages.topics import (
     VIEWER_JOY,
     Topic,
 )
-from ballbot_ros.nodes.base import BallbotNode, run_node
-from ballbot_ros.nodes.endpoints import drain, raw_subscription
-from ballbot_ros.nodes.latest_messages import LatestMessages, snapshot_of
-from ballbot_ros.nodes.supervisor import StartRequest
-from ballbot_ros.nodes.viewer_requests import TuningRequests, ViewerRequests
-from ballbot_ros.parameters import Dimensions, PlantParameters, ViewerParameters
-from ballbot_ros.plant.ground_truth import Pair
-from ballbot_ros.scenario.library import scenario_names
-from ballbot_ros.timing import SECOND_NS
+from ballbot_ros.robot.plant.ground_truth import Pair
+from ballbot_ros.robot.world.exports import floor_map_of
+from ballbot_ros.robot.world.floor_map import FloorMap, load_map
 from ballbot_ros.viewer.address import address_line, network_warning, require_viser
 from ballbot_ros.viewer.live_controls import PageSticks, carry_out
 from ballbot_ros.viewer.overlay import Hold
@@ -50,8 +52,6 @@ from ballbot_ros.viewer.plots import offered_kinds, plot_data
 from ballbot_ros.viewer.run_activity import REPORT, RealTimeFactor, RunActivity
 from ballbot_ros.viewer.run_report import RunReport
 from ballbot_ros.viewer.snapshot import LIVE_SIGNALS, History, Snapshot
-from ballbot_ros.world.exports import floor_map_of
-from ballbot_ros.world.floor_map import FloorMap, load_map
 
 _DEPTH = 50
 

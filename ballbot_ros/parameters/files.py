@@ -14,7 +14,7 @@ from ballbot_ros.parameters.controller import is_own
 from ballbot_ros.parameters.parameter import ParameterError
 from ballbot_ros.parameters.parameter_set import ParameterSet
 from ballbot_ros.parameters.table import ALL_NODES, NODES, parameters_of
-from ballbot_ros.yaml_document import YamlDocument, parse_value
+from ballbot_ros.parameters.yaml_document import YamlDocument, parse_value
 
 
 def read_parameter_file(path: str | Path) -> ParameterSet:

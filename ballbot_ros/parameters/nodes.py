@@ -25,7 +25,7 @@ from ballbot_ros.parameters.shared import (
     ScenarioChoice,
     StickScale,
 )
-from ballbot_ros.timing import SLOW_PERIOD_NS, TICK_NS
+from ballbot_ros.parameters.timing import SLOW_PERIOD_NS, TICK_NS
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from enum import Enum
 
 from ballbot_ros.errors import RecordingError
+from ballbot_ros.parameters.timing import TICK_S
 from ballbot_ros.recording.batch import RawMessage
 from ballbot_ros.recording.reader import RecordingReader
-from ballbot_ros.timing import TICK_S
 
 SKIP_S = 5.0
 RATES = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0)

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import yaml
 
-from ballbot_ros.yaml_document import parse_data
+from ballbot_ros.parameters.yaml_document import parse_data
 
 INFINITE = 2**63 - 1
 """An infinite duration [ns]."""

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import closing
 from uuid import uuid4
 
-from ballbot_ros.conformance import examination
-from ballbot_ros.conformance.examination import TestedRequirement
+from ballbot_ros.nodes.conformance import examination
+from ballbot_ros.nodes.conformance.examination import TestedRequirement
 from ballbot_ros.nodes.conformance_bench import ConformanceBench
 from ballbot_ros.nodes.middleware import require_discovery, ros_domain
 from ballbot_ros.nodes.presence import DomainLock

@@ -8,10 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from ballbot_ros.codegen.implementation import compose_controller
+from ballbot_ros.controllers.codegen.implementation import compose_controller
+from ballbot_ros.engine.scenario.library import load_profile
+from ballbot_ros.engine.scenario.scenario import Scenario
 from ballbot_ros.files import temporary_folder
 from ballbot_ros.nodes.gamepad_teleop import GamepadTeleop
 from ballbot_ros.nodes.supervisor import StartRequest
+from ballbot_ros.nodes.teleop.terminal import KeyPress
 from ballbot_ros.parameters import (
     CONTROLLER,
     GAMEPAD,
@@ -33,9 +36,6 @@ from ballbot_ros.run.output_folder import output_files
 from ballbot_ros.run.requirements import require_viewer
 from ballbot_ros.run.separate_processes import run_nodes
 from ballbot_ros.run.spec import RunSpec, check_reserved_parameters, resolve_map
-from ballbot_ros.scenario.library import load_profile
-from ballbot_ros.scenario.scenario import Scenario
-from ballbot_ros.teleop.terminal import KeyPress
 
 NAME = 'drive'
 """Name of the recording."""

@@ -12,8 +12,10 @@ from ballbot_ros.analysis.metrics import judge, measure
 from ballbot_ros.analysis.recorded_scenario import scheduled_pushes
 from ballbot_ros.analysis.style import png_of
 from ballbot_ros.files import temporary_folder
+from ballbot_ros.lockstep.run_actions import Outcome
 from ballbot_ros.nodes.middleware import require_middleware
 from ballbot_ros.process import DeferredSignals
+from ballbot_ros.robot.world.world import NO_WALLS, World
 from ballbot_ros.run.node_process import ForkClient
 from ballbot_ros.run.observer import LogObserver, RunObserver
 from ballbot_ros.run.output_folder import output_files
@@ -21,8 +23,6 @@ from ballbot_ros.run.processes import Processes
 from ballbot_ros.run.requirements import OR_NONE, require_rclpy
 from ballbot_ros.run.result import RunResult
 from ballbot_ros.run.spec import RunSpec
-from ballbot_ros.simulation.run_actions import Outcome
-from ballbot_ros.world.world import NO_WALLS, World
 
 
 def execute(

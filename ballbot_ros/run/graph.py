@@ -17,9 +17,9 @@ from ballbot_ros.nodes.middleware import DOMAIN, ros_domain
 from ballbot_ros.parameters import CONTROLLER, GAMEPAD, PLANT, RECORDER, ParameterSet
 from ballbot_ros.parameters.files import format_parameters
 from ballbot_ros.recording.rosbag2 import PARAMETERS, SCENARIO, VERSIONS
+from ballbot_ros.robot.world.floor_map import image_suffix, is_file_name, read_map_file
 from ballbot_ros.run.observer import RunObserver
 from ballbot_ros.run.spec import RunSpec
-from ballbot_ros.world.floor_map import image_suffix, is_file_name, read_map_file
 
 RECORDED_VERSIONS = ('numpy', 'scipy', 'control', 'mcap', 'ros-rclpy', 'ros-rmw-fastrtps-cpp')
 

@@ -19,6 +19,7 @@ from ballbot_ros.controllers.controller import Controller
 from ballbot_ros.controllers.loading import LoadedController
 from ballbot_ros.errors import BallbotError, short_repr
 from ballbot_ros.files import temporary_folder
+from ballbot_ros.lockstep.run_actions import Outcome
 from ballbot_ros.parameters import (
     CONTROLLER,
     PLANT,
@@ -36,12 +37,11 @@ from ballbot_ros.parameters.files import (
     plain_values,
     read_parameter_file,
 )
-from ballbot_ros.plant.model import PhysicalParameters
+from ballbot_ros.robot.plant.model import PhysicalParameters
 from ballbot_ros.run.observer import LogObserver
 from ballbot_ros.run.offline import run_offline
 from ballbot_ros.run.processes import Processes
 from ballbot_ros.run.spec import RunOptions, RunSpec
-from ballbot_ros.simulation.run_actions import Outcome
 
 if TYPE_CHECKING:
     import control
@@ -170,7 +170,9 @@ def linear_model(parameters: Parameters | None = None) -> control.StateSpace:
     BallbotError
         If a parameter is not valid, or is none of the model.
     """
-    from ballbot_ros.design.linear_model import plane_model  # its import takes two seconds
+    from ballbot_ros.controllers.design.linear_model import (
+        plane_model,  # its import takes two seconds
+    )
 
     return plane_model(_physical(_parameter_set(parameters, _PHYSICAL)))
 
@@ -199,7 +201,7 @@ def loop(parameters: Parameters | None = None) -> control.StateSpace:
     BallbotError
         If a parameter is not valid, or is none of the loop.
     """
-    from ballbot_ros.design.linear_model import ideal_loop
+    from ballbot_ros.controllers.design.linear_model import ideal_loop
 
     return ideal_loop(_parameter_set(parameters, _PHYSICAL | _GAINS))
 
@@ -229,7 +231,7 @@ def sampled_loop(parameters: Parameters | None = None) -> control.StateSpace:
     BallbotError
         If a parameter is not valid, or is none of the loop.
     """
-    from ballbot_ros.design.sampled_loop import SampledLoop
+    from ballbot_ros.controllers.design.sampled_loop import SampledLoop
 
     allowed = _PHYSICAL | _ACTUATION | _SAMPLE_DELAYS | _FILTERS | _GAINS
     return SampledLoop(_parameter_set(parameters, allowed)).open_loop()

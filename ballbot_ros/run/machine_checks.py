@@ -13,7 +13,9 @@ from collections.abc import Callable, Mapping
 from importlib.util import find_spec
 from pathlib import Path
 
-from ballbot_ros.codegen.toolchain import ARM, HOST, Target, missing_tool
+from ballbot_ros.controllers.codegen.toolchain import ARM, HOST, Target, missing_tool
+from ballbot_ros.engine.golden import arithmetic_sha256, duty_sha256, load_golden
+from ballbot_ros.engine.scenario.library import load_scenario
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.files import share_directory
 from ballbot_ros.nodes.discovery_probe import LIMIT_S
@@ -28,10 +30,8 @@ from ballbot_ros.nodes.middleware import (
 )
 from ballbot_ros.nodes.presence import PORT_BASE, PORTS_PER_DOMAIN
 from ballbot_ros.nodes.processes import END_WITH_PARENT
+from ballbot_ros.nodes.teleop.gamepad import describe, wait_for_devices
 from ballbot_ros.parameters import ParameterSet, ViewerParameters
-from ballbot_ros.scenario.library import load_scenario
-from ballbot_ros.simulation.golden import arithmetic_sha256, duty_sha256, load_golden
-from ballbot_ros.teleop.gamepad import describe, wait_for_devices
 from ballbot_ros.viewer.address import check_address, require_viser
 from ballbot_ros.viewer.browser import browser_program
 
@@ -179,7 +179,7 @@ def _viewer() -> str:
 
 def _gamepads() -> str:
     # Imported only here: it needs an optional package.
-    from ballbot_ros.teleop.gamepad import SdlBackend
+    from ballbot_ros.nodes.teleop.gamepad import SdlBackend
 
     backend = SdlBackend()
     backend.start()

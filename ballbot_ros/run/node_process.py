@@ -17,6 +17,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from ballbot_ros.errors import BallbotError
+from ballbot_ros.lockstep.liveness import SilenceTimer
 from ballbot_ros.nodes.fork_server import PROGRAM, ROOM, NodeRequest
 from ballbot_ros.nodes.processes import (
     END_WITH_PARENT,
@@ -28,7 +29,6 @@ from ballbot_ros.nodes.processes import (
     join_thread,
     threads_by_process,
 )
-from ballbot_ros.simulation.liveness import SilenceTimer
 
 IMPORT_S = 30.0
 """Time that the fork server has to import the nodes [s]; waits for a processor do not count."""

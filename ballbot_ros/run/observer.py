@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from typing import Protocol
 
-from ballbot_ros.teleop.terminal import KeyPress
+from ballbot_ros.nodes.teleop.terminal import KeyPress
 
 
 class RunObserver(Protocol):

@@ -8,29 +8,29 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
-from ballbot_ros.codegen.implementation import implementation_for
+from ballbot_ros.controllers.codegen.implementation import implementation_for
 from ballbot_ros.controllers.interface import Program
+from ballbot_ros.engine.closed_loop import ClosedLoop, Tick
+from ballbot_ros.engine.pacer import Pacer
+from ballbot_ros.engine.trajectory import TrajectoryLog
 from ballbot_ros.errors import ControllerError, RecordingError
-from ballbot_ros.messages.run_messages import RunMessages, Send
-from ballbot_ros.messages.run_reports import summary_json
-from ballbot_ros.messages.topics import Topic
+from ballbot_ros.lockstep.run_actions import Outcome, RunSummary
 from ballbot_ros.parameters import CONTROLLER, ControllerParameters, ParameterSet, PlantParameters
-from ballbot_ros.plant.ground_truth import Push
+from ballbot_ros.parameters.timing import FIRST_TICK_NS, SECOND_NS, TICK_NS
 from ballbot_ros.process import StopRequest
+from ballbot_ros.recording.messages.run_messages import RunMessages, Send
+from ballbot_ros.recording.messages.run_reports import summary_json
+from ballbot_ros.recording.messages.topics import Topic
 from ballbot_ros.recording.rosbag2 import OUTCOME_KEYS, RecordedTopic, media_type
 from ballbot_ros.recording.writer import RecordingWriter
+from ballbot_ros.robot.plant.ground_truth import Push
+from ballbot_ros.robot.world.world import World
 from ballbot_ros.run.graph import attachments_of
 from ballbot_ros.run.observer import RunObserver
 from ballbot_ros.run.result import RunResult
 from ballbot_ros.run.spec import RunSpec
 from ballbot_ros.run.tick_timer import TickTimer
-from ballbot_ros.simulation.closed_loop import ClosedLoop, Tick
-from ballbot_ros.simulation.pacer import Pacer
-from ballbot_ros.simulation.run_actions import Outcome, RunSummary
-from ballbot_ros.simulation.trajectory import TrajectoryLog
-from ballbot_ros.timing import FIRST_TICK_NS, SECOND_NS, TICK_NS
 from ballbot_ros.viewer.derived_messages import DerivedChannels, DerivedMessages
-from ballbot_ros.world.world import World
 
 
 class SimulatedRecording:

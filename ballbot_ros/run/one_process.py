@@ -12,7 +12,7 @@ from threading import Thread
 import rclpy
 from rclpy.impl.implementation_singleton import rclpy_implementation
 
-from ballbot_ros.codegen.implementation import implementation_for
+from ballbot_ros.controllers.codegen.implementation import implementation_for
 from ballbot_ros.controllers.loading import LoadedController
 from ballbot_ros.errors import BallbotError, one_line
 from ballbot_ros.nodes.base import AnyNode, spin
@@ -33,13 +33,13 @@ from ballbot_ros.parameters import (
     PlantParameters,
     RecorderParameters,
 )
+from ballbot_ros.parameters.timing import SECOND_NS, TICK_NS
 from ballbot_ros.process import PROGRESS_PERIOD_S, StopRequest
 from ballbot_ros.run.graph import call_for_external, graph_parameters
 from ballbot_ros.run.observer import RunObserver
 from ballbot_ros.run.result import RunResult
 from ballbot_ros.run.spec import RunSpec
 from ballbot_ros.run.tick_timer import TickTimer
-from ballbot_ros.timing import SECOND_NS, TICK_NS
 
 RCLError = rclpy_implementation.RCLError
 

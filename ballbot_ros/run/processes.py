@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ballbot_ros.text_enum import TextEnum
+from ballbot_ros.parameters.text_enum import TextEnum
 
 
 class Processes(TextEnum):

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 
 from ballbot_ros.analysis.metrics import Judgement, Verdict
 from ballbot_ros.analysis.recorded_scenario import RecordedPush, external_push
-from ballbot_ros.simulation.run_actions import Outcome, ParameterChange, changes_text
-from ballbot_ros.simulation.trajectory import Trajectory
+from ballbot_ros.engine.trajectory import Trajectory
+from ballbot_ros.lockstep.run_actions import Outcome, ParameterChange, changes_text
 
 
 class RoundTrip(NamedTuple):

@@ -9,7 +9,10 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+from ballbot_ros.engine.trajectory import load_trajectory
 from ballbot_ros.errors import BallbotError
+from ballbot_ros.lockstep.liveness import SilenceTimer, Threads
+from ballbot_ros.lockstep.run_actions import Outcome
 from ballbot_ros.nodes.heartbeat import HEARTBEAT_FD_ENV, HeartbeatPipe
 from ballbot_ros.nodes.middleware import (
     prepare_middleware,
@@ -22,6 +25,7 @@ from ballbot_ros.nodes.presence import LOCK_FD_ENV, DomainLock
 from ballbot_ros.nodes.processes import started_nodes_variable, threads_by_process
 from ballbot_ros.parameters import ALL_NODES, NODES, PLANT, RECORDER, ParameterSet
 from ballbot_ros.parameters.files import write_parameter_file
+from ballbot_ros.parameters.timing import FIRST_TICK_NS, SECOND_NS
 from ballbot_ros.process import StopRequest
 from ballbot_ros.run.graph import call_for_external, graph_parameters
 from ballbot_ros.run.node_process import ForkClient, NodeProcess, stop_all
@@ -29,10 +33,6 @@ from ballbot_ros.run.observer import RunObserver
 from ballbot_ros.run.requirements import OR_NONE, ros_not_found
 from ballbot_ros.run.result import RunResult
 from ballbot_ros.run.spec import RunSpec
-from ballbot_ros.simulation.liveness import SilenceTimer, Threads
-from ballbot_ros.simulation.run_actions import Outcome
-from ballbot_ros.simulation.trajectory import load_trajectory
-from ballbot_ros.timing import FIRST_TICK_NS, SECOND_NS
 
 PLANT_SILENCE_S = 2.3
 """Silence after which the plant counts as hung [s]. Time in which the machine is too busy to run it

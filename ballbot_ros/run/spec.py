@@ -6,9 +6,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ballbot_ros.codegen.implementation import compose_controller
+from ballbot_ros.controllers.codegen.implementation import compose_controller
 from ballbot_ros.controllers.loading import LoadedController
 from ballbot_ros.engine.devices import ALL_DEVICES
+from ballbot_ros.engine.scenario.library import load_profile, load_scenario
+from ballbot_ros.engine.scenario.reader import IDEAL
+from ballbot_ros.engine.scenario.scenario import Scenario
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.parameters import (
     CONTROLLER,
@@ -27,13 +30,10 @@ from ballbot_ros.parameters import (
     SupervisorParameters,
 )
 from ballbot_ros.parameters.files import assign, assign_values, read_parameter_file
+from ballbot_ros.parameters.timing import TICK_S
+from ballbot_ros.robot.world.floor_map import is_file_name
+from ballbot_ros.robot.world.world import World
 from ballbot_ros.run.processes import Processes
-from ballbot_ros.scenario.library import load_profile, load_scenario
-from ballbot_ros.scenario.reader import IDEAL
-from ballbot_ros.scenario.scenario import Scenario
-from ballbot_ros.timing import TICK_S
-from ballbot_ros.world.floor_map import is_file_name
-from ballbot_ros.world.world import World
 
 
 @dataclass(frozen=True, kw_only=True)

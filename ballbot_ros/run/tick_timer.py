@@ -18,9 +18,9 @@ from types import FrameType
 from ballbot_ros.controllers.controller_program import ControllerProgram, running_tick
 from ballbot_ros.controllers.loading import LoadedController
 from ballbot_ros.errors import TickTimeoutError
+from ballbot_ros.lockstep.liveness import MAX_POLL_GAP_S, ThreadTime, available_s
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.process import StopRequest
-from ballbot_ros.simulation.liveness import MAX_POLL_GAP_S, ThreadTime, available_s
 
 _NOW_S = 1e-6
 _SCHEDSTAT = Path('/proc/thread-self/schedstat')

@@ -7,20 +7,32 @@ from functools import cache, partial
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 
-from ballbot_ros.brick.odometry import WINDOW_NS, DeadReckoning, OdometryState
 from ballbot_ros.files import share_directory
-from ballbot_ros.messages.conversions import (
+from ballbot_ros.parameters import (
+    PLANT,
+    Dimensions,
+    ParameterError,
+    ParameterSet,
+    PlantParameters,
+    VisualizerParameters,
+)
+from ballbot_ros.parameters.timing import TICK_NS
+from ballbot_ros.recording.messages.conversions import (
     decode_ball_position,
     decode_body_pitch,
     encode_text,
     map_grid,
 )
-from ballbot_ros.messages.devices import decode_encoders, decode_gyro
-from ballbot_ros.messages.participation import decode_announcement
-from ballbot_ros.messages.raw import decoder, stamp_of
-from ballbot_ros.messages.run_messages import MakeSend, Send
-from ballbot_ros.messages.tool_messages import TransformsLayout, encode_imu_data, encode_odom
-from ballbot_ros.messages.topics import (
+from ballbot_ros.recording.messages.devices import decode_encoders, decode_gyro
+from ballbot_ros.recording.messages.participation import decode_announcement
+from ballbot_ros.recording.messages.raw import decoder, stamp_of
+from ballbot_ros.recording.messages.run_messages import MakeSend, Send
+from ballbot_ros.recording.messages.tool_messages import (
+    TransformsLayout,
+    encode_imu_data,
+    encode_odom,
+)
+from ballbot_ros.recording.messages.topics import (
     GYRO_IMU,
     HISTORY,
     IMU_DATA,
@@ -37,19 +49,13 @@ from ballbot_ros.messages.topics import (
     TF_STATIC,
     Topic,
 )
-from ballbot_ros.parameters import (
-    PLANT,
-    Dimensions,
-    ParameterError,
-    ParameterSet,
-    PlantParameters,
-    VisualizerParameters,
-)
-from ballbot_ros.plant.model import Bodies
 from ballbot_ros.recording.rosbag2 import QosProfile, RecordedTopic
 from ballbot_ros.recording.schemas import encoder, new_message
 from ballbot_ros.recording.writer import RecordingWriter
-from ballbot_ros.timing import TICK_NS
+from ballbot_ros.robot.brick.odometry import WINDOW_NS, DeadReckoning, OdometryState
+from ballbot_ros.robot.plant.model import Bodies
+from ballbot_ros.robot.world.exports import floor_map_of
+from ballbot_ros.robot.world.floor_map import FloorMap
 from ballbot_ros.viewer.markers import floor_markers
 from ballbot_ros.viewer.robot import (
     BODY,
@@ -63,8 +69,6 @@ from ballbot_ros.viewer.robot import (
     wheel_centres,
 )
 from ballbot_ros.viewer.transforms import MOVING, PARENTS, Frames
-from ballbot_ros.world.exports import floor_map_of
-from ballbot_ros.world.floor_map import FloorMap
 
 _ZERO = 1e-15
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.world.floor_map import CELL_M, FloorMap
+from ballbot_ros.robot.world.floor_map import CELL_M, FloorMap
 
 FREE_HALF_SIDE = 1.0
 """Half the side of the square shown of an unlimited floor [m]."""

@@ -11,7 +11,7 @@ import viser
 from numpy.typing import NDArray
 from viser import SceneNodeDragEvent
 
-from ballbot_ros.plant.ground_truth import Pair
+from ballbot_ros.robot.plant.ground_truth import Pair
 from ballbot_ros.viewer.overlay import MAX_HELD, ChooseRate, Hold, Press, Request
 from ballbot_ros.viewer.run_activity import PAUSE, RATES, RESET, STEP, RunActivity
 from ballbot_ros.viewer.scene_objects import NEWTONS_PER_METRE, ForceArrow, Point

@@ -10,7 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from ballbot_ros.messages.tool_messages import (
+from ballbot_ros.parameters import Dimensions
+from ballbot_ros.parameters.timing import SECOND_NS
+from ballbot_ros.recording.messages.tool_messages import (
     ADD,
     DELETE,
     DELETE_ALL,
@@ -18,15 +20,13 @@ from ballbot_ros.messages.tool_messages import (
     fill_points,
     place_marker,
 )
-from ballbot_ros.parameters import Dimensions
-from ballbot_ros.timing import SECOND_NS
+from ballbot_ros.robot.world.exports import WALL_HEIGHT_CM
+from ballbot_ros.robot.world.floor_map import FloorMap
 from ballbot_ros.viewer import robot as colours
 from ballbot_ros.viewer.floor import walls
 from ballbot_ros.viewer.robot import BODY, LINKS, TRAIL_STEP, Vector, cone_slope, parts
 from ballbot_ros.viewer.snapshot import Snapshot
 from ballbot_ros.viewer.transforms import SONAR, Transform
-from ballbot_ros.world.exports import WALL_HEIGHT_CM
-from ballbot_ros.world.floor_map import FloorMap
 
 TRAIL_POINTS = 500
 """Maximum length of the trail: 5 m."""

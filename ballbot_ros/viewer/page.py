@@ -10,6 +10,7 @@ import numpy as np
 import viser
 
 from ballbot_ros.parameters import Dimensions
+from ballbot_ros.robot.world.floor_map import FloorMap
 from ballbot_ros.viewer.address import NEXT_FREE, USUAL_PORT, AccessPolicy, check_address
 from ballbot_ros.viewer.floor import Area
 from ballbot_ros.viewer.guarded_server import GuardedServer
@@ -17,7 +18,6 @@ from ballbot_ros.viewer.overlay import Overlay
 from ballbot_ros.viewer.scene import DrawnRobot, Scene
 from ballbot_ros.viewer.snapshot import Snapshot
 from ballbot_ros.viewer.views import TITLES, TRACKING, VIEWS, VISTA, camera
-from ballbot_ros.world.floor_map import FloorMap
 
 UPDATE_S = 1.0 / 60.0
 """Interval of updates for all browsers; slower browsers skip some."""

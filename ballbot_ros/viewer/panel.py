@@ -14,7 +14,7 @@ import viser
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from ballbot_ros.brick.brick import COLUMNS, ROWS, Tone
+from ballbot_ros.robot.brick.brick import COLUMNS, ROWS, Tone
 from ballbot_ros.viewer.snapshot import Snapshot
 
 _PAPER, _INK = (176, 196, 168), (24, 34, 30)

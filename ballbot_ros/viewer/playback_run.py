@@ -14,20 +14,20 @@ from ballbot_ros.analysis.recorded_scenario import RecordedPush
 from ballbot_ros.analysis.run_data import RunData, Series, read_run
 from ballbot_ros.analysis.signals import signals_of
 from ballbot_ros.analysis.topic_samples import TopicSamples, read_topic, topics_with_signals
-from ballbot_ros.brick.brick import Tone
 from ballbot_ros.errors import ViewerError
-from ballbot_ros.messages.topics import BATTERY_STATE, PLANT_IMU, PLANT_ODOM, SONAR_RANGE
 from ballbot_ros.parameters import Dimensions
+from ballbot_ros.parameters.timing import TICK_NS, TICK_S
 from ballbot_ros.process import ProgressCallback
+from ballbot_ros.recording.messages.topics import BATTERY_STATE, PLANT_IMU, PLANT_ODOM, SONAR_RANGE
 from ballbot_ros.recording.playback import SKIP_S, PlaybackAction, faster, slower
-from ballbot_ros.timing import TICK_NS, TICK_S
+from ballbot_ros.robot.brick.brick import Tone
+from ballbot_ros.robot.world.exports import OccupancyGrid, floor_map_of
+from ballbot_ros.robot.world.floor_map import FloorMap
 from ballbot_ros.viewer.overlay import Mark, MarkKind
 from ballbot_ros.viewer.robot import TRAIL_STEP
 from ballbot_ros.viewer.rotations import RolledBall
 from ballbot_ros.viewer.snapshot import Floats, ForceEvent, Snapshot, acting_force
 from ballbot_ros.viewer.transforms import wxyz
-from ballbot_ros.world.exports import OccupancyGrid, floor_map_of
-from ballbot_ros.world.floor_map import FloorMap
 
 _MARKS_PER_LINE = 200
 """Marks of a kind that are distinguishable on a time line."""

@@ -14,7 +14,7 @@ from viser import uplot
 from ballbot_ros.analysis.drawing import DUTY, PITCH, POSITION
 from ballbot_ros.analysis.style import BLUE, ORANGE
 from ballbot_ros.analysis.table import envelope
-from ballbot_ros.timing import TICK_S
+from ballbot_ros.parameters.timing import TICK_S
 from ballbot_ros.viewer.playback_run import PlaybackRun
 from ballbot_ros.viewer.robot import GHOST, GHOST_LIGHT, Colour
 

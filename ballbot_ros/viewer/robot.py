@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from ballbot_ros.parameters import Dimensions
-from ballbot_ros.plant.ground_truth import Pair
+from ballbot_ros.robot.plant.ground_truth import Pair
 
 Colour = tuple[int, int, int]
 """Red, green, blue, 0 ... 255."""

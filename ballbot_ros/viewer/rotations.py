@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ballbot_ros.messages.conversions import body_orientation
 from ballbot_ros.parameters import Dimensions
-from ballbot_ros.plant.ground_truth import Pair
+from ballbot_ros.recording.messages.conversions import body_orientation
+from ballbot_ros.robot.plant.ground_truth import Pair
 from ballbot_ros.viewer.robot import wheel_angles
 
 _MARK_POINTS = 2500

@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ballbot_ros.analysis.metrics import Judgement, Verdict
-from ballbot_ros.messages.run_reports import PlantReport
-from ballbot_ros.plant.ground_truth import Pair
-from ballbot_ros.scenario.metrics import label
-from ballbot_ros.simulation.run_actions import Outcome
+from ballbot_ros.engine.scenario.metrics import label
+from ballbot_ros.lockstep.run_actions import Outcome
+from ballbot_ros.recording.messages.run_reports import PlantReport
+from ballbot_ros.robot.plant.ground_truth import Pair
 from ballbot_ros.viewer.overlay import Banner, BannerKind, Button, OverlayState
 from ballbot_ros.viewer.session import Session, SessionResult
 from ballbot_ros.viewer.snapshot import Snapshot

@@ -10,8 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from viser import MeshHandle, SceneApi, SceneNodeDragEvent
 
-from ballbot_ros.messages.conversions import body_orientation
 from ballbot_ros.parameters import Dimensions
+from ballbot_ros.recording.messages.conversions import body_orientation
+from ballbot_ros.robot.world.exports import WALL_HEIGHT_CM
+from ballbot_ros.robot.world.floor_map import FloorMap
 from ballbot_ros.viewer import floor
 from ballbot_ros.viewer import robot as colours
 from ballbot_ros.viewer import scene_objects as shapes
@@ -36,8 +38,6 @@ from ballbot_ros.viewer.rotations import RollingOrientation, body_rotation
 from ballbot_ros.viewer.scene_objects import Arrow, Points, Trail, force_vector, line_mesh
 from ballbot_ros.viewer.snapshot import Snapshot
 from ballbot_ros.viewer.transforms import wxyz
-from ballbot_ros.world.exports import WALL_HEIGHT_CM
-from ballbot_ros.world.floor_map import FloorMap
 
 GHOST_OPACITY = 0.35
 

@@ -14,12 +14,12 @@ from scipy.sparse import coo_array
 from scipy.spatial.transform import Rotation
 from viser import LineSegmentsHandle, SceneApi
 
-from ballbot_ros.plant.ground_truth import Pair
+from ballbot_ros.robot.plant.ground_truth import Pair
+from ballbot_ros.robot.world.floor_map import CELL_M, LINE, FloorMap
 from ballbot_ros.viewer import robot as colours
 from ballbot_ros.viewer.floor import Rectangle
 from ballbot_ros.viewer.robot import Colour, Part
 from ballbot_ros.viewer.snapshot import TRAIL_PIECE
-from ballbot_ros.world.floor_map import CELL_M, LINE, FloorMap
 
 Mesh = tuple[NDArray[np.float64], NDArray[np.int64]]
 """Vertices, shape (n, 3), and faces, shape (m, 3)."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ballbot_ros.analysis.metrics import Judgement
-from ballbot_ros.scenario.scenario import Expectation
+from ballbot_ros.engine.scenario.scenario import Expectation
 
 
 @dataclass(frozen=True)

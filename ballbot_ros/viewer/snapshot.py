@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from ballbot_ros.analysis.table import plane_columns
 from ballbot_ros.controllers.interface import OperatingState
-from ballbot_ros.messages.conversions import NO_CONTROLLER_STATE, ControllerState
-from ballbot_ros.plant.ground_truth import Pair
+from ballbot_ros.recording.messages.conversions import NO_CONTROLLER_STATE, ControllerState
+from ballbot_ros.robot.plant.ground_truth import Pair
 from ballbot_ros.viewer.robot import TRAIL_STEP
 
 ForceEvent = tuple[float, str, Pair]

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.messages.conversions import body_orientation
-from ballbot_ros.messages.tool_messages import FOOTPRINT, ODOM_FRAME, FramePose
 from ballbot_ros.parameters import Dimensions
-from ballbot_ros.plant.ground_truth import Pair
+from ballbot_ros.recording.messages.conversions import body_orientation
+from ballbot_ros.recording.messages.tool_messages import FOOTPRINT, ODOM_FRAME, FramePose
+from ballbot_ros.robot.plant.ground_truth import Pair
 from ballbot_ros.viewer.robot import (
     BALL,
     BODY,

@@ -16,7 +16,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.env_util import make_vec_env
 
 from ballbot_ros.parameters import PlantParameters
-from ballbot_ros.plant.model import PhysicalParameters
+from ballbot_ros.robot.plant.model import PhysicalParameters
 
 RATIO = PhysicalParameters.from_parameters(PlantParameters()).ratio
 

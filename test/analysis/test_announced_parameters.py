@@ -5,16 +5,16 @@ import hashlib
 import pytest
 
 from ballbot_ros.analysis.recorded_runs import AnnouncedParameters
-from ballbot_ros.messages.participation import (
+from ballbot_ros.lockstep.participants import MAP_HASH, Announcement, Membership, Participant
+from ballbot_ros.lockstep.run_recording import RunStatus
+from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, SONAR, ParameterSet
+from ballbot_ros.recording.messages.participation import (
     encode_announcement,
     encode_run_status,
     membership_text,
 )
-from ballbot_ros.messages.topics import PARTICIPANTS, RUN_STATUS
-from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, SONAR, ParameterSet
+from ballbot_ros.recording.messages.topics import PARTICIPANTS, RUN_STATUS
 from ballbot_ros.recording.reader import AttachedFile
-from ballbot_ros.simulation.participants import MAP_HASH, Announcement, Membership, Participant
-from ballbot_ros.simulation.run_recording import RunStatus
 
 RUN = '1 abc'
 FILES = {'map.png': AttachedFile('image/png', b'a map')}

@@ -14,8 +14,8 @@ from ballbot_ros.analysis.drawing import (
     legend_above,
 )
 from ballbot_ros.analysis.style import BLUE, ON_DARK, Line
-from ballbot_ros.world.exports import occupancy_grid
-from ballbot_ros.world.floor_map import load_map
+from ballbot_ros.robot.world.exports import occupancy_grid
+from ballbot_ros.robot.world.floor_map import load_map
 
 
 @pytest.fixture

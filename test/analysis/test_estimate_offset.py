@@ -20,9 +20,9 @@ from ballbot_ros.analysis.observations import (
 )
 from ballbot_ros.analysis.run_data import Series, read_run
 from ballbot_ros.analysis.run_metrics import pitch_error, position_error
-from ballbot_ros.messages.topics import CONTROLLER_STATE, GYRO_IMU, PLANT_IMU, PLANT_ODOM
+from ballbot_ros.lockstep.run_actions import ParameterChange
 from ballbot_ros.parameters import CONTROLLER, ControllerParameters
-from ballbot_ros.simulation.run_actions import ParameterChange
+from ballbot_ros.recording.messages.topics import CONTROLLER_STATE, GYRO_IMU, PLANT_IMU, PLANT_ODOM
 
 TICK_S = 0.004
 PITCH = st.floats(-10.0, 10.0)

@@ -7,9 +7,9 @@ from matplotlib.text import Annotation
 
 from ballbot_ros.analysis.figures import draw_motion
 from ballbot_ros.analysis.style import png_of
-from ballbot_ros.scenario.library import load_scenario, scenario_names
-from ballbot_ros.scenario.scenario import Segment
-from ballbot_ros.simulation.trajectory import Trajectory
+from ballbot_ros.engine.scenario.library import load_scenario, scenario_names
+from ballbot_ros.engine.scenario.scenario import Segment
+from ballbot_ros.engine.trajectory import Trajectory
 
 LONGEST = max((f'{name}: {load_scenario(name).purpose}' for name in scenario_names()), key=len)
 

@@ -12,9 +12,9 @@ from ballbot_ros.analysis.loop_summary import PredictedFrequency
 from ballbot_ros.analysis.observations import limit_cycle_sentences
 from ballbot_ros.analysis.report import loop_of
 from ballbot_ros.analysis.run_data import read_run
-from ballbot_ros.messages.topics import CONTROLLER_STATE, MOTOR_DUTY
-from ballbot_ros.scenario.scenario import ScheduledPush
-from ballbot_ros.timing import TICK_S
+from ballbot_ros.engine.scenario.scenario import ScheduledPush
+from ballbot_ros.parameters.timing import TICK_S
+from ballbot_ros.recording.messages.topics import CONTROLLER_STATE, MOTOR_DUTY
 
 
 def wave(hz, seconds=20.0, phase=0.3):

@@ -6,8 +6,8 @@ import struct
 import pytest
 
 from ballbot_ros.analysis.message_comparison import MessageComparator, first_difference
-from ballbot_ros.messages.conversions import encode_duty
-from ballbot_ros.messages.topics import LCD, MOTOR_DUTY
+from ballbot_ros.recording.messages.conversions import encode_duty
+from ballbot_ros.recording.messages.topics import LCD, MOTOR_DUTY
 from ballbot_ros.recording.schemas import encoder, new_message
 
 TICK = 4_000_000

@@ -11,11 +11,11 @@ from robot import values_of
 
 from ballbot_ros.analysis.metrics import judge, measure, measure_one, measured_window
 from ballbot_ros.engine.compilation import compiled
+from ballbot_ros.engine.scenario.metrics import METRICS
+from ballbot_ros.engine.scenario.scenario import Expectation, Measure
+from ballbot_ros.engine.trajectory import Trajectory
 from ballbot_ros.parameters import PLANT
-from ballbot_ros.scenario.metrics import METRICS
-from ballbot_ros.scenario.scenario import Expectation, Measure
-from ballbot_ros.simulation.trajectory import Trajectory
-from ballbot_ros.world.world import NO_WALLS, World
+from ballbot_ros.robot.world.world import NO_WALLS, World
 
 TICK = 0.004
 

@@ -6,7 +6,7 @@ import pytest
 
 from ballbot_ros.analysis.recorded_scenario import read_attachments
 from ballbot_ros.recording.reader import AttachedFile
-from ballbot_ros.world.floor_map import read_map_file
+from ballbot_ros.robot.world.floor_map import read_map_file
 
 HEAD = 'purpose: a test\nduration: 2\n'
 OWN_MAP = {

@@ -20,12 +20,12 @@ from ballbot_ros.analysis.recorded_controller import (
 )
 from ballbot_ros.analysis.recording_replay import RecordingReplay
 from ballbot_ros.errors import ControllerError, RecordingError
+from ballbot_ros.lockstep.participants import SOURCE_HASH
 from ballbot_ros.parameters import ParameterError
 from ballbot_ros.recording.reader import AttachedFile, RecordingReader
 from ballbot_ros.run.execution import execute
 from ballbot_ros.run.processes import Processes
 from ballbot_ros.run.spec import RunOptions, RunSpec
-from ballbot_ros.simulation.participants import SOURCE_HASH
 
 
 @pytest.fixture

@@ -15,10 +15,10 @@ from ballbot_ros.analysis.recorded_scenario import (
     recorded_pushes,
     scheduled_pushes,
 )
-from ballbot_ros.messages.conversions import encode_accepted_push
-from ballbot_ros.messages.topics import ACCEPTED_PUSH
-from ballbot_ros.plant.ground_truth import Push
-from ballbot_ros.scenario.library import load_scenario
+from ballbot_ros.engine.scenario.library import load_scenario
+from ballbot_ros.recording.messages.conversions import encode_accepted_push
+from ballbot_ros.recording.messages.topics import ACCEPTED_PUSH
+from ballbot_ros.robot.plant.ground_truth import Push
 
 START_NS = 1_000_000_000
 PUSHES = st.builds(

@@ -16,8 +16,9 @@ from ballbot_ros.analysis.recorded_runs import (
 from ballbot_ros.analysis.replay import RunInputs, read_inputs
 from ballbot_ros.analysis.robot_topics import robot_namespace, robot_topics
 from ballbot_ros.errors import RecordingError
-from ballbot_ros.messages.conversions import fill_header
-from ballbot_ros.messages.topics import (
+from ballbot_ros.lockstep.recording_order import MAX_AHEAD_NS
+from ballbot_ros.recording.messages.conversions import fill_header
+from ballbot_ros.recording.messages.topics import (
     BATTERY_STATE,
     CLOCK,
     GYRO_IMU,
@@ -29,11 +30,10 @@ from ballbot_ros.messages.topics import (
     SONAR_RANGE,
     WALL_HIT,
 )
-from ballbot_ros.plant.ground_truth import Push
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.schemas import encoder, new_message
 from ballbot_ros.recording.writer import RecordingWriter
-from ballbot_ros.simulation.recording_order import MAX_AHEAD_NS
+from ballbot_ros.robot.plant.ground_truth import Push
 
 S = 1_000_000_000
 TICK = 4_000_000

@@ -4,8 +4,8 @@ import pytest
 
 from ballbot_ros import __version__
 from ballbot_ros.analysis.recorded_controller import ReplayedController, choose_controller
+from ballbot_ros.lockstep.participants import Participant
 from ballbot_ros.parameters import CONTROLLER
-from ballbot_ros.simulation.participants import Participant
 
 NO_GCC = 'gcc not found: install it with `apt install gcc`'
 

@@ -23,14 +23,14 @@ from ballbot_ros.analysis.report import loop_of, report_document, report_page, w
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.analysis.run_figures import FIGURES, MIN_AXIS_SPAN, figure_contents
 from ballbot_ros.analysis.table import MAX_FIGURE_ROWS, envelope, every_nth
-from ballbot_ros.messages.run_reports import encode_parameter_event
-from ballbot_ros.messages.topics import CONTROLLER_STATE, PARAMETER_EVENTS
+from ballbot_ros.engine.scenario.metrics import METRICS
+from ballbot_ros.engine.scenario.scenario import Scenario
+from ballbot_ros.lockstep.run_actions import ParameterChange
 from ballbot_ros.parameters import CONTROLLER, ParameterSet
+from ballbot_ros.recording.messages.run_reports import encode_parameter_event
+from ballbot_ros.recording.messages.topics import CONTROLLER_STATE, PARAMETER_EVENTS
 from ballbot_ros.recording.schemas import encoder, new_message
-from ballbot_ros.scenario.metrics import METRICS
-from ballbot_ros.scenario.scenario import Scenario
-from ballbot_ros.simulation.run_actions import ParameterChange
-from ballbot_ros.world.exports import OccupancyGrid
+from ballbot_ros.robot.world.exports import OccupancyGrid
 
 VOID = {'meta', 'img', 'br', 'link'}
 

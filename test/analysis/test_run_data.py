@@ -12,13 +12,18 @@ from ballbot_ros import simulate
 from ballbot_ros.analysis.assessment import assess
 from ballbot_ros.analysis.metrics import measure
 from ballbot_ros.analysis.run_data import read_run
+from ballbot_ros.engine.scenario.metrics import METRICS
+from ballbot_ros.engine.trajectory import Trajectory
 from ballbot_ros.errors import RecordingError
-from ballbot_ros.messages.topics import ACCEPTED_PUSH, CONTROLLER_STATE, MOTOR_DUTY, PLANT_IMU
+from ballbot_ros.recording.messages.topics import (
+    ACCEPTED_PUSH,
+    CONTROLLER_STATE,
+    MOTOR_DUTY,
+    PLANT_IMU,
+)
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.schemas import new_message
 from ballbot_ros.recording.writer import RecordingWriter
-from ballbot_ros.scenario.metrics import METRICS
-from ballbot_ros.simulation.trajectory import Trajectory
 
 
 def same(one, other):

@@ -12,7 +12,9 @@ from ballbot_ros.analysis.interval import Interval
 from ballbot_ros.analysis.metrics import Judgement
 from ballbot_ros.analysis.run_data import Series
 from ballbot_ros.analysis.run_metrics import RUN_METRICS
-from ballbot_ros.messages.topics import (
+from ballbot_ros.engine.scenario.scenario import Expectation
+from ballbot_ros.parameters import PlantParameters
+from ballbot_ros.recording.messages.topics import (
     BATTERY_STATE,
     CONTROLLER_STATE,
     GAMEPAD_JOY,
@@ -21,8 +23,6 @@ from ballbot_ros.messages.topics import (
     PLANT_JOINT_STATES,
     PLANT_ODOM,
 )
-from ballbot_ros.parameters import PlantParameters
-from ballbot_ros.scenario.scenario import Expectation
 
 COUNT = 1000
 STAMPS = 1_000_000_000 + 4_000_000 * np.arange(COUNT)

@@ -13,8 +13,8 @@ from ballbot_ros.analysis.limit_cycle import Balancing
 from ballbot_ros.analysis.loop_summary import PredictedFrequency
 from ballbot_ros.analysis.report import loop_of
 from ballbot_ros.analysis.spectrum import draw_spectrum, power_density, spectrum_table
+from ballbot_ros.engine.trajectory import Trajectory
 from ballbot_ros.parameters import ParameterSet
-from ballbot_ros.simulation.trajectory import Trajectory
 
 RATE_HZ = 250.0
 

@@ -11,8 +11,8 @@ from recordings import copy_recording
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.analysis.topic_samples import TopicSamples, read_topic, topics_with_signals
 from ballbot_ros.errors import RecordingError
-from ballbot_ros.messages.column_hints import column_hints
 from ballbot_ros.recording.export import Exporter
+from ballbot_ros.recording.messages.column_hints import column_hints
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.schemas import encoder, new_message
 from ballbot_ros.recording.writer import RecordingWriter

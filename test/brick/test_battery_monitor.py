@@ -4,7 +4,7 @@ import pytest
 from hypothesis import strategies as st
 from laws import given
 
-from ballbot_ros.brick.sensors import COUNT_V, battery_mv, count_of
+from ballbot_ros.robot.brick.sensors import COUNT_V, battery_mv, count_of
 
 READINGS = [(counts * 14180) >> 10 for counts in range(1024)]
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import strategies as st
 from laws import given
 
-from ballbot_ros.brick.bluetooth import GamepadPacket, LogPacket, PacketError
+from ballbot_ros.robot.brick.bluetooth import GamepadPacket, LogPacket, PacketError
 
 # The data logger's record: offset, size, signed.
 LAYOUT = {

@@ -1,6 +1,6 @@
 """The brick: the inputs as the tasks see them, and the outputs of a tick."""
 
-from ballbot_ros.brick.brick import Brick, DeviceInputs, DeviceOutputs, Tone
+from ballbot_ros.robot.brick.brick import Brick, DeviceInputs, DeviceOutputs, Tone
 
 STILL = DeviceInputs(gyro=(600, 601), revolutions=(10, -20))
 

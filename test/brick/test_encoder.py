@@ -5,7 +5,7 @@ import math
 from hypothesis import strategies as st
 from laws import given
 
-from ballbot_ros.brick.sensors import encoder_reading
+from ballbot_ros.robot.brick.sensors import encoder_reading
 
 angles = st.floats(-1e4, 1e4)
 

@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 from laws import given
 from robot import values_of
 
-from ballbot_ros.brick.sensors import gyro_offset
 from ballbot_ros.engine.devices import GYRO_DEVICE, gyro_constants
 from ballbot_ros.parameters import GYRO
+from ballbot_ros.robot.brick.sensors import gyro_offset
 
 TICK_NS = 4_000_000
 STILL = (0.0, 0.0)

@@ -3,7 +3,7 @@
 from hypothesis import strategies as st
 from laws import given
 
-from ballbot_ros.brick.brick import status_page
+from ballbot_ros.robot.brick.brick import status_page
 
 INT32 = st.integers(-(2**31), 2**31 - 1)
 

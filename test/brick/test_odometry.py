@@ -6,11 +6,11 @@ import random
 import numpy as np
 import pytest
 
-from ballbot_ros.brick.odometry import CALIBRATION_NS, WINDOW_NS, DeadReckoning
+from ballbot_ros.engine.closed_loop import ClosedLoop
 from ballbot_ros.parameters import PlantParameters
+from ballbot_ros.parameters.timing import SECOND_NS, TICK_NS
+from ballbot_ros.robot.brick.odometry import CALIBRATION_NS, WINDOW_NS, DeadReckoning
 from ballbot_ros.run.spec import RunOptions, RunSpec
-from ballbot_ros.simulation.closed_loop import ClosedLoop
-from ballbot_ros.timing import SECOND_NS, TICK_NS
 
 SHAPE = PlantParameters()
 RADII = SHAPE.ball_radius, SHAPE.wheel_radius

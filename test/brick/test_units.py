@@ -8,7 +8,7 @@ from hypothesis import example
 from hypothesis import strategies as st
 from laws import given
 
-from ballbot_ros.brick.sensors import (
+from ballbot_ros.robot.brick.sensors import (
     NO_DATA_CM,
     NO_ECHO_CM,
     battery_mv,

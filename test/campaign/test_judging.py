@@ -5,7 +5,7 @@ from signal import Signals
 
 import pytest
 
-from ballbot_ros.messages.topics import CLOCK, GYRO_IMU
+from ballbot_ros.recording.messages.topics import CLOCK, GYRO_IMU
 from campaign.environments import ENVIRONMENTS, UnusualEnvironment
 from campaign.remains import Remains
 from campaign.run import RunEnd, ticks_of

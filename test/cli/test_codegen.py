@@ -9,9 +9,9 @@ from generated import need
 from graph import call, record
 
 from ballbot_ros.cli import codegen
+from ballbot_ros.engine import scenario_steps
 from ballbot_ros.errors import CodegenError
 from ballbot_ros.recording.reader import RecordingReader
-from ballbot_ros.simulation import scenario_steps
 
 SHORT = ('--set=plant_sim.duration=2.0', '--set=gyro_driver.noise=0.7')
 

@@ -7,8 +7,8 @@ import warnings
 import pytest
 
 from ballbot_ros.analysis.loop_figure import loop_table
-from ballbot_ros.codegen.implementation import compose_controller
-from ballbot_ros.design.loop_analysis import analyse_ideal, analyse_sampled
+from ballbot_ros.controllers.codegen.implementation import compose_controller
+from ballbot_ros.controllers.design.loop_analysis import analyse_ideal, analyse_sampled
 from ballbot_ros.parameters import ControllerParameters, ParameterSet
 from ballbot_ros.parameters.files import read_parameter_file
 

@@ -14,12 +14,12 @@ from graph import BALLBOT, environment, state, wait_for
 
 from ballbot_ros.cli import doctor
 from ballbot_ros.cli.command import COMMANDS
+from ballbot_ros.engine import golden
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.files import share_directory
 from ballbot_ros.parameters import ViewerParameters
 from ballbot_ros.run import machine_checks
 from ballbot_ros.run import machine_checks as optional_checks
-from ballbot_ros.simulation import golden
 
 
 def refuse(text, error=BallbotError):

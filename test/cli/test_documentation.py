@@ -6,13 +6,13 @@ from pathlib import Path
 import ballbot_ros as bb
 from ballbot_ros.analysis.loop_summary import margin_rows
 from ballbot_ros.cli.command import COMMANDS, load_command
-from ballbot_ros.conformance.contract import CONTRACTS
-from ballbot_ros.conformance.examination import REQUIREMENTS
-from ballbot_ros.design.loop_analysis import analyse_ideal, analyse_sampled
+from ballbot_ros.controllers.design.loop_analysis import analyse_ideal, analyse_sampled
+from ballbot_ros.engine.golden import load_golden
+from ballbot_ros.engine.scenario.library import scenario_names
+from ballbot_ros.nodes.conformance.contract import CONTRACTS
+from ballbot_ros.nodes.conformance.examination import REQUIREMENTS
 from ballbot_ros.parameters import ALL_NODES, ParameterSet
 from ballbot_ros.parameters.files import read_parameter_file
-from ballbot_ros.scenario.library import scenario_names
-from ballbot_ros.simulation.golden import load_golden
 
 PROJECT = Path(__file__).parents[2]
 README = (PROJECT / 'README.md').read_text(encoding='utf-8')

@@ -10,18 +10,18 @@ from recordings import copy_recording
 
 import ballbot_ros as bb
 from ballbot_ros.analysis.data_log import write_data_log
-from ballbot_ros.cli.identify_output import MAX_RATIO, IdentifyOutput, with_interval
-from ballbot_ros.identification.identification import (
+from ballbot_ros.analysis.identification.identification import (
     HARD_TO_MEASURE,
     ExperimentSummary,
     Identifiability,
     Identification,
     IdentifiedParameter,
 )
+from ballbot_ros.cli.identify_output import MAX_RATIO, IdentifyOutput, with_interval
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.parameters.files import read_parameter_file
+from ballbot_ros.recording.csv_log import HEADER
 from ballbot_ros.recording.reader import RecordingReader
-from ballbot_ros.teleop.csv_log import HEADER
 
 PNG = b'\x89PNG\r\n\x1a\n'
 MASS = 0.75

@@ -3,10 +3,10 @@
 import pytest
 from graph import call
 
-from ballbot_ros.brick.bluetooth import LogPacket
+from ballbot_ros.recording.csv_log import HEADER
 from ballbot_ros.recording.schemas import encoder, new_message
 from ballbot_ros.recording.writer import RecordingWriter
-from ballbot_ros.teleop.csv_log import HEADER
+from ballbot_ros.robot.brick.bluetooth import LogPacket
 
 
 def log2csv(*arguments):

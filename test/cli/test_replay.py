@@ -17,15 +17,15 @@ from ballbot_ros.analysis.recorded_controller import ReplayedController
 from ballbot_ros.analysis.recording_replay import ReplayResult
 from ballbot_ros.analysis.replay import read_inputs
 from ballbot_ros.cli.replay import print_results, replay_recording
-from ballbot_ros.codegen.implementation import missing_tool_for
+from ballbot_ros.controllers.codegen.implementation import missing_tool_for
+from ballbot_ros.engine.scenario.library import scenario_names
 from ballbot_ros.errors import RecordingError
-from ballbot_ros.messages.conversions import encode_duty, fill_header, fill_time
-from ballbot_ros.messages.run_reports import encode_parameter_event
-from ballbot_ros.messages.topics import PARAMETER_EVENTS
+from ballbot_ros.recording.messages.conversions import encode_duty, fill_header, fill_time
+from ballbot_ros.recording.messages.run_reports import encode_parameter_event
+from ballbot_ros.recording.messages.topics import PARAMETER_EVENTS
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.schemas import encoder, new_message
 from ballbot_ros.recording.writer import RecordingWriter
-from ballbot_ros.scenario.library import scenario_names
 
 DUTY = 'geometry_msgs/msg/Vector3Stamped'
 

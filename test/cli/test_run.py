@@ -17,6 +17,9 @@ from graph import BALLBOT, NODES, alive, await_recording, call, wait_for
 from matplotlib.image import imread
 
 from ballbot_ros.cli.result import print_table
+from ballbot_ros.engine.golden import duty_sha256
+from ballbot_ros.engine.scenario.library import load_scenario
+from ballbot_ros.lockstep.run_actions import Outcome
 from ballbot_ros.nodes.presence import DomainLock
 from ballbot_ros.nodes.processes import descendants
 from ballbot_ros.parameters import GYRO, PLANT, ParameterSet, ViewerParameters
@@ -26,9 +29,6 @@ from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.run.processes import Processes
 from ballbot_ros.run.result import RunResult
 from ballbot_ros.run.spec import RunOptions, RunSpec
-from ballbot_ros.scenario.library import load_scenario
-from ballbot_ros.simulation.golden import duty_sha256
-from ballbot_ros.simulation.run_actions import Outcome
 
 AT_TRACK = ['--set=plant_sim.map=track', '--output=/dev/null/no']
 FAST = ['--processes=none', '--set=plant_sim.duration=3']

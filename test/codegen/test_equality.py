@@ -11,15 +11,17 @@ import pytest
 from generated import Built, need, random_values
 from robot import AT_REST, values_of
 
-from ballbot_ros.brick.brick import Brick, DeviceInputs
-from ballbot_ros.codegen.folder_check import ProgramInput, compare, random_steps
-from ballbot_ros.codegen.toolchain import TARGETS
+from ballbot_ros.controllers.codegen.folder_check import ProgramInput, compare, random_steps
+from ballbot_ros.controllers.codegen.toolchain import TARGETS
 from ballbot_ros.controllers.document.program import (
     VOLTAGE_OFFSET,
     VOLTAGE_SLOPE,
     ControlMode,
     ControlProgram,
 )
+from ballbot_ros.engine.golden import duty_sha256, load_golden
+from ballbot_ros.engine.scenario.library import load_scenario, scenario_names
+from ballbot_ros.engine.scenario_steps import scenario_steps
 from ballbot_ros.parameters import (
     CONTROLLER,
     PLANT,
@@ -27,10 +29,8 @@ from ballbot_ros.parameters import (
     PlantParameters,
     parameters_of,
 )
+from ballbot_ros.robot.brick.brick import Brick, DeviceInputs
 from ballbot_ros.run.machine_checks import GOLDEN_SCENARIOS
-from ballbot_ros.scenario.library import load_scenario, scenario_names
-from ballbot_ros.simulation.golden import duty_sha256, load_golden
-from ballbot_ros.simulation.scenario_steps import scenario_steps
 
 GOLDEN = sorted((Path(__file__).parents[1] / 'controllers' / 'golden').glob('*.npz'))
 RANDOM_SETS, SEQUENCES = 10, 100

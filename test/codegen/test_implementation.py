@@ -9,8 +9,8 @@ import pytest
 from generated import need
 from robot import AT_REST, values_of
 
-from ballbot_ros.codegen.implementation import implementation_for
-from ballbot_ros.codegen.toolchain import TARGETS
+from ballbot_ros.controllers.codegen.implementation import implementation_for
+from ballbot_ros.controllers.codegen.toolchain import TARGETS
 from ballbot_ros.controllers.document.program import ControlProgram
 from ballbot_ros.errors import CodegenError
 from ballbot_ros.parameters import CONTROLLER

@@ -7,7 +7,7 @@ import pytest
 from generated import Built, need, need_command
 from robot import values_of
 
-from ballbot_ros.codegen.toolchain import TARGET_FOLDER, TARGETS, WARNINGS, build
+from ballbot_ros.controllers.codegen.toolchain import TARGET_FOLDER, TARGETS, WARNINGS, build
 from ballbot_ros.errors import CodegenError
 from ballbot_ros.parameters import CONTROLLER
 

@@ -6,9 +6,12 @@ from itertools import count
 
 import pytest
 
-from ballbot_ros.conformance import node_under_test
-from ballbot_ros.conformance.contract import CONTRACTS, Offer, nominal_run
-from ballbot_ros.conformance.examination import (
+from ballbot_ros.errors import BallbotError
+from ballbot_ros.lockstep.lockstep import RunIdentity
+from ballbot_ros.lockstep.participants import Announcement, Objection, Participant
+from ballbot_ros.nodes.conformance import node_under_test
+from ballbot_ros.nodes.conformance.contract import CONTRACTS, Offer, nominal_run
+from ballbot_ros.nodes.conformance.examination import (
     DISCOVERY_S,
     FEW,
     REQUIREMENTS,
@@ -17,13 +20,22 @@ from ballbot_ros.conformance.examination import (
     RequirementVerdict,
     examine,
 )
-from ballbot_ros.conformance.node_under_test import START_S
-from ballbot_ros.errors import BallbotError
-from ballbot_ros.messages.conversions import encode_duty, encode_header, encode_sticks
-from ballbot_ros.messages.devices import encode_encoders, encode_gyro, encode_sonar
-from ballbot_ros.messages.participation import encode_announcement
-from ballbot_ros.messages.raw import decoder, stamp_of
-from ballbot_ros.messages.topics import (
+from ballbot_ros.nodes.conformance.node_under_test import START_S
+from ballbot_ros.parameters import (
+    CONTROLLER,
+    DRIVERS,
+    GAMEPAD,
+    GYRO,
+    RECORDER,
+    ROLES,
+    SONAR,
+)
+from ballbot_ros.parameters.timing import FIRST_TICK_NS, TICK_NS
+from ballbot_ros.recording.messages.conversions import encode_duty, encode_header, encode_sticks
+from ballbot_ros.recording.messages.devices import encode_encoders, encode_gyro, encode_sonar
+from ballbot_ros.recording.messages.participation import encode_announcement
+from ballbot_ros.recording.messages.raw import decoder, stamp_of
+from ballbot_ros.recording.messages.topics import (
     CLOCK,
     GYRO_IMU,
     JOINT_STATES,
@@ -35,18 +47,6 @@ from ballbot_ros.messages.topics import (
     SONAR_RANGE,
     TOPICS,
 )
-from ballbot_ros.parameters import (
-    CONTROLLER,
-    DRIVERS,
-    GAMEPAD,
-    GYRO,
-    RECORDER,
-    ROLES,
-    SONAR,
-)
-from ballbot_ros.simulation.lockstep import RunIdentity
-from ballbot_ros.simulation.participants import Announcement, Objection, Participant
-from ballbot_ros.timing import FIRST_TICK_NS, TICK_NS
 
 decode_header = decoder(ROLL_CALL.type_name)
 ANSWERS = {

@@ -7,12 +7,12 @@ import pytest
 from own_controllers import BALANCE, FAULTY, line_in_faulty
 from robot import AT_REST, values_of
 
-from ballbot_ros.brick.brick import Tone
-from ballbot_ros.codegen.implementation import compose_controller, implementation_for
 from ballbot_ros.controllers import Controller
+from ballbot_ros.controllers.codegen.implementation import compose_controller, implementation_for
 from ballbot_ros.controllers.controller_program import TickTimes
 from ballbot_ros.errors import ControllerError
 from ballbot_ros.parameters import CONTROLLER, ControllerParameters, ParameterSet
+from ballbot_ros.robot.brick.brick import Tone
 
 START_MS = 2**32 - 100  # the system time wraps
 

@@ -6,8 +6,8 @@ from robot import physical
 from shipped_controllers import duties, exchanged, run_shipped
 
 from ballbot_ros.controllers.drift_filter import LeanObserver
-from ballbot_ros.plant.model import state_space
-from ballbot_ros.timing import TICK_S
+from ballbot_ros.parameters.timing import TICK_S
+from ballbot_ros.robot.plant.model import state_space
 
 REFERENCE = 'drift_filter'
 STRONG_DRIFT = ['gyro_driver.drift=2.0', 'gyro_driver.drift_period=120.0']

@@ -5,11 +5,11 @@ from itertools import pairwise
 import pytest
 from robot import AT_REST
 
-from ballbot_ros.codegen.implementation import compose_controller, implementation_for
 from ballbot_ros.controllers import OperatingState, Readings
+from ballbot_ros.controllers.codegen.implementation import compose_controller, implementation_for
 from ballbot_ros.controllers.driving import Driving, SpeedReference
 from ballbot_ros.parameters import CONTROLLER, ControllerParameters, ParameterSet
-from ballbot_ros.timing import TICK_S
+from ballbot_ros.parameters.timing import TICK_S
 
 
 def driving(**settings):

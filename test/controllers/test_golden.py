@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ballbot_ros.brick.brick import DeviceInputs
 from ballbot_ros.controllers.document.program import ControlProgram
 from ballbot_ros.parameters import ControllerParameters
+from ballbot_ros.robot.brick.brick import DeviceInputs
 
 GOLDEN = sorted((Path(__file__).parent / 'golden').glob('*.npz'))
 

@@ -18,7 +18,7 @@ from ballbot_ros.controllers.lqg import (
     measurement,
 )
 from ballbot_ros.errors import ControllerError
-from ballbot_ros.timing import TICK_MS, TICK_S
+from ballbot_ros.parameters.timing import TICK_MS, TICK_S
 
 REFERENCE = 'lqg'
 HEAVY = {'body_mass': 0.9}

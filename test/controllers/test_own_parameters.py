@@ -2,7 +2,7 @@
 
 import pytest
 
-from ballbot_ros.codegen.implementation import compose_controller, implementation_for
+from ballbot_ros.controllers.codegen.implementation import compose_controller, implementation_for
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.parameters import (
     CONTROLLER,
@@ -13,7 +13,7 @@ from ballbot_ros.parameters import (
     PlantParameters,
 )
 from ballbot_ros.parameters.files import assign, format_parameters, read_parameter_file
-from ballbot_ros.plant.model import PhysicalParameters
+from ballbot_ros.robot.plant.model import PhysicalParameters
 
 DESIGNING = """\
 from dataclasses import dataclass, replace

@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from ballbot_ros.brick.brick import DeviceInputs
 from ballbot_ros.controllers.controller import NO_READINGS, next_readings
 from ballbot_ros.controllers.policy import DeviceObserver, PolicyController, duty_of
 from ballbot_ros.parameters import ControllerParameters
+from ballbot_ros.robot.brick.brick import DeviceInputs
 
 
 def readings(elapsed_ms, gyro=(600, 600), encoder=(0, 0), sticks=(0, 0)):

@@ -9,11 +9,11 @@ from own_controllers import BALANCE
 from pushes import pushes
 from shipped_controllers import duties
 
-from ballbot_ros.brick.brick import DeviceInputs
-from ballbot_ros.codegen.implementation import compose_controller, implementation_for
 from ballbot_ros.controllers import glide
+from ballbot_ros.controllers.codegen.implementation import compose_controller, implementation_for
 from ballbot_ros.controllers.glide import GLIDE_TICKS
 from ballbot_ros.controllers.interface import OperatingState
+from ballbot_ros.engine.scenario.scenario import Scenario
 from ballbot_ros.errors import ControllerError
 from ballbot_ros.parameters import (
     CONTROLLER,
@@ -21,7 +21,7 @@ from ballbot_ros.parameters import (
     ParameterError,
     ParameterSet,
 )
-from ballbot_ros.scenario.scenario import Scenario
+from ballbot_ros.robot.brick.brick import DeviceInputs
 
 SHIPPED = ('python', 'pid', 'lqg', 'drift_filter', 'mpc')
 GAINS = {

@@ -11,10 +11,15 @@ from laws import given
 from robot import physical
 from unquantised import run_unquantised
 
-from ballbot_ros.design.gain_design import DISTURBANCE_N, GainDesign, set_gains
-from ballbot_ros.design.linear_model import Q_DIAGONAL, R_WEIGHT, DesignError, design_servo
-from ballbot_ros.design.loop_analysis import ROUNDING, analyse_sampled
-from ballbot_ros.design.sampled_loop import (
+from ballbot_ros.controllers.design.gain_design import DISTURBANCE_N, GainDesign, set_gains
+from ballbot_ros.controllers.design.linear_model import (
+    Q_DIAGONAL,
+    R_WEIGHT,
+    DesignError,
+    design_servo,
+)
+from ballbot_ros.controllers.design.loop_analysis import ROUNDING, analyse_sampled
+from ballbot_ros.controllers.design.sampled_loop import (
     ENCODER_ERROR,
     FORCE,
     GYRO_ERROR,
@@ -24,8 +29,8 @@ from ballbot_ros.design.sampled_loop import (
 )
 from ballbot_ros.parameters import ParameterSet, PlantParameters
 from ballbot_ros.parameters.files import assign_values
-from ballbot_ros.plant.actuator import max_voltage
-from ballbot_ros.timing import TICK_S
+from ballbot_ros.parameters.timing import TICK_S
+from ballbot_ros.robot.plant.actuator import max_voltage
 
 DOCUMENT = design_servo(physical()).gain
 QUIET_FILTERS = {'controller.a_d': 0.975}

@@ -7,11 +7,11 @@ import control
 import numpy as np
 import pytest
 
-from ballbot_ros.design import loop_analysis
-from ballbot_ros.design.linear_model import ideal_loop
-from ballbot_ros.design.loop_analysis import Pole, analyse_ideal, analyse_sampled
-from ballbot_ros.design.margins import LoopResponse
-from ballbot_ros.design.sampled_loop import (
+from ballbot_ros.controllers.design import loop_analysis
+from ballbot_ros.controllers.design.linear_model import ideal_loop
+from ballbot_ros.controllers.design.loop_analysis import Pole, analyse_ideal, analyse_sampled
+from ballbot_ros.controllers.design.margins import LoopResponse
+from ballbot_ros.controllers.design.sampled_loop import (
     ENCODER_ERROR,
     GYRO_ERROR,
     INPUTS,
@@ -20,7 +20,7 @@ from ballbot_ros.design.sampled_loop import (
 )
 from ballbot_ros.parameters import ParameterSet
 from ballbot_ros.parameters.files import assign_values
-from ballbot_ros.timing import TICK_S
+from ballbot_ros.parameters.timing import TICK_S
 
 TURN = 2.0 * math.pi
 

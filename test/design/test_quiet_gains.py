@@ -8,10 +8,10 @@ import pytest
 import yaml
 
 import ballbot_ros as bb
-from ballbot_ros.design.loop_analysis import analyse_sampled
+from ballbot_ros.controllers.design.loop_analysis import analyse_sampled
+from ballbot_ros.engine.scenario.library import scenario_names
 from ballbot_ros.parameters import ControllerParameters
 from ballbot_ros.parameters.files import read_parameter_file
-from ballbot_ros.scenario.library import scenario_names
 
 QUIET = Path(__file__).parents[2] / 'config/gains/quiet.yaml'
 DOCUMENT = {}

@@ -8,8 +8,8 @@ import pytest
 from robot import START_NS
 from unquantised import run_unquantised
 
-from ballbot_ros.design.linear_model import DesignError
-from ballbot_ros.design.sampled_loop import (
+from ballbot_ros.controllers.design.linear_model import DesignError
+from ballbot_ros.controllers.design.sampled_loop import (
     DUTY,
     ENCODER_ERROR,
     FORCE,
@@ -21,8 +21,8 @@ from ballbot_ros.design.sampled_loop import (
 )
 from ballbot_ros.parameters import ParameterSet
 from ballbot_ros.parameters.files import assign_values
-from ballbot_ros.plant.ground_truth import Push
-from ballbot_ros.timing import TICK_NS, TICK_S
+from ballbot_ros.parameters.timing import TICK_NS, TICK_S
+from ballbot_ros.robot.plant.ground_truth import Push
 
 PUSH_N, PUSH_TICKS, STICK_PERCENT = 0.01, 10, 1.0
 

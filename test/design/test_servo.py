@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from robot import physical
 
-from ballbot_ros.design.linear_model import (
+from ballbot_ros.controllers.design.linear_model import (
     PUBLISHED_GAIN,
     DesignError,
     degree_state_space,
     design_servo,
 )
 from ballbot_ros.parameters import CONTROLLER, parameters_of
-from ballbot_ros.plant.model import state_space
+from ballbot_ros.robot.plant.model import state_space
 
 GAIN = [-0.01504899, -1.56981134, -0.02700482, -0.23249821, -0.00712528]
 PUBLISHED = [-0.015, -1.5698, -0.027, -0.2325, -0.0071]

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from unquantised import run_unquantised
 
-from ballbot_ros.design.sampled_loop import LoopDelays, SampledLoop
+from ballbot_ros.controllers.design.sampled_loop import LoopDelays, SampledLoop
+from ballbot_ros.engine.closed_loop import ClosedLoop
 from ballbot_ros.parameters import CONTROLLER, PLANT, ControllerParameters, ParameterSet
-from ballbot_ros.simulation.closed_loop import ClosedLoop
-from ballbot_ros.timing import TICK_S
+from ballbot_ros.parameters.timing import TICK_S
 
 NEAR = (0.95, 0.98, 1.02, 1.05)
 LOWEST, HIGHEST, GAINS = 0.4, 1.4, 2000

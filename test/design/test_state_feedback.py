@@ -5,7 +5,7 @@ import pytest
 from hypothesis import strategies as st
 from laws import given
 
-from ballbot_ros.design.linear_model import DesignError, lqr, place
+from ballbot_ros.controllers.design.linear_model import DesignError, lqr, place
 
 A = [[0.0, 1.0], [-2.0, -3.0]]
 B = [[0.0], [1.0]]

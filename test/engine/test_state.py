@@ -11,8 +11,8 @@ from ballbot_ros.controllers.document.program import INITIAL_STATE, tick_constan
 from ballbot_ros.engine.devices import numbers_of
 from ballbot_ros.engine.plant_tick import initial_state, plant_constants
 from ballbot_ros.engine.run import robot_constants
+from ballbot_ros.engine.scenario.scenario import Scenario
 from ballbot_ros.parameters import DEVICES, ControllerParameters, PlantParameters
-from ballbot_ros.scenario.scenario import Scenario
 
 ROBOT = {
     'plant_sim.plant_model': 'nonlinear',

@@ -7,11 +7,9 @@ import pytest
 from laws import refusal
 
 import ballbot_ros as bb
-from ballbot_ros.analysis.run_data import read_run
-from ballbot_ros.errors import IdentificationError
-from ballbot_ros.identification.estimation import ExperimentFit
-from ballbot_ros.identification.experiment import ENCODER, GYRO, recorded_experiment
-from ballbot_ros.identification.identification import (
+from ballbot_ros.analysis.identification.estimation import ExperimentFit
+from ballbot_ros.analysis.identification.experiment import ENCODER, GYRO, recorded_experiment
+from ballbot_ros.analysis.identification.identification import (
     CANDIDATES,
     HARD_TO_MEASURE,
     MAX_HALF_WIDTH,
@@ -21,10 +19,12 @@ from ballbot_ros.identification.identification import (
     choose,
     identify,
 )
-from ballbot_ros.identification.segment_model import SegmentModel
-from ballbot_ros.identification.segments import cut
-from ballbot_ros.messages.topics import GYRO_IMU, MOTOR_DUTY
+from ballbot_ros.analysis.identification.segment_model import SegmentModel
+from ballbot_ros.analysis.identification.segments import cut
+from ballbot_ros.analysis.run_data import read_run
+from ballbot_ros.errors import IdentificationError
 from ballbot_ros.parameters import PlantParameters
+from ballbot_ros.recording.messages.topics import GYRO_IMU, MOTOR_DUTY
 
 DOCUMENT = PlantParameters()
 NARROW = 1e4

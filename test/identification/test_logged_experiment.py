@@ -6,23 +6,23 @@ import numpy as np
 import pytest
 from laws import refusal
 
-import ballbot_ros.identification.segments as segments_module
-from ballbot_ros.brick.bluetooth import LogPacket
-from ballbot_ros.engine.plant import Plant
-from ballbot_ros.errors import IdentificationError
-from ballbot_ros.identification.estimation import ExperimentFit
-from ballbot_ros.identification.experiment import (
+import ballbot_ros.analysis.identification.segments as segments_module
+from ballbot_ros.analysis.identification.estimation import ExperimentFit
+from ballbot_ros.analysis.identification.experiment import (
     LOGGED_ENCODER,
     LOGGED_PITCH,
     Experiment,
     logged_experiment,
 )
-from ballbot_ros.identification.segment_model import SegmentModel
-from ballbot_ros.identification.segments import cut
+from ballbot_ros.analysis.identification.segment_model import SegmentModel
+from ballbot_ros.analysis.identification.segments import cut
+from ballbot_ros.engine.plant import Plant
+from ballbot_ros.errors import IdentificationError
 from ballbot_ros.parameters import ControllerParameters, PlantParameters
-from ballbot_ros.plant.actuator import max_voltage
-from ballbot_ros.teleop.csv_log import CsvLog
-from ballbot_ros.timing import FIRST_TICK_NS, TICK_S
+from ballbot_ros.parameters.timing import FIRST_TICK_NS, TICK_S
+from ballbot_ros.recording.csv_log import CsvLog
+from ballbot_ros.robot.brick.bluetooth import LogPacket
+from ballbot_ros.robot.plant.actuator import max_voltage
 
 LSB = ControllerParameters().lsb
 

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from laws import given
 from scipy.stats import norm
 
-from ballbot_ros.identification.experiment import (
+from ballbot_ros.analysis.identification.experiment import (
     ROUNDING_DEVIATION,
     common_rounding,
     expected_rounding,

@@ -6,19 +6,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import ballbot_ros.identification.segments as segments_module
-from ballbot_ros.engine.plant import Plant
-from ballbot_ros.identification.experiment import (
+import ballbot_ros.analysis.identification.segments as segments_module
+from ballbot_ros.analysis.identification.experiment import (
     ENCODER,
     GYRO,
     TRUE_PITCH,
     TRUE_POSITION,
     Experiment,
 )
-from ballbot_ros.identification.segment_model import SegmentModel
-from ballbot_ros.identification.segments import cut
+from ballbot_ros.analysis.identification.segment_model import SegmentModel
+from ballbot_ros.analysis.identification.segments import cut
+from ballbot_ros.engine.plant import Plant
 from ballbot_ros.parameters import PlantParameters
-from ballbot_ros.timing import STEPS_PER_TICK, TICK_S
+from ballbot_ros.parameters.timing import STEPS_PER_TICK, TICK_S
 
 START_NS = 1_000_000_000
 TICKS = round(0.8 / TICK_S)

@@ -7,17 +7,17 @@ import pytest
 from hypothesis import strategies as st
 from laws import given
 
-from ballbot_ros.identification.experiment import ENCODER, Experiment
-from ballbot_ros.identification.segments import (
+from ballbot_ros.analysis.identification.experiment import ENCODER, Experiment
+from ballbot_ros.analysis.identification.segments import (
     MAX_SEGMENTS,
     TURNING_READINGS,
     cut,
 )
-from ballbot_ros.identification.segments import (
+from ballbot_ros.analysis.identification.segments import (
     SEGMENT_TICKS as LENGTH,
 )
 from ballbot_ros.parameters import PlantParameters
-from ballbot_ros.timing import STEPS_PER_TICK, TICK_S
+from ballbot_ros.parameters.timing import STEPS_PER_TICK, TICK_S
 
 GEAR_PLAY = 0.07
 PLAY_OR_NOT = st.sampled_from([0.0, GEAR_PLAY])

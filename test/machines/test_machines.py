@@ -25,9 +25,9 @@ import pytest
 import setuptools
 from golden_runs import MODELS, RANDOM_FILE, SETS, SHARES, WITHOUT_FMA, seeds_of_share
 
+from ballbot_ros.engine.golden import load_golden
+from ballbot_ros.engine.scenario.library import scenario_names
 from ballbot_ros.run.machine_checks import GOLDEN_SCENARIOS
-from ballbot_ros.scenario.library import scenario_names
-from ballbot_ros.simulation.golden import load_golden
 
 ROOT = Path(__file__).resolve().parents[2]
 PROGRAM = ROOT / 'test' / 'golden_runs.py'

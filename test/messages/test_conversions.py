@@ -8,11 +8,10 @@ from hypothesis import strategies as st
 from laws import given
 from maps import drawn
 
-from ballbot_ros.brick.bluetooth import LogPacket
-from ballbot_ros.messages import conversions as c
-from ballbot_ros.messages import devices
-from ballbot_ros.messages.raw import decoder, stamp_of
-from ballbot_ros.messages.topics import (
+from ballbot_ros.recording.messages import conversions as c
+from ballbot_ros.recording.messages import devices
+from ballbot_ros.recording.messages.raw import decoder, stamp_of
+from ballbot_ros.recording.messages.topics import (
     BATTERY_STATE,
     BLUETOOTH_TX,
     GYRO_IMU,
@@ -24,9 +23,10 @@ from ballbot_ros.messages.topics import (
     PLANT_ODOM,
     SONAR_RANGE,
 )
-from ballbot_ros.plant.ground_truth import GroundTruth
 from ballbot_ros.recording.schemas import encoder, new_message
-from ballbot_ros.world.exports import occupancy_grid
+from ballbot_ros.robot.brick.bluetooth import LogPacket
+from ballbot_ros.robot.plant.ground_truth import GroundTruth
+from ballbot_ros.robot.world.exports import occupancy_grid
 
 STAMP = 1_234_000_000
 int32 = st.integers(-(2**31), 2**31 - 1)

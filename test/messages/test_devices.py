@@ -7,13 +7,13 @@ from robot import make_plant, run_plant
 
 from ballbot_ros import parameters
 from ballbot_ros.analysis.replay import ALL_TOPICS
-from ballbot_ros.brick.brick import DeviceInputs
+from ballbot_ros.engine.closed_loop import ClosedLoop
 from ballbot_ros.engine.devices import ALL_DEVICES
-from ballbot_ros.messages.devices import DEVICE_MESSAGES, INPUT_READERS, encode_steps
-from ballbot_ros.messages.run_messages import PlantMessages
-from ballbot_ros.messages.topics import CLOCK, PLANT_STEPS, TOPICS, periodic_topics
 from ballbot_ros.parameters import DRIVERS, GAMEPAD, ParameterSet
-from ballbot_ros.simulation.closed_loop import ClosedLoop
+from ballbot_ros.recording.messages.devices import DEVICE_MESSAGES, INPUT_READERS, encode_steps
+from ballbot_ros.recording.messages.run_messages import PlantMessages
+from ballbot_ros.recording.messages.topics import CLOCK, PLANT_STEPS, TOPICS, periodic_topics
+from ballbot_ros.robot.brick.brick import DeviceInputs
 
 each_device = pytest.mark.parametrize(
     'messages', DEVICE_MESSAGES, ids=lambda each: each.device.parameters.node

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import strategies as st
 from laws import given
 
-from ballbot_ros.messages import conversions, devices
-from ballbot_ros.messages import conversions as motor_stop
-from ballbot_ros.messages.raw import MessageLayout, decoder, elements, stamp_of
-from ballbot_ros.messages.topics import TOPICS, message_class
+from ballbot_ros.recording.messages import conversions, devices
+from ballbot_ros.recording.messages import conversions as motor_stop
+from ballbot_ros.recording.messages.raw import MessageLayout, decoder, elements, stamp_of
+from ballbot_ros.recording.messages.topics import TOPICS, message_class
 from ballbot_ros.recording.schemas import encoder, new_message
 
 JOINTS = 'sensor_msgs/msg/JointState'

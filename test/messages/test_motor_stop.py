@@ -4,9 +4,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ballbot_ros.messages.conversions import encode_duty, encode_stop, is_stop
-from ballbot_ros.messages.raw import decoder
-from ballbot_ros.messages.topics import MOTOR_DUTY
+from ballbot_ros.recording.messages.conversions import encode_duty, encode_stop, is_stop
+from ballbot_ros.recording.messages.raw import decoder
+from ballbot_ros.recording.messages.topics import MOTOR_DUTY
 
 stamps = st.integers(0, 2**31 * 10**9 - 1)
 duties = st.tuples(st.integers(-100, 100), st.integers(-100, 100))

@@ -4,9 +4,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ballbot_ros.messages.raw import stamp_of
-from ballbot_ros.messages.run_reports import decode_parameter_event, encode_parameter_event
-from ballbot_ros.messages.topics import PARAMETER_EVENTS
+from ballbot_ros.recording.messages.raw import stamp_of
+from ballbot_ros.recording.messages.run_reports import (
+    decode_parameter_event,
+    encode_parameter_event,
+)
+from ballbot_ros.recording.messages.topics import PARAMETER_EVENTS
 from ballbot_ros.recording.schemas import encoder, new_message
 
 numbers = st.floats(allow_nan=False)

@@ -6,8 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ballbot_ros.messages.conversions import encode_motors
-from ballbot_ros.messages.participation import (
+from ballbot_ros.lockstep.participants import Announcement, Membership, Objection, Participant
+from ballbot_ros.lockstep.run_recording import RunStatus
+from ballbot_ros.parameters import NODES
+from ballbot_ros.recording.messages.conversions import encode_motors
+from ballbot_ros.recording.messages.participation import (
     decode_announcement,
     decode_run_status,
     encode_announcement,
@@ -15,19 +18,16 @@ from ballbot_ros.messages.participation import (
     membership_json,
     membership_text,
 )
-from ballbot_ros.messages.raw import same_content
-from ballbot_ros.messages.topics import (
+from ballbot_ros.recording.messages.raw import same_content
+from ballbot_ros.recording.messages.topics import (
     LOCKSTEP_PUBLISHERS,
     PARTICIPANTS,
     PLANT_JOINT_STATES,
     TOPICS,
 )
-from ballbot_ros.parameters import NODES
-from ballbot_ros.plant.ground_truth import GroundTruth
 from ballbot_ros.recording.rosbag2 import OUTCOME_KEYS
 from ballbot_ros.recording.schemas import encoder, new_message
-from ballbot_ros.simulation.participants import Announcement, Membership, Objection, Participant
-from ballbot_ros.simulation.run_recording import RunStatus
+from ballbot_ros.robot.plant.ground_truth import GroundTruth
 
 text = st.text(st.characters(exclude_categories=('Cs', 'Cc')))
 word = st.text(st.characters(categories=('L', 'N')), min_size=1)

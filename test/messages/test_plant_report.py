@@ -7,8 +7,8 @@ pytest.importorskip('rclpy')
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.serialization import serialize_message
 
-from ballbot_ros.messages.run_reports import PlantReport, decode_plant_report
 from ballbot_ros.parameters import CONTROLLER, PLANT
+from ballbot_ros.recording.messages.run_reports import PlantReport, decode_plant_report
 
 
 def encoded(values, *, level=DiagnosticStatus.OK, message='OK', role=PLANT):

@@ -4,8 +4,11 @@ from collections import defaultdict
 
 import pytest
 
-from ballbot_ros.messages.run_messages import RunMessages
-from ballbot_ros.messages.topics import (
+from ballbot_ros.engine.closed_loop import ClosedLoop
+from ballbot_ros.parameters import ParameterSet
+from ballbot_ros.parameters.timing import TICK_NS
+from ballbot_ros.recording.messages.run_messages import RunMessages
+from ballbot_ros.recording.messages.topics import (
     ACCEPTED_PUSH,
     CLOCK,
     CONTROLLER_STATE,
@@ -15,10 +18,7 @@ from ballbot_ros.messages.topics import (
     TOPICS,
     WALL_HIT,
 )
-from ballbot_ros.parameters import ParameterSet
-from ballbot_ros.plant.ground_truth import Push
-from ballbot_ros.simulation.closed_loop import ClosedLoop
-from ballbot_ros.timing import TICK_NS
+from ballbot_ros.robot.plant.ground_truth import Push
 
 TICKS = 150
 

@@ -3,11 +3,11 @@
 import math
 from dataclasses import replace
 
-from ballbot_ros.messages.run_reports import run_status, summary_json, summary_words
-from ballbot_ros.plant.ground_truth import Push
-from ballbot_ros.simulation.lockstep import RunIdentity
-from ballbot_ros.simulation.participants import Membership, Participant
-from ballbot_ros.simulation.run_actions import Outcome, ParameterChange, PublishStatus, RunSummary
+from ballbot_ros.lockstep.lockstep import RunIdentity
+from ballbot_ros.lockstep.participants import Membership, Participant
+from ballbot_ros.lockstep.run_actions import Outcome, ParameterChange, PublishStatus, RunSummary
+from ballbot_ros.recording.messages.run_reports import run_status, summary_json, summary_words
+from ballbot_ros.robot.plant.ground_truth import Push
 
 START_NS = 1_000_000_000
 MEMBER = Membership(

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from laws import given, refusal
 from robot import make_plant, run_plant
 
-from ballbot_ros.messages.conversions import (
+from ballbot_ros.recording.messages.conversions import (
     decode_ball_position,
     decode_body_rates,
     decode_motor_angles,
@@ -16,11 +16,11 @@ from ballbot_ros.messages.conversions import (
     encode_motors,
     encode_odometry,
 )
-from ballbot_ros.messages.devices import STEP_FIELDS, decode_step, encode_steps
-from ballbot_ros.messages.raw import decoder, has_stamp, stamp_of
-from ballbot_ros.messages.topics import PLANT_STEPS
-from ballbot_ros.plant.ground_truth import GroundTruth, MeasuredState
+from ballbot_ros.recording.messages.devices import STEP_FIELDS, decode_step, encode_steps
+from ballbot_ros.recording.messages.raw import decoder, has_stamp, stamp_of
+from ballbot_ros.recording.messages.topics import PLANT_STEPS
 from ballbot_ros.recording.schemas import encoder
+from ballbot_ros.robot.plant.ground_truth import GroundTruth, MeasuredState
 
 STAMP = 1_234_000_000
 pairs = st.tuples(st.floats(), st.floats())

@@ -2,7 +2,7 @@
 
 import pytest
 
-from ballbot_ros.messages.topics import TOPICS, find_message_class
+from ballbot_ros.recording.messages.topics import TOPICS, find_message_class
 
 pytest.importorskip('rclpy')
 

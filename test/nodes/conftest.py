@@ -2,7 +2,7 @@ import contextlib
 
 import pytest
 
-from ballbot_ros.messages.topics import PLANT_IMU, RUN
+from ballbot_ros.recording.messages.topics import PLANT_IMU, RUN
 
 
 @pytest.fixture

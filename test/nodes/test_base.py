@@ -14,10 +14,18 @@ from rclpy.serialization import serialize_message
 from stubs import bare
 
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.messages.conversions import time_ns
-from ballbot_ros.messages.topics import CLOCK, GYRO_IMU, LCD, MAP, MOTOR_DUTY, RUN, WALL_HIT
 from ballbot_ros.nodes import base
 from ballbot_ros.nodes.base import BallbotNode, run_node, spin
+from ballbot_ros.recording.messages.conversions import time_ns
+from ballbot_ros.recording.messages.topics import (
+    CLOCK,
+    GYRO_IMU,
+    LCD,
+    MAP,
+    MOTOR_DUTY,
+    RUN,
+    WALL_HIT,
+)
 
 
 class Log:

@@ -7,11 +7,11 @@ import pytest
 pytest.importorskip('rclpy')
 
 from ballbot_ros.controllers.controller_program import TickTimes
-from ballbot_ros.messages.topics import MOTOR_DUTY, PARTICIPANTS
+from ballbot_ros.lockstep.lockstep import DueTick, RunIdentity, SampleReaction
+from ballbot_ros.lockstep.participants import Objection
 from ballbot_ros.nodes.controller import ControllerNode
 from ballbot_ros.parameters import ControllerParameters
-from ballbot_ros.simulation.lockstep import DueTick, RunIdentity, SampleReaction
-from ballbot_ros.simulation.participants import Objection
+from ballbot_ros.recording.messages.topics import MOTOR_DUTY, PARTICIPANTS
 
 
 @pytest.mark.parametrize(('now_ns', 'stops'), [(0, []), (1_000_000_000, [1_000_000_000])])

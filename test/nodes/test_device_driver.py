@@ -9,11 +9,11 @@ pytest.importorskip('rclpy')
 from rclpy.serialization import serialize_message
 from stubs import bare
 
-from ballbot_ros.messages.conversions import fill_time
-from ballbot_ros.messages.topics import PLANT_SLOW_ODOM, PLANT_STEPS
 from ballbot_ros.nodes.device_driver import DeviceDriver, messages_of
 from ballbot_ros.parameters import SONAR, SonarParameters
-from ballbot_ros.timing import FIRST_TICK_NS, TICK_NS
+from ballbot_ros.parameters.timing import FIRST_TICK_NS, TICK_NS
+from ballbot_ros.recording.messages.conversions import fill_time
+from ballbot_ros.recording.messages.topics import PLANT_SLOW_ODOM, PLANT_STEPS
 
 
 def test_only_the_sampling_times_of_its_run_are_answered():

@@ -8,22 +8,22 @@ from ros_client import header  # noqa: E402
 from sensor_msgs.msg import Imu  # noqa: E402
 from std_msgs.msg import Header  # noqa: E402
 
-from ballbot_ros.messages.conversions import time_ns  # noqa: E402
-from ballbot_ros.messages.participation import encode_announcement  # noqa: E402
-from ballbot_ros.messages.topics import (  # noqa: E402
+from ballbot_ros.lockstep.participants import Announcement, Participant  # noqa: E402
+from ballbot_ros.nodes.endpoints import reliable_qos  # noqa: E402
+from ballbot_ros.parameters import CONTROLLER, GYRO, NODES, RECORDER  # noqa: E402
+from ballbot_ros.parameters.timing import FIRST_TICK_NS, TICK_NS  # noqa: E402
+from ballbot_ros.recording.messages.conversions import time_ns  # noqa: E402
+from ballbot_ros.recording.messages.participation import encode_announcement  # noqa: E402
+from ballbot_ros.recording.messages.topics import (  # noqa: E402
     GYRO_IMU,
     HISTORY,
     PARTICIPANTS,
     PLANT_IMU,
     ROLL_CALL,
 )
-from ballbot_ros.nodes.endpoints import reliable_qos  # noqa: E402
-from ballbot_ros.parameters import CONTROLLER, GYRO, NODES, RECORDER  # noqa: E402
 from ballbot_ros.run.execution import execute  # noqa: E402
 from ballbot_ros.run.processes import Processes  # noqa: E402
 from ballbot_ros.run.spec import RunOptions, RunSpec  # noqa: E402
-from ballbot_ros.simulation.participants import Announcement, Participant  # noqa: E402
-from ballbot_ros.timing import FIRST_TICK_NS, TICK_NS  # noqa: E402
 
 pytestmark = pytest.mark.graph
 

@@ -7,8 +7,8 @@ import pytest
 from graph import alive, await_recording, wait_for
 from terminal import Terminal
 
-from ballbot_ros.messages.conversions import stamp_ns
 from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, RECORDER, SONAR
+from ballbot_ros.recording.messages.conversions import stamp_ns
 from ballbot_ros.recording.reader import RecordingReader
 
 pytestmark = pytest.mark.graph

@@ -2,7 +2,7 @@
 
 import pytest
 
-from ballbot_ros.simulation.trajectory import load_trajectory
+from ballbot_ros.engine.trajectory import load_trajectory
 
 pytestmark = pytest.mark.graph
 

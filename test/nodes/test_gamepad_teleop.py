@@ -12,19 +12,19 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.serialization import serialize_message
 from stubs import bare
 
-from ballbot_ros.brick.bluetooth import NEUTRAL
 from ballbot_ros.errors import TeleopError
-from ballbot_ros.messages.conversions import encode_sticks, fill_time
-from ballbot_ros.messages.topics import PLANT_SLOW_ODOM, SCENARIO
+from ballbot_ros.lockstep.lockstep import RunIdentity
 from ballbot_ros.nodes import gamepad_teleop, teleop_terminal
 from ballbot_ros.nodes.base import BallbotNode
 from ballbot_ros.nodes.gamepad_teleop import GamepadTeleop
+from ballbot_ros.nodes.teleop.gamepad import InputErrors
+from ballbot_ros.nodes.teleop.sticks import KEYBOARD, Arbiter, Command, GivenAnswers
 from ballbot_ros.nodes.teleop_terminal import TeleopTerminal
 from ballbot_ros.parameters import GamepadParameters
-from ballbot_ros.simulation.lockstep import RunIdentity
-from ballbot_ros.teleop.gamepad import InputErrors
-from ballbot_ros.teleop.sticks import KEYBOARD, Arbiter, Command, GivenAnswers
-from ballbot_ros.timing import FIRST_TICK_NS, SLOW_PERIOD_NS
+from ballbot_ros.parameters.timing import FIRST_TICK_NS, SLOW_PERIOD_NS
+from ballbot_ros.recording.messages.conversions import encode_sticks, fill_time
+from ballbot_ros.recording.messages.topics import PLANT_SLOW_ODOM, SCENARIO
+from ballbot_ros.robot.brick.bluetooth import NEUTRAL
 
 FORWARD = (-50, 0)
 

@@ -6,7 +6,11 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from ballbot_ros.messages.topics import (
+from ballbot_ros.nodes import intra_process as module
+from ballbot_ros.nodes.endpoints import TopicPublisher, drain
+from ballbot_ros.nodes.intra_process import IntraProcess, intra_process
+from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, RECORDER
+from ballbot_ros.recording.messages.topics import (
     BATTERY_STATE,
     CLOCK,
     GYRO_IMU,
@@ -17,10 +21,6 @@ from ballbot_ros.messages.topics import (
     RECORDER_ACK,
     TOPICS,
 )
-from ballbot_ros.nodes import intra_process as module
-from ballbot_ros.nodes.endpoints import TopicPublisher, drain
-from ballbot_ros.nodes.intra_process import IntraProcess, intra_process
-from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, RECORDER
 
 
 def test_only_the_topics_of_the_loop_whose_publisher_is_here_are_passed():

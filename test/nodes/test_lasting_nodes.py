@@ -16,8 +16,11 @@ from std_msgs.msg import Header
 from std_srvs.srv import SetBool, Trigger
 
 from ballbot_ros.cli.replay import replay_recording
-from ballbot_ros.messages.conversions import fill_time, stamp_ns
-from ballbot_ros.messages.topics import (
+from ballbot_ros.nodes.endpoints import reliable_qos
+from ballbot_ros.parameters import GYRO, PLANT, RECORDER, SONAR
+from ballbot_ros.parameters.timing import SLOW_PERIOD_NS, TICK_NS
+from ballbot_ros.recording.messages.conversions import fill_time, stamp_ns
+from ballbot_ros.recording.messages.topics import (
     BATTERY_STATE,
     CLOCK,
     GYRO_IMU,
@@ -33,10 +36,7 @@ from ballbot_ros.messages.topics import (
     TOPICS,
     WALL_HIT,
 )
-from ballbot_ros.nodes.endpoints import reliable_qos
-from ballbot_ros.parameters import GYRO, PLANT, RECORDER, SONAR
 from ballbot_ros.recording.reader import RecordingReader
-from ballbot_ros.timing import SLOW_PERIOD_NS, TICK_NS
 
 pytestmark = pytest.mark.graph
 

@@ -12,8 +12,9 @@ from graph import NODES, await_recording
 from ros_client import Client
 from std_srvs.srv import Trigger
 
-from ballbot_ros.messages.conversions import encode_clock, encode_wall_hit
-from ballbot_ros.messages.topics import (
+from ballbot_ros.nodes.endpoints import TopicPublisher, reliable_qos
+from ballbot_ros.recording.messages.conversions import encode_clock, encode_wall_hit
+from ballbot_ros.recording.messages.topics import (
     BATTERY_STATE,
     CLOCK,
     GYRO_IMU,
@@ -28,7 +29,6 @@ from ballbot_ros.messages.topics import (
     SOUND,
     WALL_HIT,
 )
-from ballbot_ros.nodes.endpoints import TopicPublisher, reliable_qos
 from ballbot_ros.recording.reader import RecordingReader
 
 pytestmark = pytest.mark.graph

@@ -15,8 +15,12 @@ from rclpy.serialization import serialize_message
 from ros_client import Client
 from std_msgs.msg import Header
 
-from ballbot_ros.messages.conversions import encode_accepted_push
-from ballbot_ros.messages.topics import (
+from ballbot_ros.nodes import latest_messages
+from ballbot_ros.nodes.endpoints import reliable_qos
+from ballbot_ros.nodes.latest_messages import LatestMessages, snapshot_of
+from ballbot_ros.parameters.timing import SECOND_NS
+from ballbot_ros.recording.messages.conversions import encode_accepted_push
+from ballbot_ros.recording.messages.topics import (
     ACCEPTED_PUSH,
     BATTERY_STATE,
     LCD,
@@ -29,11 +33,7 @@ from ballbot_ros.messages.topics import (
     SESSION,
     SONAR_RANGE,
 )
-from ballbot_ros.nodes import latest_messages
-from ballbot_ros.nodes.endpoints import reliable_qos
-from ballbot_ros.nodes.latest_messages import LatestMessages, snapshot_of
-from ballbot_ros.plant.ground_truth import Push
-from ballbot_ros.timing import SECOND_NS
+from ballbot_ros.robot.plant.ground_truth import Push
 from ballbot_ros.viewer.session import Session, encode_session
 
 pytestmark = pytest.mark.graph

@@ -13,7 +13,7 @@ from geometry_msgs.msg import WrenchStamped
 from graph import LAST_RESORT_S, NODES, environment
 from std_srvs.srv import SetBool, Trigger
 
-from ballbot_ros.messages.topics import ACCEPTED_PUSH, PLANT_IMU, RUN
+from ballbot_ros.recording.messages.topics import ACCEPTED_PUSH, PLANT_IMU, RUN
 
 pytestmark = pytest.mark.graph
 

@@ -27,7 +27,6 @@ from graph import (
 
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.files import share_directory
-from ballbot_ros.messages.topics import DIAGNOSTICS, JOINT_STATES, LCD, MOTOR_DUTY
 from ballbot_ros.nodes.endpoints import reliable_qos
 from ballbot_ros.nodes.middleware import (
     DISCOVERY_RANGE,
@@ -44,6 +43,7 @@ from ballbot_ros.nodes.middleware import (
     ros_domain,
 )
 from ballbot_ros.parameters import GYRO, NODES, RECORDER
+from ballbot_ros.recording.messages.topics import DIAGNOSTICS, JOINT_STATES, LCD, MOTOR_DUTY
 
 CONFIG = share_directory() / 'config'
 LAST_PEER = 31
@@ -305,7 +305,7 @@ def test_without_discovery_no_node_is_started(monkeypatch):
 
 WRITER = """
 import rclpy
-from ballbot_ros.messages.topics import MOTOR_DUTY
+from ballbot_ros.recording.messages.topics import MOTOR_DUTY
 from ballbot_ros.nodes.middleware import prepare_middleware
 from ballbot_ros.nodes.endpoints import TopicPublisher, flush
 

@@ -18,7 +18,6 @@ from std_msgs.msg import Header
 
 from ballbot_ros.controllers.document.axis import task_timings
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.messages.topics import PLANT_SLOW_ODOM, SONAR_RANGE
 from ballbot_ros.nodes import gamepad_teleop
 from ballbot_ros.nodes.node_parameters import NEXT_RUN
 from ballbot_ros.nodes.registry import REGISTRY
@@ -35,6 +34,7 @@ from ballbot_ros.parameters import (
     TakesEffect,
     parameters_of,
 )
+from ballbot_ros.recording.messages.topics import PLANT_SLOW_ODOM, SONAR_RANGE
 
 pytestmark = pytest.mark.graph
 

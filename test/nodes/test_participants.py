@@ -14,16 +14,8 @@ from geometry_msgs.msg import Vector3Stamped  # noqa: E402
 from graph import call  # noqa: E402
 from std_msgs.msg import Header  # noqa: E402
 
-from ballbot_ros.messages.conversions import time_ns  # noqa: E402
-from ballbot_ros.messages.participation import encode_announcement  # noqa: E402
-from ballbot_ros.messages.topics import (  # noqa: E402
-    DIAGNOSTICS,
-    GYRO_IMU,
-    HISTORY,
-    MOTOR_DUTY,
-    PARTICIPANTS,
-    ROLL_CALL,
-)
+from ballbot_ros.engine.trajectory import load_trajectory  # noqa: E402
+from ballbot_ros.lockstep.participants import Announcement, Participant  # noqa: E402
 from ballbot_ros.nodes.endpoints import reliable_qos  # noqa: E402
 from ballbot_ros.nodes.processes import descendants  # noqa: E402
 from ballbot_ros.parameters import (  # noqa: E402
@@ -35,9 +27,17 @@ from ballbot_ros.parameters import (  # noqa: E402
     RECORDER,
     SONAR,
 )
+from ballbot_ros.recording.messages.conversions import time_ns  # noqa: E402
+from ballbot_ros.recording.messages.participation import encode_announcement  # noqa: E402
+from ballbot_ros.recording.messages.topics import (  # noqa: E402
+    DIAGNOSTICS,
+    GYRO_IMU,
+    HISTORY,
+    MOTOR_DUTY,
+    PARTICIPANTS,
+    ROLL_CALL,
+)
 from ballbot_ros.recording.reader import RecordingReader  # noqa: E402
-from ballbot_ros.simulation.participants import Announcement, Participant  # noqa: E402
-from ballbot_ros.simulation.trajectory import load_trajectory  # noqa: E402
 
 pytestmark = pytest.mark.graph
 

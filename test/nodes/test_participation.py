@@ -12,14 +12,14 @@ from builtin_interfaces.msg import Time
 from std_msgs.msg import Header
 
 from ballbot_ros import __version__
-from ballbot_ros.messages.participation import decode_announcement
-from ballbot_ros.messages.topics import GYRO_IMU, PARTICIPANTS
+from ballbot_ros.lockstep.participants import MAP_HASH, Objection
 from ballbot_ros.nodes import participation
 from ballbot_ros.nodes.participation import Participation
 from ballbot_ros.parameters import GYRO, ControllerParameters, GyroParameters, SonarParameters
-from ballbot_ros.simulation.participants import MAP_HASH, Objection
-from ballbot_ros.timing import FIRST_TICK_NS
-from ballbot_ros.world.floor_map import read_map_file
+from ballbot_ros.parameters.timing import FIRST_TICK_NS
+from ballbot_ros.recording.messages.participation import decode_announcement
+from ballbot_ros.recording.messages.topics import GYRO_IMU, PARTICIPANTS
+from ballbot_ros.robot.world.floor_map import read_map_file
 
 CONFLICT = Objection.to_sample('gyro', 1_000_000_000)
 

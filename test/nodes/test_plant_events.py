@@ -11,9 +11,10 @@ from geometry_msgs.msg import WrenchStamped
 from std_msgs.msg import Header
 from std_srvs.srv import SetBool
 
-from ballbot_ros.messages.conversions import encode_duty, encode_stop
-from ballbot_ros.messages.run_reports import encode_parameter_event
-from ballbot_ros.messages.topics import (
+from ballbot_ros.nodes.plant_sim import PlantEvents
+from ballbot_ros.recording.messages.conversions import encode_duty, encode_stop
+from ballbot_ros.recording.messages.run_reports import encode_parameter_event
+from ballbot_ros.recording.messages.topics import (
     MOTOR_DUTY,
     PARAMETER_EVENTS,
     PARTICIPANTS,
@@ -22,7 +23,6 @@ from ballbot_ros.messages.topics import (
     ROLL_CALL,
     RUN,
 )
-from ballbot_ros.nodes.plant_sim import PlantEvents
 
 
 def test_an_unreadable_announcement_is_logged_and_reveals_its_sender():

@@ -8,18 +8,18 @@ pytest.importorskip('rclpy')
 
 from stubs import bare
 
+from ballbot_ros.engine.pacer import PauseControl
+from ballbot_ros.engine.trajectory import TrajectoryLog, load_trajectory
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.messages.topics import CLOCK, DIAGNOSTICS, MAP, MOTOR_DUTY, RUN_STATUS
+from ballbot_ros.lockstep import run_actions as do
+from ballbot_ros.lockstep.lockstep import RunIdentity
+from ballbot_ros.lockstep.run_actions import Outcome
 from ballbot_ros.nodes import plant_sim
 from ballbot_ros.nodes.heartbeat import Heartbeat
 from ballbot_ros.nodes.plant_sim import PlantActions, PlantSim
 from ballbot_ros.parameters import PlantParameters
-from ballbot_ros.plant.ground_truth import Push
-from ballbot_ros.simulation import run_actions as do
-from ballbot_ros.simulation.lockstep import RunIdentity
-from ballbot_ros.simulation.pacer import PauseControl
-from ballbot_ros.simulation.run_actions import Outcome
-from ballbot_ros.simulation.trajectory import TrajectoryLog, load_trajectory
+from ballbot_ros.recording.messages.topics import CLOCK, DIAGNOSTICS, MAP, MOTOR_DUTY, RUN_STATUS
+from ballbot_ros.robot.plant.ground_truth import Push
 
 TRUTH = SimpleNamespace(stamp_ns=8)
 PUSH = Push(4, 8, (1.0, 0.0))

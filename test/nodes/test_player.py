@@ -22,12 +22,12 @@ from std_srvs.srv import SetBool  # noqa: E402
 from stubs import bare  # noqa: E402
 
 from ballbot_ros.errors import BallbotError  # noqa: E402
-from ballbot_ros.messages.topics import CLOCK, HISTORY, LCD, message_class  # noqa: E402
 from ballbot_ros.nodes import player  # noqa: E402
 from ballbot_ros.nodes.endpoints import reliable_qos  # noqa: E402
 from ballbot_ros.nodes.player import Player, _is_truth, _qos  # noqa: E402
 from ballbot_ros.nodes.presence import DomainLock  # noqa: E402
 from ballbot_ros.parameters import PlayerParameters  # noqa: E402
+from ballbot_ros.recording.messages.topics import CLOCK, HISTORY, LCD, message_class  # noqa: E402
 from ballbot_ros.recording.reader import RecordingReader  # noqa: E402
 from ballbot_ros.recording.rosbag2 import QosProfile  # noqa: E402
 from ballbot_ros.recording.schemas import encoder, new_message  # noqa: E402

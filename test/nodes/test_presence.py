@@ -7,8 +7,8 @@ import sys
 
 from graph import wait_for
 
+from ballbot_ros.lockstep.participants import LocalNode
 from ballbot_ros.nodes.presence import Presence, present_nodes
-from ballbot_ros.simulation.participants import LocalNode
 
 OTHER_PROCESS = """
 import sys

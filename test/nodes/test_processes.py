@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from graph import wait_for
 
+from ballbot_ros.lockstep.participants import LocalNode
 from ballbot_ros.nodes import processes
 from ballbot_ros.nodes.processes import (
     LocalProcessObserver,
@@ -20,7 +21,6 @@ from ballbot_ros.nodes.processes import (
     threads_of,
 )
 from ballbot_ros.parameters import CONTROLLER, GYRO
-from ballbot_ros.simulation.participants import LocalNode
 
 SPIN = [sys.executable, '-c', 'while True: pass']
 WAIT = [sys.executable, '-c', 'input()']

@@ -12,13 +12,22 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy  # noqa: E
 from stubs import bare  # noqa: E402
 
 from ballbot_ros.errors import RecordingError  # noqa: E402
-from ballbot_ros.messages.conversions import (  # noqa: E402
+from ballbot_ros.lockstep.lockstep import RunIdentity, SampleStatus  # noqa: E402
+from ballbot_ros.nodes import recorder as recorder_channels  # noqa: E402
+from ballbot_ros.nodes import recorder as recorder_node  # noqa: E402
+from ballbot_ros.nodes.recorder import (  # noqa: E402
+    RecordedChannel,
+    RecordedChannels,
+    Recorder,
+)
+from ballbot_ros.parameters import RecorderParameters  # noqa: E402
+from ballbot_ros.recording.messages.conversions import (  # noqa: E402
     encode_duty,
     encode_header,
     encode_stop,
 )
-from ballbot_ros.messages.raw import decoder  # noqa: E402
-from ballbot_ros.messages.topics import (  # noqa: E402
+from ballbot_ros.recording.messages.raw import decoder  # noqa: E402
+from ballbot_ros.recording.messages.topics import (  # noqa: E402
     CLOCK,
     JOY,
     LCD,
@@ -30,17 +39,8 @@ from ballbot_ros.messages.topics import (  # noqa: E402
     RUN_STATUS,
     Topic,
 )
-from ballbot_ros.nodes import recorder as recorder_channels  # noqa: E402
-from ballbot_ros.nodes import recorder as recorder_node  # noqa: E402
-from ballbot_ros.nodes.recorder import (  # noqa: E402
-    RecordedChannel,
-    RecordedChannels,
-    Recorder,
-)
-from ballbot_ros.parameters import RecorderParameters  # noqa: E402
 from ballbot_ros.recording.rosbag2 import RELIABLE_LATCHED, QosProfile  # noqa: E402
 from ballbot_ros.recording.writer import RUN_PARTICIPANTS  # noqa: E402
-from ballbot_ros.simulation.lockstep import RunIdentity, SampleStatus  # noqa: E402
 
 ANNOUNCED = encode_header(1_000_000_000, '1 abc')
 MALFORMED = (ANNOUNCED[:7], ANNOUNCED.replace(b'abc', b'\xff\xff\xff'))

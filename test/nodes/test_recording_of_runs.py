@@ -7,11 +7,11 @@ from graph import Run, free_domain, record
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
-from ballbot_ros.messages.topics import TOPICS
+from ballbot_ros.engine.golden import duty_sha256
+from ballbot_ros.engine.scenario.library import load_scenario
+from ballbot_ros.parameters.timing import TICK_NS
+from ballbot_ros.recording.messages.topics import TOPICS
 from ballbot_ros.recording.reader import RecordingReader
-from ballbot_ros.scenario.library import load_scenario
-from ballbot_ros.simulation.golden import duty_sha256
-from ballbot_ros.timing import TICK_NS
 
 pytestmark = pytest.mark.graph
 

@@ -13,11 +13,11 @@ pytest.importorskip('rclpy')
 from rclpy.qos import DurabilityPolicy
 from ros_client import Client
 
-from ballbot_ros.messages.devices import INPUT_READERS
-from ballbot_ros.messages.topics import DIAGNOSTICS, GYRO_IMU, PLANT_IMU, RUN_STATUS
+from ballbot_ros.engine.trajectory import load_trajectory
+from ballbot_ros.parameters.timing import FIRST_TICK_NS, SLOW_PERIOD_NS, TICK_NS
+from ballbot_ros.recording.messages.devices import INPUT_READERS
+from ballbot_ros.recording.messages.topics import DIAGNOSTICS, GYRO_IMU, PLANT_IMU, RUN_STATUS
 from ballbot_ros.recording.reader import RecordingReader
-from ballbot_ros.simulation.trajectory import load_trajectory
-from ballbot_ros.timing import FIRST_TICK_NS, SLOW_PERIOD_NS, TICK_NS
 
 pytestmark = pytest.mark.graph
 
@@ -62,9 +62,9 @@ def start_graph(start_node, tmp_path):
 
 
 def undisturbed(ticks, dead_times=MappingProxyType({})):
+    from ballbot_ros.engine.closed_loop import ClosedLoop
+    from ballbot_ros.engine.trajectory import TrajectoryLog
     from ballbot_ros.parameters import PLANT, ParameterSet
-    from ballbot_ros.simulation.closed_loop import ClosedLoop
-    from ballbot_ros.simulation.trajectory import TrajectoryLog
 
     parameters = ParameterSet()
     parameters.set(PLANT, 'start_pitch_x', START_PITCH)

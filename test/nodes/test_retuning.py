@@ -14,16 +14,21 @@ from std_srvs.srv import SetBool, Trigger
 from stubs import bare
 
 from ballbot_ros.analysis.run_data import read_run
-from ballbot_ros.codegen.implementation import Implementation
+from ballbot_ros.controllers.codegen.implementation import Implementation
 from ballbot_ros.errors import ControllerError
-from ballbot_ros.messages.conversions import stamp_ns
-from ballbot_ros.messages.topics import MOTOR_DUTY, OPERATING_STATE, PARAMETER_EVENTS, PLANT_IMU
+from ballbot_ros.lockstep.lockstep import DueTick
+from ballbot_ros.lockstep.run_actions import ParameterChange
 from ballbot_ros.nodes.controller import ControllerNode
 from ballbot_ros.nodes.node_parameters import NEXT_RUN
 from ballbot_ros.parameters import CONTROLLER, ControllerParameters, parameters_of
-from ballbot_ros.simulation.lockstep import DueTick
-from ballbot_ros.simulation.run_actions import ParameterChange
-from ballbot_ros.timing import FIRST_TICK_NS, TICK_NS
+from ballbot_ros.parameters.timing import FIRST_TICK_NS, TICK_NS
+from ballbot_ros.recording.messages.conversions import stamp_ns
+from ballbot_ros.recording.messages.topics import (
+    MOTOR_DUTY,
+    OPERATING_STATE,
+    PARAMETER_EVENTS,
+    PLANT_IMU,
+)
 
 BALANCING_NS = FIRST_TICK_NS + 1_200_000_000
 

@@ -15,9 +15,13 @@ pytest.importorskip('rclpy')
 from ros_client import Client
 from stubs import bare
 
-from ballbot_ros.messages.conversions import stamp_ns
-from ballbot_ros.messages.tool_messages import DELETE_ALL
-from ballbot_ros.messages.topics import (
+from ballbot_ros.nodes import robot_visualizer
+from ballbot_ros.nodes.base import BallbotNode
+from ballbot_ros.nodes.robot_visualizer import RobotVisualizer
+from ballbot_ros.parameters import VisualizerParameters
+from ballbot_ros.recording.messages.conversions import stamp_ns
+from ballbot_ros.recording.messages.tool_messages import DELETE_ALL
+from ballbot_ros.recording.messages.topics import (
     MAP,
     MARKERS,
     PLANT_ODOM,
@@ -26,10 +30,6 @@ from ballbot_ros.messages.topics import (
     TF,
     TF_STATIC,
 )
-from ballbot_ros.nodes import robot_visualizer
-from ballbot_ros.nodes.base import BallbotNode
-from ballbot_ros.nodes.robot_visualizer import RobotVisualizer
-from ballbot_ros.parameters import VisualizerParameters
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.viewer.snapshot import Snapshot
 

@@ -10,10 +10,10 @@ import time
 import pytest
 from graph import NODES, Node, call, free_domain
 
+from ballbot_ros.engine.golden import duty_sha256
+from ballbot_ros.engine.scenario.library import load_scenario
+from ballbot_ros.engine.trajectory import load_trajectory
 from ballbot_ros.parameters import GYRO, PLANT, RECORDER, PlantParameters
-from ballbot_ros.scenario.library import load_scenario
-from ballbot_ros.simulation.golden import duty_sha256
-from ballbot_ros.simulation.trajectory import load_trajectory
 
 pytestmark = pytest.mark.graph
 

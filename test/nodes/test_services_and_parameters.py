@@ -15,14 +15,6 @@ from ros_client import Client  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 from std_srvs.srv import SetBool, Trigger  # noqa: E402
 
-from ballbot_ros.messages.conversions import body_pitch, stamp_ns, time_ns  # noqa: E402
-from ballbot_ros.messages.topics import (  # noqa: E402
-    ACCEPTED_PUSH,
-    DIAGNOSTICS,
-    OPERATING_STATE,
-    PLANT_IMU,
-    RUN,
-)
 from ballbot_ros.nodes.node_parameters import NEXT_RUN  # noqa: E402
 from ballbot_ros.parameters import (  # noqa: E402
     NODES,
@@ -30,6 +22,14 @@ from ballbot_ros.parameters import (  # noqa: E402
     RECORDER,
     TakesEffect,
     parameters_of,
+)
+from ballbot_ros.recording.messages.conversions import body_pitch, stamp_ns, time_ns  # noqa: E402
+from ballbot_ros.recording.messages.topics import (  # noqa: E402
+    ACCEPTED_PUSH,
+    DIAGNOSTICS,
+    OPERATING_STATE,
+    PLANT_IMU,
+    RUN,
 )
 
 pytestmark = pytest.mark.graph

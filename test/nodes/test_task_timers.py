@@ -13,19 +13,19 @@ from rclpy.time import Time
 from std_srvs.srv import Trigger
 
 from ballbot_ros.controllers.document.axis import TASK_TS1
-from ballbot_ros.messages.topics import DIAGNOSTICS, PLANT_IMU
+from ballbot_ros.engine.golden import duty_sha256
+from ballbot_ros.engine.scenario.library import load_scenario
+from ballbot_ros.engine.trajectory import load_trajectory
+from ballbot_ros.lockstep import lockstep_master
 from ballbot_ros.nodes.controller import ControllerNode, TaskTimers
 from ballbot_ros.nodes.plant_sim import OneShotTimer
 from ballbot_ros.parameters import CONTROLLER, NODES, PLANT, RECORDER, PlantParameters
+from ballbot_ros.parameters.timing import FIRST_TICK_NS, MILLISECOND_NS, TICK_NS
+from ballbot_ros.recording.messages.topics import DIAGNOSTICS, PLANT_IMU
 from ballbot_ros.run import one_process
 from ballbot_ros.run.execution import execute
 from ballbot_ros.run.processes import Processes
 from ballbot_ros.run.spec import RunOptions, RunSpec
-from ballbot_ros.scenario.library import load_scenario
-from ballbot_ros.simulation import lockstep_master
-from ballbot_ros.simulation.golden import duty_sha256
-from ballbot_ros.simulation.trajectory import load_trajectory
-from ballbot_ros.timing import FIRST_TICK_NS, MILLISECOND_NS, TICK_NS
 
 pytestmark = pytest.mark.graph
 

@@ -19,11 +19,23 @@ from rclpy.qos import qos_profile_sensor_data  # noqa: E402
 from ros_client import Client, header  # noqa: E402
 from sensor_msgs.msg import Joy  # noqa: E402
 
-from ballbot_ros.messages.conversions import (  # noqa: E402
+from ballbot_ros.engine.closed_loop import ClosedLoop  # noqa: E402
+from ballbot_ros.engine.scenario.library import load_scenario  # noqa: E402
+from ballbot_ros.engine.scenario.scenario import Scenario  # noqa: E402
+from ballbot_ros.engine.trajectory import TrajectoryLog  # noqa: E402
+from ballbot_ros.nodes.teleop.sticks import NO_SOURCE  # noqa: E402
+from ballbot_ros.parameters import GAMEPAD, NODES, PLANT, RECORDER, ParameterSet  # noqa: E402
+from ballbot_ros.parameters.timing import (  # noqa: E402
+    FIRST_TICK_NS,
+    MAX_LEAD_TICKS,
+    SLOW_PERIOD_NS,
+    TICK_NS,
+)
+from ballbot_ros.recording.messages.conversions import (  # noqa: E402
     odometry_position,
     stamp_ns,
 )
-from ballbot_ros.messages.topics import (  # noqa: E402
+from ballbot_ros.recording.messages.topics import (  # noqa: E402
     DIAGNOSTICS,
     GAMEPAD_JOY,
     JOY,
@@ -33,19 +45,7 @@ from ballbot_ros.messages.topics import (  # noqa: E402
     PLANT_SLOW_ODOM,
     ROLL_CALL,
 )
-from ballbot_ros.parameters import GAMEPAD, NODES, PLANT, RECORDER, ParameterSet  # noqa: E402
 from ballbot_ros.recording.reader import RecordingReader  # noqa: E402
-from ballbot_ros.scenario.library import load_scenario  # noqa: E402
-from ballbot_ros.scenario.scenario import Scenario  # noqa: E402
-from ballbot_ros.simulation.closed_loop import ClosedLoop  # noqa: E402
-from ballbot_ros.simulation.trajectory import TrajectoryLog  # noqa: E402
-from ballbot_ros.teleop.sticks import NO_SOURCE  # noqa: E402
-from ballbot_ros.timing import (  # noqa: E402
-    FIRST_TICK_NS,
-    MAX_LEAD_TICKS,
-    SLOW_PERIOD_NS,
-    TICK_NS,
-)
 
 pytestmark = pytest.mark.graph
 

@@ -11,13 +11,13 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rcl_interfaces.msg import SetParametersResult as Result
 from ros_client import Client
 
-from ballbot_ros.messages.participation import encode_announcement
-from ballbot_ros.messages.run_reports import encode_parameter_event
-from ballbot_ros.messages.topics import HISTORY, PARAMETER_EVENTS, PARTICIPANTS
+from ballbot_ros.lockstep.participants import Announcement, Participant
 from ballbot_ros.nodes.base import BallbotNode
 from ballbot_ros.nodes.endpoints import reliable_qos
 from ballbot_ros.nodes.viewer_requests import TuningRequests
-from ballbot_ros.simulation.participants import Announcement, Participant
+from ballbot_ros.recording.messages.participation import encode_announcement
+from ballbot_ros.recording.messages.run_reports import encode_parameter_event
+from ballbot_ros.recording.messages.topics import HISTORY, PARAMETER_EVENTS, PARTICIPANTS
 from ballbot_ros.viewer.tunable import Tunable
 
 pytestmark = pytest.mark.graph

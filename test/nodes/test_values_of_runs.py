@@ -11,7 +11,6 @@ from std_srvs.srv import Trigger
 
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.cli.replay import replay_recording
-from ballbot_ros.messages.topics import PARAMETER_EVENTS, PLANT_IMU
 from ballbot_ros.nodes.node_parameters import NEXT_RUN
 from ballbot_ros.parameters import (
     CONTROLLER,
@@ -21,6 +20,7 @@ from ballbot_ros.parameters import (
     PlantParameters,
     SonarParameters,
 )
+from ballbot_ros.recording.messages.topics import PARAMETER_EVENTS, PLANT_IMU
 
 pytestmark = pytest.mark.graph
 

@@ -11,13 +11,13 @@ pytest.importorskip('rclpy')
 from stubs import bare
 
 from ballbot_ros.errors import WorldError
-from ballbot_ros.messages.conversions import encode_joy
-from ballbot_ros.messages.run_reports import PlantReport
-from ballbot_ros.messages.topics import MAP, PLANT_IMU, PLANT_ODOM, RUN, SOUND
 from ballbot_ros.nodes import viewer
 from ballbot_ros.nodes.viewer import Viewer
 from ballbot_ros.parameters import PlantParameters, ViewerParameters
-from ballbot_ros.timing import MILLISECOND_NS, SECOND_NS
+from ballbot_ros.parameters.timing import MILLISECOND_NS, SECOND_NS
+from ballbot_ros.recording.messages.conversions import encode_joy
+from ballbot_ros.recording.messages.run_reports import PlantReport
+from ballbot_ros.recording.messages.topics import MAP, PLANT_IMU, PLANT_ODOM, RUN, SOUND
 from ballbot_ros.viewer.overlay import Hold, Press
 from ballbot_ros.viewer.run_activity import PAUSE, RealTimeFactor, RunActivity
 from ballbot_ros.viewer.snapshot import History, Snapshot

@@ -13,12 +13,12 @@ from rclpy.parameter import Parameter
 from ros_client import Client
 from std_srvs.srv import SetBool, Trigger
 
-from ballbot_ros.messages.conversions import encode_push
-from ballbot_ros.messages.topics import PUSH, RUN
 from ballbot_ros.nodes import viewer_requests
 from ballbot_ros.nodes.endpoints import TopicPublisher, reliable_qos
 from ballbot_ros.nodes.viewer_requests import ViewerRequests
 from ballbot_ros.parameters import PlantParameters
+from ballbot_ros.recording.messages.conversions import encode_push
+from ballbot_ros.recording.messages.topics import PUSH, RUN
 
 pytestmark = pytest.mark.graph
 

@@ -12,13 +12,13 @@ from maps import save, with_walls
 
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.engine.devices import SONAR_DEVICE
-from ballbot_ros.messages.conversions import odometry_position
-from ballbot_ros.messages.topics import MOTOR_DUTY
+from ballbot_ros.engine.scenario.library import load_profile
 from ballbot_ros.parameters import SONAR, SonarParameters
+from ballbot_ros.recording.messages.conversions import odometry_position
+from ballbot_ros.recording.messages.topics import MOTOR_DUTY
 from ballbot_ros.recording.reader import RecordingReader
-from ballbot_ros.scenario.library import load_profile
-from ballbot_ros.world.exports import occupancy_grid
-from ballbot_ros.world.floor_map import load_map
+from ballbot_ros.robot.world.exports import occupancy_grid
+from ballbot_ros.robot.world.floor_map import load_map
 
 pytestmark = pytest.mark.graph
 

@@ -10,14 +10,6 @@ import pytest
 from generated import random_values
 from robot import linear_step, nonlinear_step, physical, values_of
 
-from ballbot_ros.brick.noise import device_number, noise_key
-from ballbot_ros.brick.sensors import (
-    battery_mv,
-    drawn_delay,
-    gyro_reading,
-    radians_to_degrees,
-    sonar_reading,
-)
 from ballbot_ros.controllers.document.axis import (
     ProgramConstants,
     Single,
@@ -29,21 +21,29 @@ from ballbot_ros.controllers.document.axis import (
 from ballbot_ros.engine.compilation import compiled
 from ballbot_ros.engine.devices import sample_age
 from ballbot_ros.parameters import CONTROLLER
-from ballbot_ros.plant.actuator import motor_current, motor_voltage, terminal_voltage
-from ballbot_ros.plant.integration import (
+from ballbot_ros.parameters.timing import TICK_NS
+from ballbot_ros.robot.brick.noise import device_number, noise_key
+from ballbot_ros.robot.brick.sensors import (
+    battery_mv,
+    drawn_delay,
+    gyro_reading,
+    radians_to_degrees,
+    sonar_reading,
+)
+from ballbot_ros.robot.plant.actuator import motor_current, motor_voltage, terminal_voltage
+from ballbot_ros.robot.plant.integration import (
     advance_linear,
     advance_nonlinear,
     discrete_matrices,
     equations_of,
 )
-from ballbot_ros.plant.laws import (
+from ballbot_ros.robot.plant.laws import (
     add_push_forces,
     shaft_angle,
     state_after_fall,
     state_after_impact,
 )
-from ballbot_ros.plant.model import mass_matrix
-from ballbot_ros.timing import TICK_NS
+from ballbot_ros.robot.plant.model import mass_matrix
 
 COUNT = 5000
 DT = 1e-3

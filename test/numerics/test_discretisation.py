@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from ballbot_ros.plant.integration import zero_order_hold
+from ballbot_ros.robot.plant.integration import zero_order_hold
 
 
 def exact(a, b, dt):

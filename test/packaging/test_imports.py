@@ -7,27 +7,26 @@ import ballbot_ros
 
 ROOT = Path(ballbot_ros.__file__).parent
 
-FLOORS = (
-    ('parameters', 'numerics'),
-    ('brick',),
-    ('plant',),
-    ('world', 'controllers', 'recording'),
-    ('design',),
-    ('codegen', 'scenario', 'teleop'),
-    ('engine',),
-    ('simulation',),
-    ('messages',),
-    ('analysis', 'conformance'),
-    ('identification',),
-    ('viewer',),
-    ('nodes', 'environments'),
-    ('run',),
-    ('studies',),
-    ('cli',),
-)
-"""From the bottom up: a package imports only packages below it."""
+ROOMS = {
+    'parameters': (),
+    'robot': ('numerics', 'brick', 'plant', 'world'),
+    'controllers': ('', 'design', 'codegen'),
+    'engine': ('scenario', ''),
+    'lockstep': (),
+    'recording': ('', 'messages'),
+    'analysis': ('', 'identification'),
+    'viewer': (),
+    'nodes': ('conformance', 'teleop', ''),
+    'run': (),
+    'lab': ('environments', 'studies'),
+    'cli': (),
+}
+"""From the bottom up: a room imports only rooms below it. Within a room, the same holds for its
+packages, of which '' are the modules beside them."""
 
-FLOOR = {package: number for number, floor in enumerate(FLOORS) for package in floor}
+BESIDE = {'__init__', 'environments', 'errors', 'files', 'process'}
+"""The modules beside the rooms, which serve all of them, or stand for one."""
+
 WITH_ROS = {'nodes', 'run', 'cli'}
 ROS = {'rclpy', 'rosgraph_msgs', 'std_srvs', 'rcl_interfaces', 'diagnostic_msgs', 'tf2_msgs'}
 MODULES = sorted(path for path in ROOT.rglob('*.py') if path.parent != ROOT)
@@ -49,18 +48,29 @@ def package_of(path):
     return path.relative_to(ROOT).parts[0]
 
 
-def test_every_package_has_a_layer():
-    assert {package_of(path) for path in MODULES} == FLOOR.keys()
+def floor_of(module):
+    """Return room and package of a module as numbers, from the bottom up; None if it has none."""
+    room, *rest = module.split('.')[1:] or ['']
+    if room not in ROOMS:
+        return None
+    packages = ROOMS[room]
+    own = rest[0] if rest and rest[0] in packages else ''
+    return [*ROOMS].index(room), packages.index(own) if packages else 0
+
+
+def test_every_package_has_a_place():
+    rooms = {path.name for path in ROOT.iterdir() if (path / '__init__.py').exists()}
+    assert rooms == ROOMS.keys()
+    assert {path.stem for path in ROOT.glob('*.py')} == BESIDE
 
 
 def test_imports_go_down():
     upward = []
     for path in MODULES:
-        package = package_of(path)
+        floor = floor_of('.'.join(path.relative_to(ROOT.parent).with_suffix('').parts))
         for name in imports(path):
-            top, _, rest = name.partition('.')
-            other = rest.partition('.')[0] if top == 'ballbot_ros' else ''
-            if other not in ('', package) and FLOOR.get(other, -1) >= FLOOR[package]:
+            other = floor_of(name) if name.partition('.')[0] == 'ballbot_ros' else None
+            if other is not None and other > floor:
                 upward.append(f'{path.relative_to(ROOT)}: {name}')
     assert upward == []
 

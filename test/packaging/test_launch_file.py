@@ -12,9 +12,9 @@ from types import ModuleType, SimpleNamespace
 import pytest
 from graph import LAST_RESORT_S, environment
 
+from ballbot_ros.lockstep.run_actions import Outcome
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.writer import RUN_OUTCOME
-from ballbot_ros.simulation.run_actions import Outcome
 
 ROOT = Path(__file__).resolve().parents[2]
 FILE = ROOT / 'launch/ballbot.launch.py'

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from laws import given
 from robot import linear_step, mass_matrix_at, nonlinear_step, physical
 
-from ballbot_ros.plant.model import state_space
+from ballbot_ros.robot.plant.model import state_space
 
 LOSSLESS = {'back_emf_constant': 0.0, 'motor_friction': 0.0}
 STEPPERS = [linear_step, nonlinear_step]

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from laws import given
 from robot import mass_matrix_at, nonlinear_step, physical
 
-from ballbot_ros.plant.model import state_space
+from ballbot_ros.robot.plant.model import state_space
 
 # From the table of section 3.1 in exact fractions.
 ALPHA = 0.04738415545590433

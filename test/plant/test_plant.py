@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from laws import given
 from robot import START_NS, linear_step, make_plant, nonlinear_step, physical, run_plant
 
-from ballbot_ros.plant.ground_truth import Push
+from ballbot_ros.robot.plant.ground_truth import Push
 
 MODELS = ['linear', 'nonlinear']
 RATIO = 0.026 / 0.021

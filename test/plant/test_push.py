@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from laws import given
 from robot import START_NS, make_plant, run_plant
 
-from ballbot_ros.plant.ground_truth import Push
+from ballbot_ros.robot.plant.ground_truth import Push
 
 MODELS = ['linear', 'nonlinear']
 FREE = {'gravity': 0.0, 'back_emf_constant': 0.0, 'motor_friction': 0.0}

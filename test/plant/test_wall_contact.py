@@ -12,11 +12,11 @@ from robot import START_NS, mass_matrix_at, physical, run_plant, values_of
 
 from ballbot_ros.engine.plant import Plant
 from ballbot_ros.parameters import PLANT
-from ballbot_ros.plant.ground_truth import Push
-from ballbot_ros.plant.integration import PlaneState
-from ballbot_ros.plant.laws import WallHit, state_after_impact
-from ballbot_ros.plant.model import impulse_ratio, mass_matrix
-from ballbot_ros.world.world import World
+from ballbot_ros.robot.plant.ground_truth import Push
+from ballbot_ros.robot.plant.integration import PlaneState
+from ballbot_ros.robot.plant.laws import WallHit, state_after_impact
+from ballbot_ros.robot.plant.model import impulse_ratio, mass_matrix
+from ballbot_ros.robot.world.world import World
 
 MODELS = ['linear', 'nonlinear']
 POINT = {'body_depth': 0.0, 'body_width': 0.0}

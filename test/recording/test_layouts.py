@@ -12,8 +12,8 @@ from graph import record
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
-from ballbot_ros.messages.topics import MARKERS, ROBOT_DESCRIPTION, TF, TF_STATIC
 from ballbot_ros.parameters import GamepadParameters
+from ballbot_ros.recording.messages.topics import MARKERS, ROBOT_DESCRIPTION, TF, TF_STATIC
 from ballbot_ros.viewer.robot import BALL, BODY
 from ballbot_ros.viewer.transforms import MAP
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from ballbot_ros.messages.topics import TOPICS
+from ballbot_ros.recording.messages.topics import TOPICS
 from ballbot_ros.recording.schemas import new_message, schema, typestore
 
 TYPES = sorted(

@@ -16,6 +16,7 @@ from graph import LAST_RESORT_S
 from laws import refusal
 
 from ballbot_ros.errors import BallbotError
+from ballbot_ros.lockstep.liveness import ThreadTime
 from ballbot_ros.nodes import processes
 from ballbot_ros.parameters import (
     GAMEPAD,
@@ -29,7 +30,6 @@ from ballbot_ros.run import drive
 from ballbot_ros.run import one_process as node_thread
 from ballbot_ros.run.drive import DriveOptions, DriveResult, drive_spec
 from ballbot_ros.run.one_process import NodeThread
-from ballbot_ros.simulation.liveness import ThreadTime
 
 
 def test_a_drive_is_in_real_time_and_survives_walls():

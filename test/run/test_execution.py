@@ -17,21 +17,21 @@ from ballbot_ros.analysis.assessment import assess
 from ballbot_ros.analysis.metrics import Judgement, Verdict
 from ballbot_ros.analysis.recorded_scenario import RecordedPush
 from ballbot_ros.analysis.run_data import read_run
+from ballbot_ros.engine.golden import load_golden
+from ballbot_ros.engine.scenario.scenario import Expectation
+from ballbot_ros.engine.trajectory import TrajectoryLog
 from ballbot_ros.errors import BallbotError, RecordingError
-from ballbot_ros.messages.topics import CLOCK
+from ballbot_ros.lockstep.run_actions import Outcome, ParameterChange
 from ballbot_ros.nodes.intra_process import intra_process
 from ballbot_ros.parameters import NODES, PLANT, RECORDER
+from ballbot_ros.recording.messages.topics import CLOCK
 from ballbot_ros.recording.writer import RecordingWriter
+from ballbot_ros.robot.world.floor_map import read_map_file
 from ballbot_ros.run import execution, offline, requirements
 from ballbot_ros.run.execution import execute
 from ballbot_ros.run.processes import Processes
 from ballbot_ros.run.result import RoundTrip, RunResult
 from ballbot_ros.run.spec import RunOptions, RunSpec
-from ballbot_ros.scenario.scenario import Expectation
-from ballbot_ros.simulation.golden import load_golden
-from ballbot_ros.simulation.run_actions import Outcome, ParameterChange
-from ballbot_ros.simulation.trajectory import TrajectoryLog
-from ballbot_ros.world.floor_map import read_map_file
 
 
 class Notes:

@@ -9,16 +9,16 @@ from graph import BALLBOT, environment
 
 from ballbot_ros.analysis.metrics import Verdict
 from ballbot_ros.cli.result import run_and_print
+from ballbot_ros.engine.scenario.scenario import Scenario
+from ballbot_ros.engine.trajectory import TrajectoryLog
 from ballbot_ros.errors import BallbotError, RecordingError
+from ballbot_ros.lockstep.run_actions import Outcome
 from ballbot_ros.recording.writer import RecordingWriter
 from ballbot_ros.run import execution, spec
 from ballbot_ros.run.execution import execute
 from ballbot_ros.run.processes import Processes
 from ballbot_ros.run.result import RunResult
 from ballbot_ros.run.spec import RunOptions, RunSpec
-from ballbot_ros.scenario.scenario import Scenario
-from ballbot_ros.simulation.run_actions import Outcome
-from ballbot_ros.simulation.trajectory import TrajectoryLog
 
 FULL = 'No space left on device'
 

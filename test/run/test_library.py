@@ -17,18 +17,18 @@ from instance_controllers import Constant, Failing, FailingAtOnce, Gains
 
 import ballbot_ros as bb
 from ballbot_ros.analysis.metrics import ExpectationVerdict, Verdict
+from ballbot_ros.controllers.design.linear_model import design_servo
+from ballbot_ros.controllers.design.loop_analysis import analyse_ideal
 from ballbot_ros.controllers.lqg import LQG
-from ballbot_ros.design.linear_model import design_servo
-from ballbot_ros.design.loop_analysis import analyse_ideal
+from ballbot_ros.engine.golden import load_golden
 from ballbot_ros.errors import BallbotError, RecordingError
 from ballbot_ros.parameters import ControllerParameters, ParameterSet, PlantParameters
-from ballbot_ros.plant.model import PhysicalParameters, state_space
 from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.robot.plant.model import PhysicalParameters, state_space
 from ballbot_ros.run import library
 from ballbot_ros.run.execution import execute
 from ballbot_ros.run.processes import Processes
 from ballbot_ros.run.spec import RunOptions, RunSpec
-from ballbot_ros.simulation.golden import load_golden
 
 SHORT = {'plant_sim.duration': 1.2}
 

@@ -5,12 +5,12 @@ from types import SimpleNamespace
 
 import pytest
 
+from ballbot_ros.engine.scenario.scenario import Scenario
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.parameters import ParameterSet
 from ballbot_ros.run import output_folder
 from ballbot_ros.run.output_folder import OutputFiles, output_files
 from ballbot_ros.run.spec import RunSpec
-from ballbot_ros.scenario.scenario import Scenario
 
 NOW = datetime(2026, 1, 2, 3, 4, 5)
 

@@ -10,12 +10,12 @@ import pytest
 from graph import BALLBOT, record
 from own_controllers import BALANCE, FAULTY, line_in_faulty
 
-from ballbot_ros.messages.conversions import stamp_ns
+from ballbot_ros.lockstep.run_actions import Outcome
+from ballbot_ros.recording.messages.conversions import stamp_ns
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.run.execution import execute
 from ballbot_ros.run.processes import Processes
 from ballbot_ros.run.spec import RunOptions, RunSpec
-from ballbot_ros.simulation.run_actions import Outcome
 
 DOES_NOT_RETURN = 'does not return within 1 s'
 

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from ballbot_ros.lockstep.liveness import ThreadTime
 from ballbot_ros.nodes.heartbeat import HEARTBEAT_FD_ENV, Heartbeat, HeartbeatSender
 from ballbot_ros.run import separate_processes as plant_monitor
 from ballbot_ros.run.separate_processes import (
@@ -15,7 +16,6 @@ from ballbot_ros.run.separate_processes import (
     PlantMonitor,
     PlantWatchdog,
 )
-from ballbot_ros.simulation.liveness import ThreadTime
 
 
 @pytest.fixture

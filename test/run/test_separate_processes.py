@@ -15,9 +15,11 @@ from graph import LAST_RESORT_S
 from stubs import bare
 
 from ballbot_ros.errors import BallbotError
+from ballbot_ros.lockstep.run_actions import Outcome
 from ballbot_ros.nodes.middleware import DISCOVERY_RANGE
 from ballbot_ros.nodes.presence import DomainLock
 from ballbot_ros.parameters import GYRO, NODES, PLANT, RECORDER, VIEWER, ParameterSet
+from ballbot_ros.parameters.timing import FIRST_TICK_NS, TICK_NS
 from ballbot_ros.run import node_process, separate_processes
 from ballbot_ros.run import one_process as ros_context
 from ballbot_ros.run.node_process import (
@@ -31,8 +33,6 @@ from ballbot_ros.run.node_process import (
 from ballbot_ros.run.one_process import RCLError, ros
 from ballbot_ros.run.result import RunResult
 from ballbot_ros.run.separate_processes import merge_process_failures, run_nodes, watch
-from ballbot_ros.simulation.run_actions import Outcome
-from ballbot_ros.timing import FIRST_TICK_NS, TICK_NS
 
 SILENT = 'plant_sim does not answer'
 

@@ -6,6 +6,7 @@ import yaml
 from laws import refusal
 
 from ballbot_ros import __version__
+from ballbot_ros.engine.scenario.library import load_profile, load_scenario
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.parameters import (
     NODES,
@@ -17,12 +18,11 @@ from ballbot_ros.parameters import (
 )
 from ballbot_ros.parameters.files import read_parameter_file, write_parameter_file
 from ballbot_ros.recording.rosbag2 import PARAMETERS, SCENARIO, VERSIONS
+from ballbot_ros.robot.world.floor_map import read_map_file
 from ballbot_ros.run.execution import execute
 from ballbot_ros.run.graph import attachments_of
 from ballbot_ros.run.processes import Processes
 from ballbot_ros.run.spec import RunOptions, RunSpec
-from ballbot_ros.scenario.library import load_profile, load_scenario
-from ballbot_ros.world.floor_map import read_map_file
 
 NOISE = """purpose: noise of its own
 duration: 1

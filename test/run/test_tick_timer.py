@@ -7,13 +7,13 @@ from types import SimpleNamespace
 import pytest
 from robot import AT_REST
 
-from ballbot_ros.codegen.implementation import compose_controller, implementation_for
+from ballbot_ros.controllers.codegen.implementation import compose_controller, implementation_for
 from ballbot_ros.errors import ControllerError
+from ballbot_ros.lockstep.liveness import ThreadTime
 from ballbot_ros.parameters import CONTROLLER, ControllerParameters, ParameterSet, PlantParameters
 from ballbot_ros.process import StopRequest
 from ballbot_ros.run import tick_timer
 from ballbot_ros.run.tick_timer import TickTimer
-from ballbot_ros.simulation.liveness import ThreadTime
 
 SLEEPS, COMPUTES, WAITS_FOR_A_PROCESSOR = (0.0, 0.0), (1.0, 0.0), (0.0, 1.0)
 """Parts of the time in which a tick has a processor, and waits for one."""

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from laws import given
 
 from ballbot_ros.engine.compilation import compiled_and_kept
-from ballbot_ros.scenario.metrics import METRICS, Motion
-from ballbot_ros.world.floor_map import load_map
-from ballbot_ros.world.world import NO_WALLS, World
+from ballbot_ros.engine.scenario.metrics import METRICS, Motion
+from ballbot_ros.robot.world.floor_map import load_map
+from ballbot_ros.robot.world.world import NO_WALLS, World
 
 TICK = 0.004
 RECORDED = ('position', 'psi', 'duty')

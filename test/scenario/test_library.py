@@ -6,6 +6,8 @@ import pytest
 from hypothesis import strategies as st
 from laws import given, is_read_or_refused_in_one_line, refusal
 
+from ballbot_ros.engine.scenario.library import load_profile, load_scenario, scenario_names
+from ballbot_ros.engine.scenario.scenario import Expectation, ScheduledPush
 from ballbot_ros.errors import BallbotError, ScenarioError
 from ballbot_ros.parameters import (
     GYRO,
@@ -16,8 +18,6 @@ from ballbot_ros.parameters import (
     PlantParameters,
     SonarParameters,
 )
-from ballbot_ros.scenario.library import load_profile, load_scenario, scenario_names
-from ballbot_ros.scenario.scenario import Expectation, ScheduledPush
 
 HEAD = 'purpose: a test\nduration: 5\n'
 STICK = HEAD + 'sticks:\n  vertical:\n'

@@ -5,9 +5,9 @@ import math
 import pytest
 from robot import step
 
-from ballbot_ros.plant.ground_truth import Push
-from ballbot_ros.scenario.metrics import METRICS
-from ballbot_ros.scenario.scenario import Expectation, Scenario, ScheduledPush
+from ballbot_ros.engine.scenario.metrics import METRICS
+from ballbot_ros.engine.scenario.scenario import Expectation, Scenario, ScheduledPush
+from ballbot_ros.robot.plant.ground_truth import Push
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from laws import given
 from robot import step, steps
 
-from ballbot_ros.scenario.scenario import Segment, StickSignal
+from ballbot_ros.engine.scenario.scenario import Segment, StickSignal
 
 whole = st.integers(-100, 100)
 milliseconds = st.lists(st.integers(0, 10_000), min_size=2, max_size=8).map(sorted)

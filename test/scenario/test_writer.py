@@ -8,9 +8,14 @@ import pytest
 import yaml
 from laws import given
 
-from ballbot_ros.scenario.library import load_scenario, scenario_names
-from ballbot_ros.scenario.scenario import PUSH_DIRECTIONS, ScheduledPush, Segment, StickSignal
-from ballbot_ros.scenario.writer import scenario_data
+from ballbot_ros.engine.scenario.library import load_scenario, scenario_names
+from ballbot_ros.engine.scenario.scenario import (
+    PUSH_DIRECTIONS,
+    ScheduledPush,
+    Segment,
+    StickSignal,
+)
+from ballbot_ros.engine.scenario.writer import scenario_data
 
 HEAD = 'purpose: x\nduration: 100\n'
 

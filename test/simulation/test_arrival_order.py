@@ -5,7 +5,7 @@ import math
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ballbot_ros.simulation.recording_order import ArrivalOrder
+from ballbot_ros.lockstep.recording_order import ArrivalOrder
 
 SECOND = 1_000_000_000
 

@@ -7,11 +7,11 @@ import pytest
 from pushes import pushes
 from robot import make_loop, run_loop, step, steps
 
+from ballbot_ros.engine.closed_loop import ClosedLoop
+from ballbot_ros.engine.scenario.library import load_profile
+from ballbot_ros.engine.scenario.scenario import Scenario
+from ballbot_ros.engine.trajectory import TrajectoryLog
 from ballbot_ros.parameters import PLANT
-from ballbot_ros.scenario.library import load_profile
-from ballbot_ros.scenario.scenario import Scenario
-from ballbot_ros.simulation.closed_loop import ClosedLoop
-from ballbot_ros.simulation.trajectory import TrajectoryLog
 
 MODELS = ['linear', 'nonlinear']
 PLANES = pytest.mark.parametrize('plane', [0, 1], ids='xy')

@@ -3,8 +3,8 @@
 import pytest
 from robot import START_NS, make_loop, run_loop, step
 
-from ballbot_ros.scenario.scenario import Scenario
-from ballbot_ros.timing import TICK_NS
+from ballbot_ros.engine.scenario.scenario import Scenario
+from ballbot_ros.parameters.timing import TICK_NS
 
 
 def test_the_run_begins_at_one_second_and_ticks_every_four_milliseconds():

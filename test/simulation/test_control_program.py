@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from robot import values_of
 
-from ballbot_ros.brick.brick import DeviceInputs, Tone
 from ballbot_ros.controllers.document.axis import ProgramConstants
 from ballbot_ros.controllers.document.program import ControlProgram
 from ballbot_ros.parameters import CONTROLLER
+from ballbot_ros.robot.brick.brick import DeviceInputs, Tone
 
 AT_REST = DeviceInputs(
     gyro=(600, 600), revolutions=(0, 0), sonar_cm=255, battery_mv=8003, sticks=(0, 0)

@@ -7,11 +7,11 @@ import pytest
 from pushes import pushes
 from robot import make_loop, run_loop, steps
 
-from ballbot_ros.codegen.implementation import implementation_for
+from ballbot_ros.controllers.codegen.implementation import implementation_for
+from ballbot_ros.engine.closed_loop import ClosedLoop
 from ballbot_ros.engine.devices import ENCODER_DEVICE, GYRO_DEVICE, SONAR_DEVICE
+from ballbot_ros.engine.scenario.scenario import Scenario
 from ballbot_ros.parameters import PLANT, ControllerParameters, ParameterSet
-from ballbot_ros.scenario.scenario import Scenario
-from ballbot_ros.simulation.closed_loop import ClosedLoop
 
 ROBOT = {'plant_sim.start_pitch_x': 0.03, 'plant_sim.hold_time': 0.2, 'controller.time_start': 200}
 SCENARIO = Scenario(

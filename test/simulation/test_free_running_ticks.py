@@ -3,8 +3,8 @@
 import pytest
 
 from ballbot_ros.controllers.document.axis import task_timings
-from ballbot_ros.simulation.free_running import NEUTRAL, FreeRunningTicks
-from ballbot_ros.simulation.lockstep import DueTick
+from ballbot_ros.lockstep.free_running import NEUTRAL, FreeRunningTicks
+from ballbot_ros.lockstep.lockstep import DueTick
 
 MS = 1_000_000
 START = 1000 * MS

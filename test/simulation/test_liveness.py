@@ -6,9 +6,9 @@ from types import SimpleNamespace
 import pytest
 from lockstep_world import WAITING, make_participant
 
+from ballbot_ros.lockstep.liveness import LivenessMonitor, Observation, ThreadTime
+from ballbot_ros.lockstep.participants import LocalNode
 from ballbot_ros.parameters import CONTROLLER, DRIVERS, GYRO, RECORDER
-from ballbot_ros.simulation.liveness import LivenessMonitor, Observation, ThreadTime
-from ballbot_ros.simulation.participants import LocalNode
 
 JOINED = make_participant(GYRO)
 ENCODER = 'encoder_driver'

@@ -8,9 +8,8 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 from laws import settings
 
-from ballbot_ros.brick.schedule import Schedule
 from ballbot_ros.controllers.document.axis import task_timings
-from ballbot_ros.simulation.lockstep import (
+from ballbot_ros.lockstep.lockstep import (
     DEPTH,
     DueTick,
     InputGate,
@@ -20,6 +19,7 @@ from ballbot_ros.simulation.lockstep import (
     SampleReaction,
     SampleStatus,
 )
+from ballbot_ros.robot.brick.schedule import Schedule
 
 MS = 1_000_000
 PERIODS = {'gyro': 4 * MS, 'sonar': 20 * MS, 'battery': 100 * MS}

@@ -21,16 +21,16 @@ from lockstep_world import (
 )
 from maps import open_floor, save
 
+from ballbot_ros.engine.trajectory import TrajectoryLog
+from ballbot_ros.lockstep import run_actions as do
+from ballbot_ros.lockstep.lockstep import RunIdentity
+from ballbot_ros.lockstep.lockstep_master import LockstepMaster
+from ballbot_ros.lockstep.participants import Announcement, LocalNode, Objection
+from ballbot_ros.lockstep.run_actions import Outcome, ParameterChange
+from ballbot_ros.lockstep.run_master import DISCOVERY_POLL_S, DISCOVERY_S
+from ballbot_ros.lockstep.strangers import ANSWER_CALLS, Publisher
 from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, RECORDER, SONAR
-from ballbot_ros.simulation import run_actions as do
-from ballbot_ros.simulation.lockstep import RunIdentity
-from ballbot_ros.simulation.lockstep_master import LockstepMaster
-from ballbot_ros.simulation.participants import Announcement, LocalNode, Objection
-from ballbot_ros.simulation.run_actions import Outcome, ParameterChange
-from ballbot_ros.simulation.run_master import DISCOVERY_POLL_S, DISCOVERY_S
-from ballbot_ros.simulation.strangers import ANSWER_CALLS, Publisher
-from ballbot_ros.simulation.trajectory import TrajectoryLog
-from ballbot_ros.timing import MAX_LEAD_TICKS, SLOW_PERIOD_NS, TICK_NS, next_start_ns
+from ballbot_ros.parameters.timing import MAX_LEAD_TICKS, SLOW_PERIOD_NS, TICK_NS, next_start_ns
 
 START_NS = 1_000_000_000
 ENDLESS = 0.0

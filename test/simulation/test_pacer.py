@@ -2,7 +2,7 @@
 
 import pytest
 
-from ballbot_ros.simulation.pacer import Pacer
+from ballbot_ros.engine.pacer import Pacer
 
 
 class PacedLoop:

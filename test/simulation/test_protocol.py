@@ -9,13 +9,13 @@ import protocol_world
 import pytest
 from protocol_trials import Trial, Violation
 
-from ballbot_ros.simulation.liveness import LivenessMonitor
-from ballbot_ros.simulation.lockstep_master import LockstepMaster
-from ballbot_ros.simulation.recording_order import RecorderFlow, RecordingGate, Stream
-from ballbot_ros.simulation.roster import Roster
-from ballbot_ros.simulation.run_participants import RunParticipants
-from ballbot_ros.teleop.sticks import GivenAnswers
-from ballbot_ros.timing import TICK_NS
+from ballbot_ros.lockstep.liveness import LivenessMonitor
+from ballbot_ros.lockstep.lockstep_master import LockstepMaster
+from ballbot_ros.lockstep.recording_order import RecorderFlow, RecordingGate, Stream
+from ballbot_ros.lockstep.roster import Roster
+from ballbot_ros.lockstep.run_participants import RunParticipants
+from ballbot_ros.nodes.teleop.sticks import GivenAnswers
+from ballbot_ros.parameters.timing import TICK_NS
 
 SEED = 1
 PROJECT = Path(__file__).parents[2]

@@ -4,8 +4,8 @@ import itertools
 
 import pytest
 
-from ballbot_ros.simulation.recording_order import RecordedTicks, Stream
-from ballbot_ros.timing import SLOW_PERIOD_NS, TICK_NS
+from ballbot_ros.lockstep.recording_order import RecordedTicks, Stream
+from ballbot_ros.parameters.timing import SLOW_PERIOD_NS, TICK_NS
 
 START_NS = 1_000_000_000
 

@@ -2,10 +2,10 @@
 
 import pytest
 
+from ballbot_ros.lockstep.participants import Participant
+from ballbot_ros.lockstep.recording_order import RecorderFlow
 from ballbot_ros.parameters import RECORDER
-from ballbot_ros.simulation.participants import Participant
-from ballbot_ros.simulation.recording_order import RecorderFlow
-from ballbot_ros.timing import MAX_LEAD_TICKS, TICK_NS
+from ballbot_ros.parameters.timing import MAX_LEAD_TICKS, TICK_NS
 
 START_NS = 1_000_000_000
 FIRST, SECOND = (

@@ -4,9 +4,9 @@ import random
 
 import pytest
 
-from ballbot_ros.simulation.lockstep import RunIdentity
-from ballbot_ros.simulation.recording_order import MAX_AHEAD_NS, RecordingGate, Stream
-from ballbot_ros.timing import SLOW_PERIOD_NS, TICK_NS
+from ballbot_ros.lockstep.lockstep import RunIdentity
+from ballbot_ros.lockstep.recording_order import MAX_AHEAD_NS, RecordingGate, Stream
+from ballbot_ros.parameters.timing import SLOW_PERIOD_NS, TICK_NS
 
 MS = 1_000_000
 START = 1000 * MS

@@ -11,11 +11,11 @@ from pushes import pushes
 from robot import steps
 from robot_world import RobotWorld
 
+from ballbot_ros.engine.closed_loop import ClosedLoop
+from ballbot_ros.engine.scenario.scenario import Scenario
+from ballbot_ros.engine.trajectory import TrajectoryLog
 from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, ParameterSet
-from ballbot_ros.scenario.scenario import Scenario
-from ballbot_ros.simulation.closed_loop import ClosedLoop
-from ballbot_ros.simulation.trajectory import TrajectoryLog
-from ballbot_ros.timing import TICK_NS
+from ballbot_ros.parameters.timing import TICK_NS
 
 TICKS = 500
 SCENARIO = Scenario(

@@ -7,9 +7,9 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
-from ballbot_ros.simulation.participants import Announcement, LocalNode, Objection, Participant
-from ballbot_ros.simulation.roster import ReadinessState, Roster
-from ballbot_ros.simulation.strangers import ANSWER_CALLS, LEASE_S, NAME_S, Publisher
+from ballbot_ros.lockstep.participants import Announcement, LocalNode, Objection, Participant
+from ballbot_ros.lockstep.roster import ReadinessState, Roster
+from ballbot_ros.lockstep.strangers import ANSWER_CALLS, LEASE_S, NAME_S, Publisher
 
 RUN = '1 abc'
 START_NS = 1_000_000_000

@@ -2,10 +2,10 @@
 
 import pytest
 
-from ballbot_ros.simulation.lockstep import RunIdentity
-from ballbot_ros.simulation.recording_order import Stream
-from ballbot_ros.simulation.run_recording import RunRecording, RunStatus
-from ballbot_ros.timing import FIRST_TICK_NS, TICK_NS
+from ballbot_ros.lockstep.lockstep import RunIdentity
+from ballbot_ros.lockstep.recording_order import Stream
+from ballbot_ros.lockstep.run_recording import RunRecording, RunStatus
+from ballbot_ros.parameters.timing import FIRST_TICK_NS, TICK_NS
 
 
 class File:

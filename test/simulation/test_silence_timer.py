@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ballbot_ros.simulation.liveness import SilenceTimer, ThreadTime
+from ballbot_ros.lockstep.liveness import SilenceTimer, ThreadTime
 
 WAITING = ThreadTime(cpu_s=1.0, queued_s=0.0, is_runnable=False)
 IDLE = {1: WAITING}

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from laws import given
 from robot import make_plant
 
-from ballbot_ros.simulation.trajectory import TrajectoryLog, load_trajectory, save_trajectory
+from ballbot_ros.engine.trajectory import TrajectoryLog, load_trajectory, save_trajectory
 
 duty_pairs = st.lists(st.tuples(st.integers(-128, 127), st.integers(-128, 127)), max_size=20)
 

@@ -25,13 +25,13 @@ pytest.importorskip('numba')
 from distributed import Client
 
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.studies import cluster
-from ballbot_ros.studies.cluster import workers_of
-from ballbot_ros.studies.execution import LocalWorkers, run_study
-from ballbot_ros.studies.job import job_of
-from ballbot_ros.studies.reader import read_study
-from ballbot_ros.studies.sampling import Sampler
-from ballbot_ros.studies.study_data import StudyData
+from ballbot_ros.lab.studies import cluster
+from ballbot_ros.lab.studies.cluster import workers_of
+from ballbot_ros.lab.studies.execution import LocalWorkers, run_study
+from ballbot_ros.lab.studies.job import job_of
+from ballbot_ros.lab.studies.reader import read_study
+from ballbot_ros.lab.studies.sampling import Sampler
+from ballbot_ros.lab.studies.study_data import StudyData
 
 KILLS = int(os.environ.get('BALLBOT_TEST_KILLS', '20'))
 """How often a worker is killed; a kill costs half a second, so 100 are for those who ask."""

@@ -1,7 +1,7 @@
 """Columns of measures have names of their own, and know which value is the worst."""
 
-from ballbot_ros.scenario.scenario import Expectation, Measure
-from ballbot_ros.studies.columns import MeasureColumn
+from ballbot_ros.engine.scenario.scenario import Expectation, Measure
+from ballbot_ros.lab.studies.columns import MeasureColumn
 
 
 def test_the_bounds_say_which_value_is_the_worst():

@@ -12,7 +12,7 @@ pytest.importorskip('numba')
 PROGRAM = """
 from numba.core.event import install_recorder
 
-from ballbot_ros.numerics.elementary import natural_log
+from ballbot_ros.robot.numerics.elementary import natural_log
 from ballbot_ros.engine.compilation import compiled_and_kept
 
 fast = compiled_and_kept(natural_log)

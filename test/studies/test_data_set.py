@@ -16,10 +16,10 @@ from study_folders import MEASURES, NOW, VARIED, record, rows_of, write_study
 pytest.importorskip('pyarrow')
 
 from ballbot_ros.errors import StudyError
-from ballbot_ros.studies.data_set import begin_or_resume, read_manifest
-from ballbot_ros.studies.manifest import Manifest, PartSummary, StudyRecord, Versions
-from ballbot_ros.studies.part_file import encode_part, store_part, write_part
-from ballbot_ros.studies.study_data import StudyData
+from ballbot_ros.lab.studies.data_set import begin_or_resume, read_manifest
+from ballbot_ros.lab.studies.manifest import Manifest, PartSummary, StudyRecord, Versions
+from ballbot_ros.lab.studies.part_file import encode_part, store_part, write_part
+from ballbot_ros.lab.studies.study_data import StudyData
 
 
 @pytest.fixture

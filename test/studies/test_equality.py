@@ -12,8 +12,13 @@ import numpy as np
 import pytest
 from drawn_runs import drawn_run
 
+from ballbot_ros.engine.closed_loop import ClosedLoop
 from ballbot_ros.engine.compilation import compiled_and_kept
+from ballbot_ros.engine.golden import load_golden
 from ballbot_ros.engine.run import END, RunLog
+from ballbot_ros.engine.scenario.library import load_scenario, scenario_names
+from ballbot_ros.lab.studies.rows import RobotRows, program_rows
+from ballbot_ros.lab.studies.runs import events_of, floor_of, simulate_runs
 from ballbot_ros.parameters import (
     ControllerParameters,
     EncoderParameters,
@@ -21,13 +26,8 @@ from ballbot_ros.parameters import (
     PlantParameters,
     SonarParameters,
 )
-from ballbot_ros.scenario.library import load_scenario, scenario_names
-from ballbot_ros.simulation.closed_loop import ClosedLoop
-from ballbot_ros.simulation.golden import load_golden
-from ballbot_ros.studies.rows import RobotRows, program_rows
-from ballbot_ros.studies.runs import events_of, floor_of, simulate_runs
-from ballbot_ros.timing import SECOND_NS, TICK_NS
-from ballbot_ros.world.world import World
+from ballbot_ros.parameters.timing import SECOND_NS, TICK_NS
+from ballbot_ros.robot.world.world import World
 
 ROOT = Path(__file__).resolve().parents[2]
 RANDOM_RUNS = 500

@@ -7,18 +7,18 @@ import pytest
 from laws import refusal
 from study_reruns import rerun_of
 
+from ballbot_ros.engine.scenario.scenario import ScheduledPush
 from ballbot_ros.errors import StudyError
-from ballbot_ros.parameters import PlantParameters
-from ballbot_ros.run.execution import execute
-from ballbot_ros.scenario.scenario import ScheduledPush
-from ballbot_ros.studies.reader import read_study
-from ballbot_ros.studies.runs import (
+from ballbot_ros.lab.studies.reader import read_study
+from ballbot_ros.lab.studies.runs import (
     CompiledSimulator,
     OrdinarySimulator,
     scenarios_of_runs,
     with_values,
 )
-from ballbot_ros.studies.sampling import Sampler
+from ballbot_ros.lab.studies.sampling import Sampler
+from ballbot_ros.parameters import PlantParameters
+from ballbot_ros.run.execution import execute
 
 PUSHES = """purpose: x
 scenario: push

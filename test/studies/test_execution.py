@@ -12,17 +12,17 @@ import pytest
 import yaml
 from graph import BALLBOT, LAST_RESORT_S, wait_for
 
+from ballbot_ros.engine.closed_loop import ClosedLoop
+from ballbot_ros.engine.trajectory import TrajectoryLog
 from ballbot_ros.errors import BallbotError
+from ballbot_ros.lab.studies import execution
+from ballbot_ros.lab.studies.execution import run_study
+from ballbot_ros.lab.studies.job import job_of
+from ballbot_ros.lab.studies.reader import read_study
+from ballbot_ros.lab.studies.runs import scenarios_of_runs
+from ballbot_ros.lab.studies.sampling import Sampler
+from ballbot_ros.lab.studies.study_data import StudyData
 from ballbot_ros.run.spec import RunOptions, RunSpec
-from ballbot_ros.simulation.closed_loop import ClosedLoop
-from ballbot_ros.simulation.trajectory import TrajectoryLog
-from ballbot_ros.studies import execution
-from ballbot_ros.studies.execution import run_study
-from ballbot_ros.studies.job import job_of
-from ballbot_ros.studies.reader import read_study
-from ballbot_ros.studies.runs import scenarios_of_runs
-from ballbot_ros.studies.sampling import Sampler
-from ballbot_ros.studies.study_data import StudyData
 
 ROOT = Path(__file__).resolve().parents[2]
 CONTENT = {
@@ -195,14 +195,14 @@ def test_without_numba_a_small_study_runs_and_a_large_one_is_refused(
     finished, tmp_path, monkeypatch
 ):
     for name in ('runs', 'execution', 'job'):
-        module = sys.modules[f'ballbot_ros.studies.{name}']
+        module = sys.modules[f'ballbot_ros.lab.studies.{name}']
         monkeypatch.setattr(module, 'is_compiled', lambda spec: False, raising=False)
     path = write(tmp_path)
     study = read_study(str(path), runs=4)
     observer = Observer()
     job = job_of(study, tmp_path / 'results')
     workers = SameProcess()
-    monkeypatch.setattr('ballbot_ros.studies.execution.WorkerProcess', lambda: workers)
+    monkeypatch.setattr('ballbot_ros.lab.studies.execution.WorkerProcess', lambda: workers)
     assert run_study(job, Sampler(study).part, observer) == 0
     assert [notice.partition(',')[0] for notice in observer.notices] == ['numba is not installed']
     few = StudyData.open(tmp_path / 'results').table().column('duty_sha256').to_pylist()

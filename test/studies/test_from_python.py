@@ -8,7 +8,7 @@ from laws import refusal
 from notebook_cells import IMPORT, controller_class, notebook
 
 import ballbot_ros as bb
-from ballbot_ros.studies.study_data import StudyData
+from ballbot_ros.lab.studies.study_data import StudyData
 
 __all__ = ['notebook']
 

@@ -13,8 +13,8 @@ from study_folders import record, rows_of
 
 pytest.importorskip('pyarrow')
 
-from ballbot_ros.studies.manifest import PartSummary
-from ballbot_ros.studies.study_data import StudyData
+from ballbot_ros.lab.studies.manifest import PartSummary
+from ballbot_ros.lab.studies.study_data import StudyData
 
 KILLS = 100
 MOST_PARTS = 8

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from ballbot_ros.analysis.style import png_of
-from ballbot_ros.studies.axes import Axis, Extent
-from ballbot_ros.studies.charts import MOST_BINS, ShareChart, histogram_edges
-from ballbot_ros.studies.columns import ColumnKind, MeasureColumn, ResultColumn
-from ballbot_ros.studies.maps import PassMap, contour_lines, map_bins
-from ballbot_ros.studies.survey import CellCounts
+from ballbot_ros.lab.studies.axes import Axis, Extent
+from ballbot_ros.lab.studies.charts import MOST_BINS, ShareChart, histogram_edges
+from ballbot_ros.lab.studies.columns import ColumnKind, MeasureColumn, ResultColumn
+from ballbot_ros.lab.studies.maps import PassMap, contour_lines, map_bins
+from ballbot_ros.lab.studies.survey import CellCounts
 
 
 def axis(values, kind=ColumnKind.FLOAT, bins=20, **options):

@@ -14,10 +14,10 @@ pytest.importorskip('pyarrow')
 import pyarrow.parquet
 
 from ballbot_ros.errors import StudyError
-from ballbot_ros.studies.columns import DUTY_SHA256, ResultColumn
-from ballbot_ros.studies.data_set import begin_or_resume
-from ballbot_ros.studies.manifest import PartSummary
-from ballbot_ros.studies.part_file import (
+from ballbot_ros.lab.studies.columns import DUTY_SHA256, ResultColumn
+from ballbot_ros.lab.studies.data_set import begin_or_resume
+from ballbot_ros.lab.studies.manifest import PartSummary
+from ballbot_ros.lab.studies.part_file import (
     DamagedPartError,
     PartRows,
     check_part,
@@ -26,7 +26,7 @@ from ballbot_ros.studies.part_file import (
     read_part,
     write_part,
 )
-from ballbot_ros.studies.runs import Results
+from ballbot_ros.lab.studies.runs import Results
 
 REALS = st.floats(allow_nan=False)
 

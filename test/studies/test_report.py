@@ -17,16 +17,16 @@ pytest.importorskip('pyarrow')
 pytest.importorskip('SALib')
 
 from ballbot_ros.analysis.proportion import wilson_interval
+from ballbot_ros.engine.scenario.scenario import Measure
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.scenario.scenario import Measure
-from ballbot_ros.studies.columns import ColumnKind, MeasureColumn, ResultColumn
-from ballbot_ros.studies.data_set import begin_or_resume
-from ballbot_ros.studies.job import job_of
-from ballbot_ros.studies.part_file import PartRows, write_part
-from ballbot_ros.studies.reader import read_study
-from ballbot_ros.studies.report import study_report
-from ballbot_ros.studies.runs import Results
-from ballbot_ros.studies.study_data import StudyData
+from ballbot_ros.lab.studies.columns import ColumnKind, MeasureColumn, ResultColumn
+from ballbot_ros.lab.studies.data_set import begin_or_resume
+from ballbot_ros.lab.studies.job import job_of
+from ballbot_ros.lab.studies.part_file import PartRows, write_part
+from ballbot_ros.lab.studies.reader import read_study
+from ballbot_ros.lab.studies.report import study_report
+from ballbot_ros.lab.studies.runs import Results
+from ballbot_ros.lab.studies.study_data import StudyData
 
 RUNS, PARTS = 3000, 3
 NASTY = '<script>alert("x")</script> & Söhne'

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from ballbot_ros.errors import StudyError
-from ballbot_ros.studies.rerun import study_parameters
+from ballbot_ros.lab.studies.rerun import study_parameters
 
 MODULE = 'mine:Mine'
 SETS = f'controller: {{ros__parameters: {{implementation: {MODULE}}}}}\n'

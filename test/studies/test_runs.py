@@ -5,19 +5,19 @@ import pytest
 from laws import refusal
 from pushes import pushes
 
+from ballbot_ros.engine.scenario.metrics import METRICS
+from ballbot_ros.engine.scenario.scenario import Measure, Scenario
 from ballbot_ros.errors import StudyError
-from ballbot_ros.parameters import ControllerParameters, ParameterError
-from ballbot_ros.run.processes import Processes
-from ballbot_ros.run.spec import RunOptions, RunSpec
-from ballbot_ros.scenario.metrics import METRICS
-from ballbot_ros.scenario.scenario import Measure, Scenario
-from ballbot_ros.studies.runs import (
+from ballbot_ros.lab.studies.runs import (
     CompiledSimulator,
     OrdinarySimulator,
     Samples,
     simulator_for,
     with_values,
 )
+from ballbot_ros.parameters import ControllerParameters, ParameterError
+from ballbot_ros.run.processes import Processes
+from ballbot_ros.run.spec import RunOptions, RunSpec
 
 EVERYTHING = [
     *map(Measure, METRICS),

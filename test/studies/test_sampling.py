@@ -10,9 +10,9 @@ from laws import given, settings
 from scipy import stats
 from scipy.stats import qmc
 
-from ballbot_ros.studies.reader import MAX_SEED, read_study
-from ballbot_ros.studies.sampling import Sampler, seeds_of_runs
-from ballbot_ros.studies.study import grid_shape
+from ballbot_ros.lab.studies.reader import MAX_SEED, read_study
+from ballbot_ros.lab.studies.sampling import Sampler, seeds_of_runs
+from ballbot_ros.lab.studies.study import grid_shape
 
 VARY = """
 vary:

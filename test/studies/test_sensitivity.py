@@ -11,8 +11,8 @@ pytest.importorskip('SALib')
 from scipy.stats import qmc
 
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.studies import sensitivity
-from ballbot_ros.studies.sensitivity import MIN_SAMPLE, analyse
+from ballbot_ros.lab.studies import sensitivity
+from ballbot_ros.lab.studies.sensitivity import MIN_SAMPLE, analyse
 
 RUNS = 4096
 

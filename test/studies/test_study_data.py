@@ -13,10 +13,10 @@ pytest.importorskip('pyarrow')
 
 from ballbot_ros.analysis.proportion import wilson_interval
 from ballbot_ros.errors import BallbotError, StudyError
-from ballbot_ros.studies.data_set import begin_or_resume
-from ballbot_ros.studies.part_file import PartRows, write_part
-from ballbot_ros.studies.runs import Results
-from ballbot_ros.studies.study_data import QUANTILES, RunResults, StudyData
+from ballbot_ros.lab.studies.data_set import begin_or_resume
+from ballbot_ros.lab.studies.part_file import PartRows, write_part
+from ballbot_ros.lab.studies.runs import Results
+from ballbot_ros.lab.studies.study_data import QUANTILES, RunResults, StudyData
 
 
 @pytest.fixture(scope='module')

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from ballbot_ros.design.margins import recoverable_states
+from ballbot_ros.controllers.design.margins import recoverable_states
+from ballbot_ros.lab.studies.axes import Axis, Extent
+from ballbot_ros.lab.studies.columns import ColumnKind, ResultColumn
+from ballbot_ros.lab.studies.maps import predict, refined, usual_values
 from ballbot_ros.parameters import ParameterSet
-from ballbot_ros.studies.axes import Axis, Extent
-from ballbot_ros.studies.columns import ColumnKind, ResultColumn
-from ballbot_ros.studies.maps import predict, refined, usual_values
 
 GAIN, DELAY = 'controller.pwm_gain', 'plant_sim.actuator_delay'
 PITCH, RATE = 'plant_sim.start_pitch_x', 'plant_sim.start_pitch_rate_x'

@@ -4,9 +4,7 @@ import pytest
 from hypothesis import strategies as st
 from laws import given
 
-from ballbot_ros.brick.bluetooth import NEUTRAL
-from ballbot_ros.messages.topics import SCENARIO
-from ballbot_ros.teleop.sticks import (
+from ballbot_ros.nodes.teleop.sticks import (
     LIVE_SOURCES,
     NO_SOURCE,
     SILENCE_S,
@@ -14,6 +12,8 @@ from ballbot_ros.teleop.sticks import (
     Arbiter,
     Command,
 )
+from ballbot_ros.recording.messages.topics import SCENARIO
+from ballbot_ros.robot.brick.bluetooth import NEUTRAL
 
 DEVICE, JOY, VIEWER, KEYBOARD, CMD_VEL = LIVE_SOURCES
 RANK = {source: rank for rank, source in enumerate((*LIVE_SOURCES, SCENARIO))}

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from ballbot_ros.brick.bluetooth import LogPacket
 from ballbot_ros.errors import TeleopError
-from ballbot_ros.teleop.csv_log import HEADER, CsvLog, read_csv_log
+from ballbot_ros.recording.csv_log import HEADER, CsvLog, read_csv_log
+from ballbot_ros.robot.brick.bluetooth import LogPacket
 
 
 def packet(time_ms):

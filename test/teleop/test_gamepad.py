@@ -8,8 +8,8 @@ import pytest
 from graph import wait_for
 
 from ballbot_ros.errors import TeleopError
-from ballbot_ros.teleop import gamepad as device_list
-from ballbot_ros.teleop.gamepad import NO_MAPPING, Gamepad, GamepadDevice, GamepadState
+from ballbot_ros.nodes.teleop import gamepad as device_list
+from ballbot_ros.nodes.teleop.gamepad import NO_MAPPING, Gamepad, GamepadDevice, GamepadState
 
 PAD = GamepadDevice(0, 'Fancy Pad', True)
 OTHER = GamepadDevice(1, 'Plain Joystick', True)
@@ -154,7 +154,7 @@ def test_the_list_shows_number_name_and_mapping():
 
 def test_sdl_starts_and_stops_on_a_thread_without_a_display(open_gamepad, listener):
     pytest.importorskip('pygame')
-    from ballbot_ros.teleop.gamepad import SdlBackend
+    from ballbot_ros.nodes.teleop.gamepad import SdlBackend
 
     backend = SdlBackend()
     polls = []
@@ -172,7 +172,7 @@ def test_a_virtual_pad_is_read_end_to_end(open_gamepad, listener):
     from evdev import AbsInfo
     from evdev import ecodes as e
 
-    from ballbot_ros.teleop.gamepad import SdlBackend
+    from ballbot_ros.nodes.teleop.gamepad import SdlBackend
 
     axis = AbsInfo(value=0, min=-32768, max=32767, fuzz=0, flat=0, resolution=0)
     abilities = {

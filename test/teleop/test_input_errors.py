@@ -1,6 +1,6 @@
 """Input errors: each is reported at least once, and an input has only one at a time."""
 
-from ballbot_ros.teleop.gamepad import InputErrors
+from ballbot_ros.nodes.teleop.gamepad import InputErrors
 
 
 def test_an_error_stays_until_it_is_cleared_and_was_reported():

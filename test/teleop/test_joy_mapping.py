@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from laws import given
 
 from ballbot_ros.errors import TeleopError
+from ballbot_ros.nodes.teleop.sticks import JoyMapping
 from ballbot_ros.parameters import GamepadParameters
-from ballbot_ros.teleop.sticks import JoyMapping
 
 BUTTONS = [0] * 21
 

@@ -13,7 +13,7 @@ from terminal import Terminal
 
 PROGRAM = """
 import time
-from ballbot_ros.teleop.terminal import KeyPress
+from ballbot_ros.nodes.teleop.terminal import KeyPress
 key_press = KeyPress(lambda: print('pressed', flush=True))
 try:
     print('ready', flush=True)
@@ -68,7 +68,7 @@ def test_the_first_key_is_reported_and_the_terminal_restored(start):
 def test_a_key_that_was_pressed_a_moment_before_is_not_lost(start):
     program = """
 import time
-from ballbot_ros.teleop.terminal import KeyPress
+from ballbot_ros.nodes.teleop.terminal import KeyPress
 print('ready', flush=True)
 key_press = KeyPress(lambda: print('pressed', flush=True))
 time.sleep(600)

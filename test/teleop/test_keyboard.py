@@ -4,7 +4,7 @@ import pytest
 from hypothesis import strategies as st
 from laws import given
 
-from ballbot_ros.teleop.terminal import HELD_S, KeyboardSticks
+from ballbot_ros.nodes.teleop.terminal import HELD_S, KeyboardSticks
 
 
 @pytest.fixture

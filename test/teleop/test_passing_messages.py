@@ -2,7 +2,7 @@
 
 import pytest
 
-from ballbot_ros.teleop.terminal import PassingMessages
+from ballbot_ros.nodes.teleop.terminal import PassingMessages
 
 
 def test_only_the_newest_lines_of_level_info_are_kept():

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from laws import given
 
 from ballbot_ros.errors import TeleopError
+from ballbot_ros.nodes.teleop.sticks import VelocityMapping
 from ballbot_ros.parameters import GamepadParameters, ParameterSet
-from ballbot_ros.teleop.sticks import VelocityMapping
 
 MAPPING = VelocityMapping.from_parameters(ParameterSet().of(GamepadParameters))
 FULL = MAPPING.full_speed

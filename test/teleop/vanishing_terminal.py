@@ -9,7 +9,7 @@ import threading
 
 from prompt_toolkit.renderer import Renderer
 
-from ballbot_ros.teleop.terminal import KeyboardSticks, Terminal
+from ballbot_ros.nodes.teleop.terminal import KeyboardSticks, Terminal
 
 output = os.dup(1)
 ours, side = pty.openpty()

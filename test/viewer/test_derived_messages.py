@@ -12,8 +12,10 @@ from hypothesis import strategies as st
 from laws import given
 from maps import with_walls
 
-from ballbot_ros.brick.odometry import Estimate, OdometryState
-from ballbot_ros.messages.conversions import (
+from ballbot_ros.lockstep.participants import Announcement, Participant
+from ballbot_ros.parameters import GYRO, PLANT, PlantParameters
+from ballbot_ros.parameters.timing import SECOND_NS, TICK_NS
+from ballbot_ros.recording.messages.conversions import (
     body_pitch,
     body_rates,
     encode_body,
@@ -21,11 +23,16 @@ from ballbot_ros.messages.conversions import (
     encode_map,
     encode_odometry,
 )
-from ballbot_ros.messages.devices import encode_encoders, encode_gyro
-from ballbot_ros.messages.participation import encode_announcement
-from ballbot_ros.messages.raw import decoder
-from ballbot_ros.messages.tool_messages import DELETE_ALL, EXACT, encode_imu_data, encode_odom
-from ballbot_ros.messages.topics import (
+from ballbot_ros.recording.messages.devices import encode_encoders, encode_gyro
+from ballbot_ros.recording.messages.participation import encode_announcement
+from ballbot_ros.recording.messages.raw import decoder
+from ballbot_ros.recording.messages.tool_messages import (
+    DELETE_ALL,
+    EXACT,
+    encode_imu_data,
+    encode_odom,
+)
+from ballbot_ros.recording.messages.topics import (
     GYRO_IMU,
     HISTORY,
     IMU_DATA,
@@ -41,15 +48,13 @@ from ballbot_ros.messages.topics import (
     TF,
     TF_STATIC,
 )
-from ballbot_ros.parameters import GYRO, PLANT, PlantParameters
-from ballbot_ros.plant.ground_truth import GroundTruth
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.writer import RecordingWriter
-from ballbot_ros.simulation.participants import Announcement, Participant
-from ballbot_ros.timing import SECOND_NS, TICK_NS
+from ballbot_ros.robot.brick.odometry import Estimate, OdometryState
+from ballbot_ros.robot.plant.ground_truth import GroundTruth
+from ballbot_ros.robot.world.exports import occupancy_grid
 from ballbot_ros.viewer.derived_messages import JUMP_NS, PERIOD_NS, DerivedChannels, DerivedMessages
 from ballbot_ros.viewer.transforms import SONAR
-from ballbot_ros.world.exports import occupancy_grid
 
 SHAPE = PlantParameters()
 FLOOR = with_walls(20, 30, (0, 2, 0, 30), (5, 9, 7, 8))

@@ -5,9 +5,9 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from laws import given
 
+from ballbot_ros.robot.world.floor_map import CELL_M, FLOOR, LINE, WALL, FloorMap
 from ballbot_ros.viewer.floor import walls
 from ballbot_ros.viewer.scene_objects import line_mesh
-from ballbot_ros.world.floor_map import CELL_M, FLOOR, LINE, WALL, FloorMap
 
 maps = arrays.arrays(
     np.uint8, st.tuples(st.integers(1, 12), st.integers(1, 12)), elements=st.sampled_from(

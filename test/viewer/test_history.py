@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ballbot_ros.analysis.signals import SIGNALS
-from ballbot_ros.messages.conversions import ControllerState
+from ballbot_ros.recording.messages.conversions import ControllerState
 from ballbot_ros.viewer.snapshot import (
     LIVE_SIGNALS,
     TRAIL_PIECE,

@@ -10,9 +10,9 @@ from laws import given
 from robot import DIMENSIONS
 from trimesh import transformations
 
-from ballbot_ros.messages.conversions import body_orientation
-from ballbot_ros.messages.raw import decoder
-from ballbot_ros.messages.tool_messages import (
+from ballbot_ros.recording.messages.conversions import body_orientation
+from ballbot_ros.recording.messages.raw import decoder
+from ballbot_ros.recording.messages.tool_messages import (
     ADD,
     DELETE,
     DELETE_ALL,
@@ -21,6 +21,7 @@ from ballbot_ros.messages.tool_messages import (
     TransformsLayout,
 )
 from ballbot_ros.recording.schemas import encoder, new_message
+from ballbot_ros.robot.world.floor_map import FLOOR, WALL, FloorMap
 from ballbot_ros.viewer import robot as colours
 from ballbot_ros.viewer.floor import walls
 from ballbot_ros.viewer.markers import TRAIL_POINTS, RobotMarkers
@@ -45,7 +46,6 @@ from ballbot_ros.viewer.transforms import (
     poses_in_map,
     wxyz,
 )
-from ballbot_ros.world.floor_map import FLOOR, WALL, FloorMap
 
 FRAMES = Frames(DIMENSIONS)
 ARRAY, TRANSFORMS = 'visualization_msgs/msg/MarkerArray', 'tf2_msgs/msg/TFMessage'

@@ -23,13 +23,19 @@ from scipy import ndimage  # noqa: E402
 from std_srvs.srv import SetBool  # noqa: E402
 from websockets.asyncio.server import ServerConnection  # noqa: E402
 
-from ballbot_ros.messages.conversions import body_pitch, odometry_position, stamp_ns  # noqa: E402
-from ballbot_ros.messages.topics import (  # noqa: E402
+from ballbot_ros.recording.messages.conversions import body_pitch, odometry_position, stamp_ns  # noqa: E402
+from ballbot_ros.recording.messages.topics import (  # noqa: E402
     ACCEPTED_PUSH,
     PARAMETER_EVENTS,
     PLANT_IMU,
     PLANT_ODOM,
     VIEWER_JOY,
+)
+from ballbot_ros.robot.world.floor_map import (  # noqa: E402
+    CELL_M,
+    FLOOR,
+    LINE,
+    load_map,
 )
 from ballbot_ros.viewer.floor import Area  # noqa: E402
 from ballbot_ros.viewer.live_controls import LiveControls  # noqa: E402
@@ -41,12 +47,6 @@ from ballbot_ros.viewer.robot import BLACK, DARK, parts  # noqa: E402
 from ballbot_ros.viewer.snapshot import Snapshot  # noqa: E402
 from ballbot_ros.viewer.tuning_sliders import FOLDER  # noqa: E402
 from ballbot_ros.viewer.views import CHASER_1, ROBOT, TITLES, VIEWS, camera  # noqa: E402
-from ballbot_ros.world.floor_map import (  # noqa: E402
-    CELL_M,
-    FLOOR,
-    LINE,
-    load_map,
-)
 
 START = (0.0, -0.3)
 DRIVE = ('drive', '--no-keyboard', '--no-record', '--map', 'track', '--start', *START)

@@ -12,10 +12,10 @@ from graph import call_main
 
 import ballbot_ros as bb
 from ballbot_ros.analysis.run_data import read_run
-from ballbot_ros.brick.brick import Tone
 from ballbot_ros.cli.recordings import read_playback_run
 from ballbot_ros.errors import ViewerError
 from ballbot_ros.parameters import VIEWER, Dimensions, ParameterSet, ViewerParameters
+from ballbot_ros.robot.brick.brick import Tone
 from ballbot_ros.run.processes import Processes
 from ballbot_ros.run.requirements import require_viewer
 from ballbot_ros.viewer import address

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from robot import DIMENSIONS
 
-from ballbot_ros.messages.conversions import pitch_angles
+from ballbot_ros.recording.messages.conversions import pitch_angles
 from ballbot_ros.viewer.floor import Area
 from ballbot_ros.viewer.robot import (
     BALL,

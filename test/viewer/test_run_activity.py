@@ -6,8 +6,8 @@ import pytest
 from browsing import StubRobot
 
 from ballbot_ros.analysis.metrics import Judgement
-from ballbot_ros.messages.run_reports import PlantReport
-from ballbot_ros.scenario.scenario import Expectation
+from ballbot_ros.engine.scenario.scenario import Expectation
+from ballbot_ros.recording.messages.run_reports import PlantReport
 from ballbot_ros.viewer.live_controls import carry_out
 from ballbot_ros.viewer.overlay import Banner, BannerKind, ChooseRate, Press, Seek
 from ballbot_ros.viewer.run_activity import PAUSE, RATES, REPORT, RESET, STEP, RunActivity

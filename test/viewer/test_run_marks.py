@@ -7,7 +7,7 @@ import pytest
 from ballbot_ros.analysis.interval import Interval, IntervalKind
 from ballbot_ros.analysis.recorded_scenario import RecordedPush
 from ballbot_ros.analysis.run_data import read_run
-from ballbot_ros.brick.brick import Tone
+from ballbot_ros.robot.brick.brick import Tone
 from ballbot_ros.run.library import simulate
 from ballbot_ros.viewer.overlay import Mark, MarkKind
 from ballbot_ros.viewer.playback_run import run_marks

@@ -20,9 +20,9 @@ from ros_client import Client  # noqa: E402
 from std_srvs.srv import SetBool  # noqa: E402
 from terminal import Terminal  # noqa: E402
 
-from ballbot_ros.messages.topics import PLANT_IMU  # noqa: E402
 from ballbot_ros.nodes.viewer_requests import parameter_setting  # noqa: E402
-from ballbot_ros.timing import FIRST_TICK_NS, SECOND_NS  # noqa: E402
+from ballbot_ros.parameters.timing import FIRST_TICK_NS, SECOND_NS  # noqa: E402
+from ballbot_ros.recording.messages.topics import PLANT_IMU  # noqa: E402
 
 DURATION_S = 4
 SLOW = '0.1'

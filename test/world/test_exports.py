@@ -11,8 +11,14 @@ from maps import drawn
 from PIL import Image
 
 from ballbot_ros.errors import WorldError
-from ballbot_ros.world.exports import FREE, OCCUPIED, floor_map_of, occupancy_grid, write_files
-from ballbot_ros.world.floor_map import FLOOR, LINE, WALL, FloorMap, load_map
+from ballbot_ros.robot.world.exports import (
+    FREE,
+    OCCUPIED,
+    floor_map_of,
+    occupancy_grid,
+    write_files,
+)
+from ballbot_ros.robot.world.floor_map import FLOOR, LINE, WALL, FloorMap, load_map
 
 PICTURE = drawn('.#-', '##.')
 

@@ -5,7 +5,7 @@ import pytest
 from maps import drawn, save
 
 from ballbot_ros.errors import WorldError
-from ballbot_ros.world.floor_map import LINE, load_map, map_names
+from ballbot_ros.robot.world.floor_map import LINE, load_map, map_names
 
 
 def test_the_shipped_maps_are_found_by_name():

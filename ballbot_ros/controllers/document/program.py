@@ -7,18 +7,6 @@ from collections.abc import Sequence
 from enum import IntEnum
 from typing import Any, NamedTuple, SupportsFloat
 
-from ballbot_ros.brick.bluetooth import LogPacket
-from ballbot_ros.brick.brick import (
-    NO_SAMPLE,
-    UINT32_MASK,
-    DeviceInputs,
-    DeviceOutputs,
-    Inputs,
-    Tone,
-    as_numbers,
-    status_page,
-)
-from ballbot_ros.brick.sensors import NO_DATA_CM, NO_ECHO_CM
 from ballbot_ros.controllers.document.axis import (
     AT_REST,
     LCD_MS,
@@ -38,8 +26,20 @@ from ballbot_ros.controllers.document.axis import (
 )
 from ballbot_ros.controllers.glide import Glide
 from ballbot_ros.controllers.interface import OperatingState
-from ballbot_ros.numerics.compiler_hints import inlined
 from ballbot_ros.parameters import ControllerParameters
+from ballbot_ros.robot.brick.bluetooth import LogPacket
+from ballbot_ros.robot.brick.brick import (
+    NO_SAMPLE,
+    UINT32_MASK,
+    DeviceInputs,
+    DeviceOutputs,
+    Inputs,
+    Tone,
+    as_numbers,
+    status_page,
+)
+from ballbot_ros.robot.brick.sensors import NO_DATA_CM, NO_ECHO_CM
+from ballbot_ros.robot.numerics.compiler_hints import inlined
 
 LOWEST_TONE_HZ = 31
 

@@ -9,9 +9,9 @@ import json
 import sys
 import time
 
-from ballbot_ros.messages.run_messages import RunMessages
-from ballbot_ros.scenario.library import load_scenario
-from ballbot_ros.simulation.closed_loop import ClosedLoop
+from ballbot_ros.engine.closed_loop import ClosedLoop
+from ballbot_ros.engine.scenario.library import load_scenario
+from ballbot_ros.recording.messages.run_messages import RunMessages
 
 
 def main(name: str, duration: str) -> None:

@@ -16,10 +16,14 @@ import click
 import numpy as np
 
 from ballbot_ros.analysis.data_log import write_data_log
+from ballbot_ros.analysis.identification.experiment import (
+    Experiment,
+    logged_experiment,
+    recorded_experiment,
+)
+from ballbot_ros.analysis.identification.identification import Identification, identify
 from ballbot_ros.analysis.run_data import RunData, read_run
 from ballbot_ros.files import temporary_folder
-from ballbot_ros.identification.experiment import Experiment, logged_experiment, recorded_experiment
-from ballbot_ros.identification.identification import Identification, identify
 from ballbot_ros.parameters import PLANT, PlantParameters
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.run.library import simulate

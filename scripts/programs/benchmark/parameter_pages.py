@@ -7,7 +7,7 @@ import yaml
 from ballbot_ros.parameters.parameter import Parameter, TakesEffect, Value
 from ballbot_ros.parameters.plant import PlantParameters
 from ballbot_ros.parameters.table import ALL_NODES, TABLE
-from ballbot_ros.plant.model import PhysicalParameters
+from ballbot_ros.robot.plant.model import PhysicalParameters
 
 DERIVED = {
     'ratio': ('k = Rs/Rw', '1', '3.2'),

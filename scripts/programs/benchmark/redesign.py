@@ -9,11 +9,11 @@ from typing import NamedTuple
 from scipy.optimize import bisect
 
 import ballbot_ros as bb
-from ballbot_ros.design.gain_design import GainDesign
-from ballbot_ros.design.sampled_loop import LoopDelays
+from ballbot_ros.controllers.design.gain_design import GainDesign
+from ballbot_ros.controllers.design.sampled_loop import LoopDelays
+from ballbot_ros.engine.scenario.library import scenario_names
 from ballbot_ros.parameters import CONTROLLER, ParameterSet
 from ballbot_ros.parameters.files import assign_values
-from ballbot_ros.scenario.library import scenario_names
 from benchmark.tables import print_table
 
 WEIGHTS = (0.034, 0.0067, 0.0016, 0.012, 0.00084)

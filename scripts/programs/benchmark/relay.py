@@ -15,17 +15,17 @@ from pathlib import Path
 
 import click
 
-from ballbot_ros.messages.devices import DEVICE_MESSAGES, INPUT_READERS
-from ballbot_ros.messages.topics import (
+from ballbot_ros.lockstep.lockstep import InputGate
+from ballbot_ros.parameters import CONTROLLER, GAMEPAD, NODES, PLANT, RECORDER
+from ballbot_ros.parameters.timing import FIRST_TICK_NS, SECOND_NS, TICK_NS
+from ballbot_ros.recording.messages.devices import DEVICE_MESSAGES, INPUT_READERS
+from ballbot_ros.recording.messages.topics import (
     CLOCK,
     MOTOR_DUTY,
     PLANT_JOINT_STATES,
     TOPICS,
     Topic,
 )
-from ballbot_ros.parameters import CONTROLLER, GAMEPAD, NODES, PLANT, RECORDER
-from ballbot_ros.simulation.lockstep import InputGate
-from ballbot_ros.timing import FIRST_TICK_NS, SECOND_NS, TICK_NS
 
 ROLES = tuple(role for role in NODES if role != RECORDER)
 

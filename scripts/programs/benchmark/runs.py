@@ -17,13 +17,13 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from ballbot_ros.engine.trajectory import load_trajectory
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.parameters import NODES, PLANT
 from ballbot_ros.parameters.files import write_parameter_file
+from ballbot_ros.parameters.timing import SECOND_NS, TICK_NS
 from ballbot_ros.run.graph import graph_parameters
 from ballbot_ros.run.spec import RunOptions, RunSpec
-from ballbot_ros.simulation.trajectory import load_trajectory
-from ballbot_ros.timing import SECOND_NS, TICK_NS
 from benchmark.relay import ROLES as RELAY_ROLES
 
 SCENARIO = 'stationary'

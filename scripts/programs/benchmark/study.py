@@ -21,21 +21,21 @@ import yaml
 from distributed import Client
 from rich.console import Console
 
-from ballbot_ros.parameters import PlantParameters
-from ballbot_ros.scenario.library import load_scenario
-from ballbot_ros.simulation.closed_loop import ClosedLoop
-from ballbot_ros.simulation.trajectory import TrajectoryLog
-from ballbot_ros.studies.cluster import workers_of
-from ballbot_ros.studies.execution import (
+from ballbot_ros.engine.closed_loop import ClosedLoop
+from ballbot_ros.engine.scenario.library import load_scenario
+from ballbot_ros.engine.trajectory import TrajectoryLog
+from ballbot_ros.lab.studies.cluster import workers_of
+from ballbot_ros.lab.studies.execution import (
     LocalWorkers,
     QuietObserver,
     WorkersOfJob,
     run_study,
 )
-from ballbot_ros.studies.job import job_of
-from ballbot_ros.studies.reader import read_study
-from ballbot_ros.studies.sampling import Sampler
-from ballbot_ros.timing import TICK_S
+from ballbot_ros.lab.studies.job import job_of
+from ballbot_ros.lab.studies.reader import read_study
+from ballbot_ros.lab.studies.sampling import Sampler
+from ballbot_ros.parameters import PlantParameters
+from ballbot_ros.parameters.timing import TICK_S
 from benchmark.figures import BYTES, MEGABYTES, RATIO, SECONDS, Figure
 
 RATIOS = {

@@ -16,10 +16,10 @@ import numpy as np
 
 from ballbot_ros.cli.invoke import invoke
 from ballbot_ros.controllers.document.program import ControlProgram
+from ballbot_ros.engine.closed_loop import ClosedLoop
+from ballbot_ros.engine.scenario.library import load_profile
+from ballbot_ros.engine.scenario.scenario import Scenario, Segment, StickSignal
 from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, SONAR, ParameterSet
-from ballbot_ros.scenario.library import load_profile
-from ballbot_ros.scenario.scenario import Scenario, Segment, StickSignal
-from ballbot_ros.simulation.closed_loop import ClosedLoop
 from benchmark.identification import identification
 from benchmark.redesign import redesign
 from benchmark.tables import print_table

@@ -9,11 +9,11 @@ from mcap.exceptions import McapError
 from mcap.reader import make_reader
 
 from ballbot_ros.errors import RecordingError
-from ballbot_ros.messages.conversions import is_stop, stamp_ns
-from ballbot_ros.messages.topics import MOTOR_DUTY, PLANT_IMU
+from ballbot_ros.parameters.timing import FIRST_TICK_NS, TICK_NS
+from ballbot_ros.recording.messages.conversions import is_stop, stamp_ns
+from ballbot_ros.recording.messages.topics import MOTOR_DUTY, PLANT_IMU
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.repair import repair
-from ballbot_ros.timing import FIRST_TICK_NS, TICK_NS
 
 Duty = tuple[float, float]
 

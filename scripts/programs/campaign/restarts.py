@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from signal import Signals
 from typing import NamedTuple
 
+from ballbot_ros.engine.trajectory import load_trajectory
 from ballbot_ros.parameters import CONTROLLER, DRIVERS, NODES, PLANT, RECORDER
-from ballbot_ros.simulation.trajectory import load_trajectory
 from campaign.fault import Verdict
 from campaign.remains import read_remains
 from campaign.run import (

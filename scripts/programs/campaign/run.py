@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ballbot_ros.engine.closed_loop import ClosedLoop
+from ballbot_ros.engine.scenario.library import load_scenario
+from ballbot_ros.engine.trajectory import TrajectoryLog
 from ballbot_ros.parameters import PLANT
-from ballbot_ros.scenario.library import load_scenario
-from ballbot_ros.simulation.closed_loop import ClosedLoop
-from ballbot_ros.simulation.trajectory import TrajectoryLog
-from ballbot_ros.timing import SECOND_NS, TICK_NS
+from ballbot_ros.parameters.timing import SECOND_NS, TICK_NS
 from campaign.remains import Remains, read_remains
 from campaign.site import BALLBOT, End, Program, Site, wait_until
 

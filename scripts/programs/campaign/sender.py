@@ -15,9 +15,9 @@ from typing import Any
 import rclpy
 from rclpy.serialization import serialize_message
 
-from ballbot_ros.messages.topics import message_class
 from ballbot_ros.nodes.endpoints import reliable_qos
 from ballbot_ros.nodes.middleware import prepare_middleware
+from ballbot_ros.recording.messages.topics import message_class
 from campaign.strangers import LOOP_TOPICS, OPEN_TOPICS, STRANGER, Content
 
 LARGE = 8_000

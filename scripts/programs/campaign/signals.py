@@ -12,7 +12,7 @@ from functools import partial
 from signal import Signals
 
 from ballbot_ros.parameters import NODES, PLANT, RECORDER
-from ballbot_ros.timing import SECOND_NS, TICK_NS
+from ballbot_ros.parameters.timing import SECOND_NS, TICK_NS
 from campaign.fault import Verdict
 from campaign.run import (
     Run,

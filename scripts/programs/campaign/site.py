@@ -12,9 +12,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
+from ballbot_ros.lockstep.liveness import MAX_POLL_GAP_S, Threads, available_s
 from ballbot_ros.nodes.processes import descendants, threads_by_process
 from ballbot_ros.parameters import NODES
-from ballbot_ros.simulation.liveness import MAX_POLL_GAP_S, Threads, available_s
 
 MARK = 'BALLBOT_CAMPAIGN_TRIAL'
 """Environment variable that identifies the processes of a trial, including leftover ones."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple
 
-from ballbot_ros.messages.topics import (
+from ballbot_ros.recording.messages.topics import (
     BLUETOOTH_TX,
     CLOCK,
     CMD_VEL,

@@ -1,0 +1,446 @@
+"""What parameters are identified from: the readings of a run, at equal steps."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from enum import Enum, auto
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot_ros.analysis.identification.arrays import Floats
+from ballbot_ros.analysis.run_data import RunData
+from ballbot_ros.errors import IdentificationError
+from ballbot_ros.parameters import (
+    ControllerParameters,
+    DeviceParameters,
+    EncoderParameters,
+    GyroParameters,
+    PlantParameters,
+    Value,
+)
+from ballbot_ros.parameters.timing import STEP_NS, STEPS_PER_TICK, TICK_MS, TICK_NS, TICK_S
+from ballbot_ros.recording.csv_log import CLOCK_PERIOD_MS, read_csv_log
+from ballbot_ros.recording.messages.topics import (
+    BATTERY_STATE,
+    GYRO_IMU,
+    JOINT_STATES,
+    MOTOR_DUTY,
+    PLANT_IMU,
+    PLANT_ODOM,
+    Topic,
+)
+from ballbot_ros.robot.brick.bluetooth import LogPacket
+from ballbot_ros.robot.brick.sensors import COUNT_V, battery_mv, count_of, mean_delay
+
+ROUNDING_DEVIATION = math.sqrt(1.0 / 12.0)
+"""Standard deviation of the rounding to whole numbers, of a signal that moves."""
+
+_LEAST_NOISE = 0.1
+_LEAST_COMMON = 0.02
+_TERMS = 8
+
+
+def expected_rounding(values: Floats, noise: float) -> Floats:
+    """Return the mean of ``floor(x + e + 0.5) - x`` for each value x, with a normal error e.
+
+    It is the Fourier series of the sawtooth, whose harmonics the noise damps. With a noise of half
+    a count or more it is close to zero. Less noise than a tenth counts as a tenth, so that values
+    that are known to a tenth only have no sharp edges.
+    """
+    total = np.zeros_like(values)
+    for harmonic in range(1, _TERMS + 1):
+        damping = math.exp(-2.0 * (math.pi * harmonic * max(noise, _LEAST_NOISE)) ** 2)
+        size = (-1) ** harmonic / (math.pi * harmonic) * damping
+        total += size * np.sin(2.0 * math.pi * harmonic * values)
+    return total
+
+
+def common_rounding(spread: float) -> float:
+    """Return the standard deviation of the mean rounding of values that are spread normally.
+
+    Values that all round alike have all of it in common; with a spread of half a count, hardly
+    anything is left.
+    """
+    if spread == 0.0:
+        return ROUNDING_DEVIATION
+    variance = sum(
+        math.exp(-4.0 * (math.pi * harmonic * spread) ** 2) / (2.0 * (math.pi * harmonic) ** 2)
+        for harmonic in range(1, _TERMS + 1)
+    )
+    return max(_LEAST_COMMON, math.sqrt(variance))
+
+
+def with_identified(plant: PlantParameters, values: Mapping[str, Any]) -> PlantParameters:
+    """Return parameters in which some values, by name, are replaced."""
+    return replace(plant, **values)
+
+
+class ChannelQuantity(Enum):
+    """What a channel measures in each plane."""
+
+    PITCH_RATE = auto()
+    """[deg/s]"""
+    PITCH = auto()
+    """[deg]"""
+    ESTIMATED_PITCH = auto()
+    """The pitch as the controller estimates it [deg]: the integral of the gyro's reading less its
+    offset, which is a low pass of the reading. It forgets the true pitch in the time `filter_s`."""
+    SHAFT = auto()
+    """Angle of the motor shaft [deg]."""
+    POSITION = auto()
+    """[m]"""
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A measured signal of both planes.
+
+    Attributes
+    ----------
+    name, unit : str
+    quantity : Quantity
+        What it measures.
+    noise : float
+        Standard deviation of its error to begin with, in its unit. That of the truth is what the
+        model of a segment leaves.
+    is_rounded : bool
+        Whether its readings are whole numbers.
+    has_offset : bool
+        Whether it has an unknown offset, constant for seconds.
+    filter_s : float
+        Of an estimated pitch, the time constant of the low pass [s].
+    """
+
+    name: str
+    unit: str
+    quantity: ChannelQuantity
+    noise: float
+    is_rounded: bool = False
+    has_offset: bool = False
+    filter_s: float = 0.0
+
+
+GYRO = Channel('gyro', 'deg/s', ChannelQuantity.PITCH_RATE, 0.8, is_rounded=True, has_offset=True)
+ENCODER = Channel('encoder', 'deg', ChannelQuantity.SHAFT, 0.3, is_rounded=True)
+TRUE_PITCH_RATE = Channel('pitch rate', 'deg/s', ChannelQuantity.PITCH_RATE, 1e-3)
+TRUE_PITCH = Channel('pitch', 'deg', ChannelQuantity.PITCH, 1e-4)
+TRUE_POSITION = Channel('position', 'm', ChannelQuantity.POSITION, 1e-6)
+
+LOGGED_ENCODER = Channel('encoder', 'deg', ChannelQuantity.SHAFT, 0.3)
+"""In whole degrees. Read a few times a second, its rounding is like noise."""
+
+LOGGED_PITCH = Channel(
+    'estimated pitch', 'deg', ChannelQuantity.ESTIMATED_PITCH, 0.02, has_offset=True,
+    filter_s=TICK_S / (1.0 - ControllerParameters().a_gd),
+)  # fmt: skip
+
+TRUE_BATTERY_V = 1e-6
+"""Standard deviation of the battery voltage in the plant's topic [V], in single precision."""
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """The readings of a run, at equal steps of time.
+
+    Attributes
+    ----------
+    name : str
+    plant : PlantParameters
+        What is known of the robot; the identified parameters replace its values.
+    duty : ndarray, shape (n, 2), or None
+        Duties [%] from each reading to the next, which are ticks then. None if they are not known:
+        then each motor has an unknown voltage from each reading to the next.
+    readings : mapping of Channel to ndarray, shape (n, 2)
+        NaN where there is none.
+    battery : ndarray, shape (n,)
+        Battery voltage [V]; NaN where it was not measured.
+    battery_count : float
+        Resolution of its reading [V]; 0 if it is not rounded.
+    usable : ndarray, shape (n,)
+        Whether only the motors moved the robot, from this reading to the next.
+    ages : mapping of Channel to int
+        Dead time of each channel [steps].
+    notes : tuple of str
+        What a reader of the result should know.
+    recorded : PlantParameters or None
+        The parameters of the recorded robot, if they are known.
+    steps_per_reading : int
+        Number of steps that the plant is simulated with, from each reading to the next.
+    step_s : float
+        Length of such a step [s].
+    """
+
+    name: str
+    plant: PlantParameters
+    duty: NDArray[Any] | None
+    readings: Mapping[Channel, Floats]
+    battery: Floats
+    battery_count: float
+    usable: NDArray[np.bool_]
+    ages: Mapping[Channel, int] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    recorded: PlantParameters | None = None
+    steps_per_reading: int = STEPS_PER_TICK
+    step_s: float = STEP_NS * 1e-9
+
+    @property
+    def reading_s(self) -> float:
+        """Time from each reading to the next [s]."""
+        return self.steps_per_reading * self.step_s
+
+    @property
+    def battery_error(self) -> float:
+        """Standard deviation of the error of a battery reading [V].
+
+        It is a whole count: the voltage changes slowly, so that readings round in the same way.
+        """
+        return self.battery_count or TRUE_BATTERY_V
+
+    @property
+    def battery_offset(self) -> float:
+        """Standard deviation of the error that all battery readings have in common [V]."""
+        if not self.battery_count:
+            return TRUE_BATTERY_V
+        spread = np.nanvar(self.battery / self.battery_count) - ROUNDING_DEVIATION**2
+        return self.battery_count * common_rounding(math.sqrt(max(0.0, float(spread))))
+
+
+_AFTER_PUSH_S = 0.1
+
+
+def recorded_experiment(
+    run: RunData, known: Mapping[str, Value], *, truth: bool = False
+) -> Experiment:
+    """Return the experiment in a recorded run.
+
+    Parameters
+    ----------
+    known : mapping
+        Values of the plant that replace the recorded ones, by name.
+    truth : bool
+        Whether the plant's topics are used instead of the readings of the brick's devices.
+
+    Raises
+    ------
+    IdentificationError
+        If the recording lacks a topic, or was not made in lockstep.
+    """
+    if not run.plant.lockstep:
+        raise IdentificationError(
+            f'{run.path}: a free-running run does not tell when each duty acted; record one in '
+            'lockstep'
+        )
+    ticks = _Ticks(run)
+    recorded = run.plant if run.attached.has_parameters else None
+    plant = _with_mean_delay(with_identified(run.plant, known))
+    notes = []
+    duty = ticks.of(MOTOR_DUTY)
+    battery = ticks.of(BATTERY_STATE)[:, 0]
+    readings: dict[Channel, Floats]
+    ages: dict[Channel, int] = {}
+    if truth:
+        imu = ticks.of(PLANT_IMU)
+        readings = {
+            TRUE_PITCH_RATE: np.degrees(imu[:, 2:4]),
+            TRUE_PITCH: np.degrees(imu[:, :2]),
+            TRUE_POSITION: ticks.of(PLANT_ODOM),
+        }
+        battery_count = 0.0
+    else:
+        readings = {
+            GYRO: np.rint(np.degrees(ticks.of(GYRO_IMU))),
+            ENCODER: np.rint(np.degrees(ticks.of(JOINT_STATES))),
+        }
+        ages = {
+            GYRO: _age(run.attached.parameters.of(GyroParameters)),
+            ENCODER: _age(run.attached.parameters.of(EncoderParameters)),
+        }
+        measured = ~np.isnan(battery)
+        counts = [count_of(battery_mv(volts)) for volts in battery[measured].tolist()]
+        battery[measured] = np.multiply(counts, COUNT_V)
+        battery_count = COUNT_V
+    usable = run.balancing(ticks.time) & ~np.isnan(duty).any(axis=1)
+    for values in readings.values():
+        usable &= ~np.isnan(values).any(axis=1)
+    if scenario := run.attached.scenario:
+        for push in scenario.pushes:
+            end = push.time + push.duration + _AFTER_PUSH_S
+            usable &= (ticks.time < push.time - TICK_S) | (ticks.time > end)
+    if missing := ticks.missing:
+        notes.append(f'{missing} missing ticks: no segment crosses a gap.')
+    if run.damage:
+        notes.append(run.damage)
+    return Experiment(
+        name=str(run.path),
+        plant=plant,
+        duty=np.nan_to_num(duty),
+        readings=readings,
+        battery=battery,
+        battery_count=battery_count,
+        usable=usable,
+        ages=ages,
+        notes=tuple(notes),
+        recorded=recorded,
+    )
+
+
+class _Ticks:
+    """The ticks of a run, without gaps; where one is missing, its values are NaN."""
+
+    def __init__(self, run: RunData) -> None:
+        self._run = run
+        duty = run.series.get(MOTOR_DUTY)
+        if duty is None:
+            raise _not_recorded(run, MOTOR_DUTY)
+        self._first = int(duty.stamps[0])
+        self._count = (int(duty.stamps[-1]) - self._first) // TICK_NS + 1
+        begin = float(duty.time[0])
+        self.time = np.asarray(begin + np.arange(self._count) * TICK_S, np.float64)
+        self.missing = self._count - len(np.unique(self._numbers(duty.stamps)))
+
+    def _numbers(self, stamps: NDArray[np.int64]) -> NDArray[np.int64]:
+        return np.asarray((stamps - self._first) // TICK_NS)
+
+    def of(self, topic: Topic) -> Floats:
+        """Return the values of a topic, shape (n, k)."""
+        series = self._run.series.get(topic)
+        if series is None:
+            raise _not_recorded(self._run, topic)
+        values = np.full((self._count, series.values.shape[1]), np.nan)
+        numbers = self._numbers(series.stamps)
+        inside = (numbers >= 0) & (numbers < self._count)
+        values[numbers[inside]] = series.values[inside]
+        return values
+
+
+def _not_recorded(run: RunData, topic: Topic) -> IdentificationError:
+    return IdentificationError(f'{run.path}: topic {topic.name!r} was not recorded')
+
+
+def _age(device: DeviceParameters) -> int:
+    """Return the mean dead time of a device [physics steps]."""
+    return round(mean_delay(device.delay, device.delay_jitter, STEPS_PER_TICK))
+
+
+def _with_mean_delay(plant: PlantParameters) -> PlantParameters:
+    delay = mean_delay(plant.actuator_delay, plant.actuator_delay_jitter, STEPS_PER_TICK)
+    return replace(plant, actuator_delay=round(delay), actuator_delay_jitter=0)
+
+
+NO_DUTIES = (
+    'A data log has no duties. It tells something of body and ball, but nothing of motors, dead '
+    'zone and battery.'
+)
+
+MAX_STEP_MS = TICK_MS
+"""Longest step of the simulation between two records [ms]."""
+
+SHORTEST_PERIOD_MS = 80
+"""Shortest time between records [ms]. Of a log with more, only some are used: the motor voltages
+between them are unknowns."""
+
+LONGEST_PERIOD_MS = 255 * TICK_MS
+"""Longest time between records [ms], that of the largest `log_count`."""
+
+_JITTER = 0.1
+_FALLEN_DEG = 30.0
+"""Pitch from which the robot cannot be saved. The range of the log ends at 32 degrees."""
+
+
+def logged_experiment(path: Path, known: Mapping[str, Value]) -> Experiment:
+    """Return the experiment in a data log, which begins where the robot starts to move.
+
+    Parameters
+    ----------
+    known : mapping
+        Values of the plant by name; the document's for those that are missing.
+
+    Raises
+    ------
+    TeleopError
+        If the file is not a data log.
+    IdentificationError
+        If it has fewer than two records, or they are too far apart.
+    """
+    packets = read_csv_log(path)
+    if len(packets) < 2:
+        raise IdentificationError(f'{path}: has {len(packets)} records; at least 2 are needed')
+    period, gaps = _steps(packets)
+    if period > LONGEST_PERIOD_MS:
+        raise IdentificationError(
+            f'{path}: its records are {period} ms apart; those of a brick are at most '
+            f'{LONGEST_PERIOD_MS} ms'
+        )
+    every = -(-SHORTEST_PERIOD_MS // period)
+    if every > 1:
+        # Of each piece between gaps, the records at longer steps.
+        numbers = np.arange(len(packets))
+        begins = np.zeros(len(packets), np.intp)
+        begins[gaps] = gaps
+        chosen = np.flatnonzero((numbers - np.maximum.accumulate(begins)) % every == 0)
+        packets = [packets[number] for number in chosen]
+        gaps = np.searchsorted(chosen, gaps)
+        period *= every
+    plant = with_identified(PlantParameters(), known)
+    pitch, shaft = _readings(packets)
+    # In a gap, one missing record separates those before from those after.
+    usable = np.insert(_usable(pitch, shaft), gaps, False)
+    pitch, shaft = (np.insert(each, gaps, np.nan, axis=0) for each in (pitch, shaft))
+    wheel = _wheel(shaft, math.degrees(plant.backlash) / 2.0)
+    notes = [NO_DUTIES]
+    if gaps.size:
+        noun = 'gap' if gaps.size == 1 else 'gaps'
+        notes.append(f'{gaps.size} {noun} between records: no segment crosses one.')
+    steps = -(-period // MAX_STEP_MS)
+    return Experiment(
+        name=str(path),
+        plant=replace(plant, backlash=0.0, plant_model='linear'),
+        duty=None,
+        readings={LOGGED_PITCH: pitch, LOGGED_ENCODER: wheel},
+        battery=np.full(len(usable), np.nan),
+        battery_count=0.0,
+        usable=usable,
+        notes=tuple(notes),
+        steps_per_reading=steps,
+        step_s=period * 1e-3 / steps,
+    )
+
+
+def _steps(packets: Sequence[LogPacket]) -> tuple[int, NDArray[np.intp]]:
+    """Return the usual time between records [ms], and the numbers of the records after gaps."""
+    times = np.array([each.time_ms for each in packets])
+    intervals = np.diff(times) % CLOCK_PERIOD_MS
+    period = int(np.median(intervals))
+    return period, np.flatnonzero(np.abs(intervals - period) > _JITTER * period) + 1
+
+
+def _readings(packets: Sequence[LogPacket]) -> tuple[Floats, Floats]:
+    """Return pitch and shaft angle [deg] of both planes, shape (n, 2)."""
+    lsb = ControllerParameters().lsb
+    pitch = np.array([(each.adc1, each.adc2) for each in packets]) * lsb
+    return pitch, np.array([(each.rev_b, each.rev_c) for each in packets], np.float64)
+
+
+def _wheel(shaft: Floats, half_play: float) -> Floats:
+    """Return the wheel's angles [deg] for those of the shaft, from which it differs by gear play.
+
+    It is known where the shaft turns one way, before and after a record; elsewhere it is NaN.
+    """
+    if not half_play:
+        return shaft
+    steps = np.sign(np.diff(shaft, axis=0))
+    before = np.concatenate([steps[:1], steps])
+    after = np.concatenate([steps, steps[-1:]])
+    return np.asarray(np.where(before * after > 0.0, shaft + half_play * before, np.nan))
+
+
+def _usable(pitch: Floats, shaft: Floats) -> NDArray[np.bool_]:
+    """Return a mask of the records from the first turn of a motor until the robot has fallen."""
+    moved = (shaft != shaft[0]).any(axis=1)
+    fallen = (np.abs(pitch) >= _FALLEN_DEG).any(axis=1)
+    return np.logical_or.accumulate(moved) & ~np.logical_or.accumulate(fallen)

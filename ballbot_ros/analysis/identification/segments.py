@@ -1,0 +1,189 @@
+"""Short pieces of an experiment, from which its parameters are identified.
+
+The robot is unstable: what a simulation does after a second depends on its start more than on the
+parameters. So it starts again every 0.8 s, from a state that is estimated together with the
+parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot_ros.analysis.identification.arrays import Floats
+from ballbot_ros.analysis.identification.experiment import ENCODER, Channel, Experiment
+from ballbot_ros.parameters import PlantParameters
+from ballbot_ros.parameters.timing import STEPS_PER_TICK
+
+SEGMENT_TICKS = 200
+"""Length of a segment: in longer ones, too much depends on its start. In shorter ones, the noise
+that the controller answers with its duties would bias the parameters more."""
+
+UNDRIVEN_SEGMENT_S = 2.0
+"""Length of a segment whose duties are not known [s]. The unknown voltages keep it upright; of each
+segment, four readings say nothing of the parameters."""
+
+MAX_SEGMENTS = 150
+"""Most segments of an experiment, two minutes, which bounds work and memory."""
+
+TURNING_READINGS = 3
+"""Number of readings in which an encoder has turned one way, so that the gears are in contact."""
+
+_MIN_READINGS = 8
+
+
+@dataclass(frozen=True)
+class Segments:
+    """Segments of an experiment, all of the same length of `n` readings.
+
+    Attributes
+    ----------
+    experiment : Experiment
+    starts : ndarray, shape (s,)
+        Index of the first reading of each segment.
+    duty : ndarray, shape (s, 4 n, 2), or None
+        The duty [%] that acts in each physics step; None if it is not known.
+    duty_before : ndarray, shape (s, 2), or None
+        The one in the step before the segment.
+    readings : mapping of Channel to ndarray, shape (s, n, 2)
+    battery : ndarray, shape (s, n)
+    contact : ndarray, shape (s, 2)
+        At the start, -1 or 1 for the side on which the gears are in contact.
+    """
+
+    experiment: Experiment
+    starts: NDArray[np.intp]
+    duty: NDArray[Any] | None
+    duty_before: NDArray[Any] | None
+    readings: Mapping[Channel, Floats]
+    battery: Floats
+    contact: Floats
+
+    @property
+    def count(self) -> int:
+        """Number of segments."""
+        return len(self.starts)
+
+    @property
+    def length(self) -> int:
+        """Number of readings of a segment."""
+        return int(self.battery.shape[1])
+
+    @property
+    def seconds(self) -> float:
+        """Total length [s]."""
+        return self.count * self.length * self.experiment.reading_s
+
+    def beginnings(self, length: int) -> Segments:
+        """Return the first readings of each segment."""
+        return replace(
+            self,
+            duty=None if self.duty is None else self.duty[:, : length * STEPS_PER_TICK],
+            readings={channel: values[:, :length] for channel, values in self.readings.items()},
+            battery=self.battery[:, :length],
+        )
+
+    def without(self, dropped: NDArray[np.bool_]) -> Segments:
+        """Return the segments without those in a mask, shape (s,)."""
+        kept = ~dropped
+        return replace(
+            self,
+            starts=self.starts[kept],
+            duty=None if self.duty is None else self.duty[kept],
+            duty_before=None if self.duty_before is None else self.duty_before[kept],
+            readings={channel: values[kept] for channel, values in self.readings.items()},
+            battery=self.battery[kept],
+            contact=self.contact[kept],
+        )
+
+
+def segment_length(experiment: Experiment) -> int:
+    """Return the number of readings of a segment."""
+    if experiment.duty is None:
+        return max(_MIN_READINGS, round(UNDRIVEN_SEGMENT_S / experiment.reading_s))
+    return SEGMENT_TICKS
+
+
+def cut(experiment: Experiment) -> Segments:
+    """Return the segments of an experiment: in its usable time, without gaps, one after another.
+
+    With gear play, a segment begins where both encoders turn: only then it is known on which side
+    the gears are in contact. Of a long experiment, the segments are spread evenly.
+    """
+    length = segment_length(experiment)
+    may_start, contact = _starts(experiment)
+    lead = 0
+    if experiment.duty is not None:
+        lead = -(-experiment.plant.actuator_delay // STEPS_PER_TICK) + 1
+    ends_of_gaps = np.flatnonzero(~experiment.usable)
+    starts: list[int] = []
+    index, count = lead, len(experiment.usable)
+    while index + length <= count:
+        # The duties of the dead time before it, and all readings of the segment, are needed.
+        unusable = ends_of_gaps[np.searchsorted(ends_of_gaps, index - lead) :]
+        if unusable.size and unusable[0] < index + length:
+            index = int(unusable[0]) + 1 + lead
+        elif may_start[index]:
+            starts.append(index)
+            index += length
+        else:
+            index += 1
+    if len(starts) > MAX_SEGMENTS:
+        chosen = np.linspace(0, len(starts) - 1, MAX_SEGMENTS).round().astype(int)
+        starts = [starts[each] for each in chosen]
+    first = np.array(starts, np.intp)
+    window = first[:, np.newaxis] + np.arange(length)
+    duty = before = None
+    if experiment.duty is not None:
+        duty, before = _acting_duties(experiment.duty, experiment.plant, first, length)
+    return Segments(
+        experiment=experiment,
+        starts=first,
+        duty=duty,
+        duty_before=before,
+        readings={
+            channel: _shifted(values, window, experiment.ages.get(channel, 0))
+            for channel, values in experiment.readings.items()
+        },
+        battery=experiment.battery[window],
+        contact=contact[first],
+    )
+
+
+def _shifted(values: Floats, window: NDArray[np.intp], age: int) -> Floats:
+    """Return the readings of segments; NaN where one shows a time before its segment."""
+    found = np.array(values[window], np.float64)
+    found[:, : -(-age // STEPS_PER_TICK)] = np.nan
+    return found
+
+
+def _starts(experiment: Experiment) -> tuple[NDArray[np.bool_], Floats]:
+    """Return where a segment may start, shape (n,), and the sides of the gears, shape (n, 2)."""
+    count = len(experiment.usable)
+    encoder = experiment.readings.get(ENCODER)
+    if not experiment.plant.backlash or encoder is None:
+        return np.ones(count, np.bool_), np.zeros((count, 2))
+    steps = np.sign(np.diff(encoder, axis=0, prepend=encoder[:1]))
+    turning = np.zeros((count, 2), np.bool_)
+    if count >= TURNING_READINGS:
+        recent = np.lib.stride_tricks.sliding_window_view(steps, TURNING_READINGS, axis=0)
+        turning[TURNING_READINGS - 1 :] = np.abs(recent.sum(-1)) == TURNING_READINGS
+    # The readings of a later tick show the start.
+    late = -(-experiment.ages.get(ENCODER, 0) // STEPS_PER_TICK)
+    begins = np.roll(turning.all(axis=1), -late)
+    begins[count - late :] = False
+    return begins, -np.roll(steps, -late, axis=0)  # the shaft lags behind the wheel
+
+
+def _acting_duties(
+    duty: NDArray[Any], plant: PlantParameters, first: NDArray[np.intp], length: int
+) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return the duties that act in the steps of segments, and in the step before each."""
+    steps = first[:, np.newaxis] * STEPS_PER_TICK + np.arange(-1, length * STEPS_PER_TICK)
+    ticks = (steps - plant.actuator_delay) // STEPS_PER_TICK
+    acting = duty[ticks].astype(np.int64)
+    return acting[:, 1:], acting[:, 0]

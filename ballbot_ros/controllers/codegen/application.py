@@ -1,0 +1,245 @@
+"""The nxtOSEK application folder: writing it, and reading its description."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+import yaml
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from ballbot_ros import __version__
+from ballbot_ros.controllers.codegen.state_variables import PLANE_VARIABLES, PROGRAM_VARIABLES
+from ballbot_ros.controllers.document.axis import PROGRAM_NAME, TS1_MS, ProgramConstants, Single
+from ballbot_ros.controllers.document.program import LOWEST_TONE_HZ, VOLTAGE_OFFSET, VOLTAGE_SLOPE
+from ballbot_ros.errors import CodegenError
+from ballbot_ros.files import read_bytes, read_text
+from ballbot_ros.parameters import CONTROLLER, ControllerParameters, Parameter, parameters_of
+from ballbot_ros.process import program
+from ballbot_ros.robot.brick.bluetooth import PACKET_SIZE
+from ballbot_ros.robot.brick.schedule import TaskTiming
+from ballbot_ros.robot.brick.sensors import NO_ECHO_CM
+
+_INTEGERS = {
+    'U8': (0, 2**8 - 1),
+    'S8': (-(2**7), 2**7 - 1),
+    'U16': (0, 2**16 - 1),
+    'S16': (-(2**15), 2**15 - 1),
+    'U32': (0, 2**32 - 1),
+    'S32': (-(2**31), 2**31 - 1),
+}
+_NAMES = {'sound_freq': 'sound_frq'}
+"""C names, from the source document, of parameters whose own names are platform functions."""
+_OIL_PARAMETERS = ('ts2_period', 'ts3_period')
+
+
+@dataclass(frozen=True)
+class CParameter:
+    """A constant of the generated program, and its line in the data dictionary."""
+
+    name: str
+    c_type: str
+    c_value: str
+    length: int
+    unit: str
+    scaling: str
+    description: str
+    source: str
+
+    @property
+    def declarator(self) -> str:
+        """Name, with the length of an array."""
+        return f'{self.name}[{self.length}]' if self.length > 1 else self.name
+
+    @property
+    def text(self) -> str:
+        """The value without C syntax."""
+        return self.c_value.strip('{}').replace('f', '').removesuffix('U')
+
+    @property
+    def comment(self) -> str:
+        """Meaning and unit."""
+        unit = '' if self.unit in ('', '1') else f' [{self.unit}]'
+        return self.description + unit
+
+
+def c_parameters(parameters: ControllerParameters) -> list[CParameter]:
+    """Return the constants for the parameters of the node ``controller``."""
+    typed = ProgramConstants.of(parameters)
+    rows = parameters_of(CONTROLLER)
+    constants = [
+        CParameter(
+            'ts1', 'float', c_float(Single(TS1_MS)), 1, 'ms', '1', 'period of task_ts1', '7.4'
+        )
+    ]
+    for field in fields(ProgramConstants):
+        if field.name in _OIL_PARAMETERS:
+            continue
+        value = getattr(typed, field.name)
+        if field.name == 'autonomous':
+            constants.append(_mode(value, rows['mode']))
+        else:
+            constants.append(_constant(rows[field.name], value))
+    return constants
+
+
+def parameter_hash(parameters: ControllerParameters) -> str:
+    """Return a hash of all constants and tasks of the generated program."""
+    lines = [f'{each.declarator}={each.c_value}' for each in c_parameters(parameters)]
+    text = '\n'.join([*lines, *map(str, ProgramConstants.of(parameters).tasks)])
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def c_float(value: Single) -> str:
+    """Return the shortest constant that rounds to exactly `value` in single precision."""
+    text = str(value)
+    return f'{text}f' if any(mark in text for mark in '.e') else f'{text}.0f'
+
+
+def _mode(autonomous: bool, row: Parameter) -> CParameter:
+    return CParameter(
+        'autonomous', 'U8', f'{int(autonomous)}U', 1, '', '0 remote, 1 autonomous',
+        row.description, row.source,
+    )  # fmt: skip
+
+
+def _constant(row: Parameter, value: Single | int | tuple[Single, ...]) -> CParameter:
+    if isinstance(value, tuple):
+        c_type, length = 'float', len(value)
+        c_value = f'{{{", ".join(map(c_float, value))}}}'
+    elif isinstance(value, np.floating):
+        c_type, length, c_value = 'float', 1, c_float(value)
+    else:
+        c_type, length = _integer_type(row), 1
+        c_value = f'{value}U' if c_type.startswith('U') else str(value)
+    return CParameter(
+        _NAMES.get(row.name, row.name), c_type, c_value, length, row.unit, '1',
+        row.description, row.source,
+    )  # fmt: skip
+
+
+def _integer_type(row: Parameter) -> str:
+    """Return the smallest type for all values of the parameter."""
+    assert row.bounds is not None
+    low, high = row.bounds
+    return next(name for name, (least, most) in _INTEGERS.items() if least <= low and high <= most)
+
+
+PARAMETER_FILE = 'parameters.yaml'
+OIL_FILE = 'ballbot.oil'
+C_SOURCES = ('ballbot_controller.c', 'ballbot_parameters.c', 'ballbot_app.c')
+TEMPLATES = (
+    *C_SOURCES,
+    'ballbot_controller.h',
+    'ballbot_parameters.h',
+    OIL_FILE,
+    'Makefile',
+    'README.md',
+    'DATA_DICTIONARY.md',
+)
+STACK_BYTES = 512
+"""Stack of each task in the OIL file."""
+_STAMP = b'Generated by ballbot_ros'
+"""Start of the stamp in every file."""
+
+_TASK = re.compile(r'TASK\s+(\w+)\s*\{\s*PRIORITY\s*=\s*(\d+)\s*;')
+_ALARM = re.compile(r'TASK\s*=\s*(\w+)\s*;.*?CYCLETIME\s*=\s*(\d+)\s*;', re.DOTALL)
+
+
+def application_files(
+    parameters: ControllerParameters, folder: Path | None = None
+) -> dict[str, str]:
+    """Return the text of every file of the application, by name.
+
+    Equal parameters give equal text, and a README whose commands run in `folder`.
+    """
+    environment = Environment(
+        loader=PackageLoader('ballbot_ros.controllers.codegen'),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    stamp = f'{_STAMP.decode()} {__version__}, parameters {parameter_hash(parameters)}.'
+    tasks = ProgramConstants.of(parameters).tasks
+    context = {
+        'stamp': stamp,
+        'ballbot': program(folder=folder),
+        'parameters': c_parameters(parameters),
+        'plane_variables': PLANE_VARIABLES,
+        'program_variables': PROGRAM_VARIABLES,
+        'tasks': tasks,
+        'periods': {task.name: task.period_ms for task in tasks},
+        'stack_size': STACK_BYTES,
+        'mode': parameters.mode,
+        'time_start': parameters.time_start,
+        'program_name': PROGRAM_NAME,
+        'packet_size': PACKET_SIZE,
+        'no_echo_cm': NO_ECHO_CM,
+        'lowest_tone_hz': LOWEST_TONE_HZ,
+        'voltage_slope': c_float(VOLTAGE_SLOPE),
+        'voltage_offset': c_float(VOLTAGE_OFFSET),
+    }
+    files = {name: environment.get_template(name).render(context) for name in TEMPLATES}
+    return {**files, PARAMETER_FILE: f'# {stamp}\n{_parameter_file(parameters)}'}
+
+
+def _parameter_file(parameters: ControllerParameters) -> str:
+    """Return a parameter file with exactly the parameters of the generated program."""
+    names = ['mode', *(field.name for field in fields(ProgramConstants))]
+    content = {
+        name: list(value) if isinstance(value, tuple) else value
+        for name in names
+        if (value := getattr(parameters, name, None)) is not None
+    }
+    document = {f'/**/{CONTROLLER}': {'ros__parameters': content}}
+    return yaml.safe_dump(document, sort_keys=False, default_flow_style=None)
+
+
+def write_application(folder: Path, parameters: ControllerParameters) -> list[Path]:
+    """Write the application, replacing an earlier one; return the files.
+
+    Raises
+    ------
+    CodegenError
+        If the folder can't be written, or a file to replace was not written by `ballbot codegen`.
+    """
+    files = {folder / name: text for name, text in application_files(parameters, folder).items()}
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for path in files:
+            if path.exists() and _STAMP not in read_bytes(path):
+                raise CodegenError(
+                    f'{path}: not overwritten, because ballbot codegen did not write it; choose '
+                    'another folder'
+                )
+        for path, text in files.items():
+            path.write_text(text, encoding='utf-8')
+    except OSError as error:
+        raise CodegenError(f'{error.filename or folder}: {error.strerror}') from None
+    return list(files)
+
+
+def read_tasks(folder: Path) -> list[TaskTiming]:
+    """Return the tasks of a folder's OIL file, in file order.
+
+    Raises
+    ------
+    CodegenError
+        If the file can't be read, has no tasks, or has an alarm for an unknown task.
+    """
+    path = folder / OIL_FILE
+    try:
+        text = read_text(path)
+    except (OSError, UnicodeError) as error:
+        reason = getattr(error, 'strerror', None) or 'not UTF-8 text'
+        raise CodegenError(f'{path}: {reason}') from None
+    text = re.sub(r'/\*.*?\*/', '', text, flags=re.DOTALL)
+    tasks = {name: int(priority) for name, priority in _TASK.findall(text)}
+    periods = {name: int(period) for name, period in _ALARM.findall(text)}
+    if not tasks or not periods.keys() <= tasks.keys():
+        raise CodegenError(f'{path}: no tasks with PRIORITY, or an alarm for an unknown task')
+    return [TaskTiming(name, tasks[name], periods.get(name, 0)) for name in tasks]

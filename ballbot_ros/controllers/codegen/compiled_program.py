@@ -1,0 +1,293 @@
+"""The compiled control program, as a replacement for the Python one.
+
+It is a process, with one request and one answer per tick through pipes; ``target/brick.c`` defines
+both records.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import struct
+import subprocess
+import weakref
+from collections.abc import Sequence
+from typing import IO, NamedTuple, Protocol
+
+from ballbot_ros.controllers.codegen.state_variables import STATE_SIZE, named_values, plane_values
+from ballbot_ros.controllers.document.program import ControlMode, operating_state
+from ballbot_ros.controllers.interface import OperatingState
+from ballbot_ros.errors import CodegenError
+from ballbot_ros.parameters import ControllerParameters
+from ballbot_ros.robot.brick.brick import Brick, DeviceInputs, DeviceOutputs, Tone
+from ballbot_ros.robot.brick.schedule import Schedule, TaskTiming
+
+MAX_DUE = 8
+_REQUEST = struct.Struct(f'<IiiiHHHBbbB{MAX_DUE}s2x')
+_ANSWER_HEADER = struct.Struct(f'<bbBBBBBx{MAX_DUE}Hbbhhhhxx6I16s')
+ANSWER_SIZE = _ANSWER_HEADER.size + STATE_SIZE
+_SIZES = struct.Struct('<HH')
+_MAX_REASON_LENGTH = 200
+GRACE_S = 1.0
+
+
+class LogRecord(NamedTuple):
+    """Arguments of ``ecrobot_bt_adc_data_logger``."""
+
+    data1: int
+    data2: int
+    adc1: int
+    adc2: int
+    adc3: int
+    adc4: int
+
+
+class Answer(NamedTuple):
+    """The program's outputs in a tick.
+
+    Attributes
+    ----------
+    duty : tuple of int
+        Motors B and C [%].
+    faults : int
+        Calls that no valid program makes; see ``target/brick.c``.
+    page : str or None
+        Name passed to the status display.
+    stack_bytes : tuple of int
+        Maximum stack usage of each task so far; zeros if not measured.
+    state : bytes
+        The C structure ``ballbot``.
+    """
+
+    duty: tuple[int, int]
+    faults: int
+    log: LogRecord | None
+    tones: list[Tone]
+    page: str | None
+    read_sonar: bool
+    stack_bytes: tuple[int, ...]
+    state: bytes
+
+
+def encode_request(
+    *,
+    systick_ms: int,
+    revolutions: tuple[int, int],
+    sonar_reply_cm: int,
+    gyro: tuple[int, int],
+    battery_mv: int,
+    sticks: tuple[int, int] | None,
+    due: Sequence[int],
+) -> bytes:
+    """Return the request for a tick: device readings, and the numbers of the due tasks in order.
+
+    `sticks` is a packet that has arrived, or None.
+
+    Raises
+    ------
+    CodegenError
+        If a value does not fit in the device's type.
+    """
+    try:
+        return _REQUEST.pack(
+            systick_ms, *revolutions, sonar_reply_cm, *gyro, battery_mv,
+            sticks is not None, *(sticks or (0, 0)), len(due), bytes(due),
+        )  # fmt: skip
+    except struct.error as error:
+        raise CodegenError(f"a reading is out of its device's range: {error}") from None
+
+
+class BrickProcess:
+    """A running process of the compiled program, started by the command from ``toolchain.build``.
+
+    Raises
+    ------
+    CodegenError
+        If it does not start.
+    """
+
+    def __init__(self, command: Sequence[str]) -> None:
+        # Keep error output in memory, independent of free disk space, until the process is closed.
+        errors = os.fdopen(os.memfd_create('errors'), 'w+b')
+        try:
+            self._process = subprocess.Popen(
+                command,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=errors,
+                # Keep Ctrl-C from the program: the run gets it, and ends the program by closing its
+                # input.
+                start_new_session=True,
+            )
+        except OSError as error:
+            errors.close()
+            raise CodegenError(f'{command[0]}: {error.strerror}') from None
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._to, self._from, self._errors = self._process.stdin, self._process.stdout, errors
+        self.close = weakref.finalize(self, _end, self._process, errors)
+        sizes = _SIZES.unpack(self._read(_SIZES.size))
+        if sizes != (_REQUEST.size, ANSWER_SIZE):
+            raise CodegenError(
+                f'{command[-1]}: records of {sizes} bytes, not {(_REQUEST.size, ANSWER_SIZE)}: the '
+                'folder was made by another version'
+            )
+
+    def exchange(self, request: bytes) -> Answer:
+        """Run a tick; raise CodegenError if the program has ended."""
+        with contextlib.suppress(BrokenPipeError):
+            self._to.write(request)
+            self._to.flush()
+        return decode_answer(self._read(ANSWER_SIZE))
+
+    def _read(self, size: int) -> bytes:
+        data = self._from.read(size)
+        if len(data) < size:
+            status = self._process.wait()
+            raise CodegenError(f'the compiled controller ended with status {status}{self._why()}')
+        return data
+
+    def _why(self) -> str:
+        self._errors.seek(0)
+        text = ' '.join(self._errors.read().decode(errors='replace').split())
+        return f': {text[:_MAX_REASON_LENGTH]}' if text else ''
+
+
+def decode_answer(data: bytes) -> Answer:
+    """Decode an answer."""
+    fields = _ANSWER_HEADER.unpack_from(data)
+    vertical, horizontal, faults, logs, tones, pages, sonar_reads, *rest = fields
+    stack, rest = rest[:MAX_DUE], rest[MAX_DUE:]
+    log, rest = rest[:6], rest[6:]
+    name = rest.pop()
+    return Answer(
+        (vertical, horizontal),
+        faults,
+        LogRecord(*log) if logs else None,
+        [Tone(*rest[3 * n : 3 * n + 3]) for n in range(tones)],
+        name.rstrip(b'\0').decode('ascii') if pages else None,
+        sonar_reads > 0,
+        tuple(stack),
+        data[_ANSWER_HEADER.size :],
+    )
+
+
+def _end(process: subprocess.Popen[bytes], errors: IO[bytes]) -> None:
+    for pipe in (process.stdin, process.stdout):
+        if pipe:
+            with contextlib.suppress(BrokenPipeError):
+                pipe.close()
+    try:
+        process.wait(GRACE_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+    errors.close()
+
+
+class ProgramProcess(Protocol):
+    """A process that runs the compiled program, on this machine or emulated."""
+
+    def exchange(self, request: bytes) -> Answer:
+        """Run a tick."""
+
+
+class PlaneRecord:
+    """A plane's data in the compiled program, with the names of the Python program."""
+
+    def __init__(self) -> None:
+        self.theta = self.psi = self.theta_dot = self.psi_dot = 0.0
+        self.theta_ref = self.theta_ref_dot = 0.0
+
+
+class CompiledProgram:
+    """The generated C, with the interface of the Python ``ControlProgram``.
+
+    It uses the same :class:`Brick`, which here stands for the firmware: the brick, not the program,
+    writes the other fields of the log packet and the text of the display. The tasks are those of
+    the OIL file, in file order.
+
+    Attributes
+    ----------
+    state : bytes
+        The C structure ``ballbot`` after the last tick.
+    stack_bytes : tuple of int
+        Maximum stack usage of each task so far.
+    """
+
+    def __init__(
+        self, process: ProgramProcess, tasks: Sequence[TaskTiming], autonomous: bool
+    ) -> None:
+        self._process = process
+        self._autonomous = autonomous
+        self._schedule = Schedule(tasks)
+        self._numbers = {timing.name: number for number, timing in enumerate(tasks)}
+        self.brick = Brick()
+        self.x, self.y = PlaneRecord(), PlaneRecord()
+        self.control_mode = ControlMode.CALIBRATION
+        self.operating_state = OperatingState.CALIBRATION
+        self.state = b''
+        self.stack_bytes: tuple[int, ...] = ()
+
+    def retune(self, parameters: ControllerParameters) -> None:
+        """Raise CodegenError: the gains are constants of the compiled program."""
+        raise CodegenError(
+            "the compiled controller can't change its gains during a run (implementation: python "
+            'can)'
+        )
+
+    def tick(self, elapsed_ms: int, systick_ms: int, inputs: DeviceInputs) -> DeviceOutputs:
+        """Run the tasks due `elapsed_ms` after the start; see :meth:`run`."""
+        return self.run(self._schedule.due(elapsed_ms), systick_ms, inputs)
+
+    def run(self, tasks: Sequence[str], systick_ms: int, inputs: DeviceInputs) -> DeviceOutputs:
+        """Run `tasks`, in this order, on the inputs of a tick.
+
+        Raises
+        ------
+        CodegenError
+            If the program has ended, or makes an invalid call.
+        """
+        return self.brick.tick(systick_ms, inputs, lambda: self._run_tasks(tasks, inputs))
+
+    def _run_tasks(self, tasks: Sequence[str], inputs: DeviceInputs) -> None:
+        brick = self.brick
+        answer = self._process.exchange(
+            encode_request(
+                systick_ms=brick.systick_ms,
+                revolutions=brick.revolutions,
+                sonar_reply_cm=brick.sonar_reply,
+                gyro=brick.gyro,
+                battery_mv=brick.battery_mv,
+                sticks=inputs.sticks,
+                due=[self._numbers[name] for name in tasks],
+            )
+        )
+        if answer.faults:
+            raise CodegenError(
+                f'the compiled controller made invalid device calls: faults {answer.faults:#x}'
+            )
+        brick.duty = answer.duty
+        if answer.log:
+            brick.log(*answer.log)
+        if answer.read_sonar:
+            brick.read_sonar()
+        for tone in answer.tones:
+            brick.sound_tone(*tone)
+        if answer.page is not None:
+            brick.show_status(answer.page)
+        self._take(answer)
+
+    def _take(self, answer: Answer) -> None:
+        self.state = answer.state
+        self.stack_bytes = answer.stack_bytes
+        for number, plane in enumerate((self.x, self.y)):
+            vars(plane).update(plane_values(answer.state, number))
+        values = named_values(answer.state)
+        self.control_mode = ControlMode(int(values['control_mode']))
+        self.operating_state = operating_state(
+            self.control_mode,
+            self._autonomous,
+            bool(values['flag_avoid']),
+            bool(values['flag_auto']),
+        )

@@ -1,0 +1,227 @@
+"""Checks of a generated folder: comparison with the Python program, and measurements."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ballbot_ros.controllers.codegen.application import PARAMETER_FILE, read_tasks
+from ballbot_ros.controllers.codegen.compiled_program import Answer, BrickProcess, CompiledProgram
+from ballbot_ros.controllers.codegen.measure import Memory, count_instructions, measure_memory
+from ballbot_ros.controllers.codegen.state_variables import members, named_values, state_bytes
+from ballbot_ros.controllers.codegen.toolchain import Target, build
+from ballbot_ros.controllers.document.axis import TS1_MS
+from ballbot_ros.controllers.document.program import ControlProgram
+from ballbot_ros.errors import CodegenError
+from ballbot_ros.parameters import ControllerParameters, ParameterSet
+from ballbot_ros.parameters.files import read_parameter_file
+from ballbot_ros.parameters.timing import BATTERY_PERIOD_NS, MILLISECOND_NS, SLOW_PERIOD_NS
+from ballbot_ros.robot.brick.brick import UINT32_MASK, DeviceInputs, DeviceOutputs
+from ballbot_ros.robot.brick.sensors import NO_DATA_CM, NO_ECHO_CM
+
+_OFFSET = 600
+_SONAR_MS = SLOW_PERIOD_NS // MILLISECOND_NS
+_BATTERY_MS = BATTERY_PERIOD_NS // MILLISECOND_NS
+_MAX_INT32 = 2**31 - 1
+
+
+class ProgramInput(NamedTuple):
+    """Inputs of a control program at one tick."""
+
+    elapsed_ms: int
+    systick_ms: int
+    inputs: DeviceInputs
+
+
+class InputSequence(NamedTuple):
+    """Inputs of consecutive ticks, with a name."""
+
+    name: str
+    steps: Sequence[ProgramInput]
+
+
+def random_steps(seed: int, ticks: int, *, out_of_range: bool) -> Iterator[ProgramInput]:
+    """Yield random inputs that depend on `seed` alone.
+
+    The sonar and the battery deliver at their own rates, stick packets arrive at random ticks. The
+    system time starts anywhere, often shortly before it wraps around. Readings stay near balance
+    or, if `out_of_range`, jump over the full ranges of their types, beyond those of the devices.
+    """
+    draw = random.Random(seed)
+    start = draw.choice((1000, draw.randrange(2**32), 2**32 - draw.randrange(4 * ticks + 4)))
+    gyro = [_OFFSET, _OFFSET]
+    revolutions = [0, 0]
+    battery = 8003
+    for tick in range(ticks):
+        elapsed = tick * TS1_MS
+        for plane in (0, 1):
+            gyro[plane] = _OFFSET + round(draw.gauss(0.0, 2.0))
+            revolutions[plane] += round(draw.gauss(0.0, 3.0))
+            if out_of_range and draw.random() < 0.1:
+                gyro[plane] = draw.choice((0, 1023, 65535, draw.randrange(1024)))
+            if out_of_range and draw.random() < 0.05:
+                limit = draw.choice((100, 2000, _MAX_INT32))
+                revolutions[plane] = draw.randint(-limit, limit)
+            revolutions[plane] = max(-_MAX_INT32, min(_MAX_INT32, revolutions[plane]))
+        if out_of_range and draw.random() < 0.02:
+            battery = draw.choice((0, 573, 574, 65535, draw.randrange(65536)))
+        inputs = DeviceInputs(
+            gyro=(gyro[0], gyro[1]),
+            revolutions=(revolutions[0], revolutions[1]),
+            sonar_cm=_distance(draw) if elapsed % _SONAR_MS == 0 else None,
+            battery_mv=battery if elapsed % _BATTERY_MS == 0 else None,
+            sticks=_sticks(draw, out_of_range) if draw.random() < 0.2 else None,
+        )
+        yield ProgramInput(elapsed, (start + elapsed) & UINT32_MASK, inputs)
+
+
+def _distance(draw: random.Random) -> int:
+    return draw.choice((NO_ECHO_CM, NO_ECHO_CM, NO_DATA_CM, 0, draw.randrange(NO_ECHO_CM)))
+
+
+def _sticks(draw: random.Random, out_of_range: bool) -> tuple[int, int]:
+    low, high = (-128, 127) if out_of_range else (-100, 100)
+    return draw.choice((low, 0, high, draw.randint(low, high))), draw.randint(low, high)
+
+
+class EquivalenceResult(NamedTuple):
+    """The number of compared ticks, and the first difference as text; '' if there is none."""
+
+    ticks: int
+    difference: str = ''
+
+
+def compare(
+    parameters: ControllerParameters, compiled: CompiledProgram, steps: Iterable[ProgramInput]
+) -> EquivalenceResult:
+    """Run both programs, the compiled one newly created, on the same inputs until they differ.
+
+    Duties, log packets, tones, display pages and every bit of the shared data are compared after
+    each tick.
+
+    Raises
+    ------
+    CodegenError
+        If the compiled program has ended.
+    """
+    python = ControlProgram(parameters)
+    ticks = 0
+    # Suppress warnings: a battery far below its range gives a motor voltage of zero, so infinities
+    # are part of the test.
+    with np.errstate(all='ignore'):
+        for step in steps:
+            expected = python.tick(*step)
+            outputs = compiled.tick(*step)
+            ticks += 1
+            state = state_bytes(python)
+            if outputs != expected or members(compiled.state) != state:
+                return EquivalenceResult(
+                    ticks, _difference(step, expected, outputs, state, compiled)
+                )
+    return EquivalenceResult(ticks)
+
+
+def _difference(
+    step: ProgramInput,
+    expected: DeviceOutputs,
+    outputs: DeviceOutputs,
+    state: bytes,
+    compiled: CompiledProgram,
+) -> str:
+    """Return the first difference in the order of computation: data, then outputs."""
+    wanted = {**named_values(state), **asdict(expected)}
+    got = {**named_values(compiled.state), **asdict(outputs)}
+    # Compare the values as text: zeros of different sign are equal as numbers.
+    name = next(name for name in wanted if repr(wanted[name]) != repr(got[name]))
+    return f'at {step.elapsed_ms} ms {name} is {got[name]!r} in C and {wanted[name]!r} in Python'
+
+
+@dataclass(frozen=True)
+class TaskCost:
+    """Cost of a task: the most instructions of a call, and the most stack."""
+
+    name: str
+    is_periodic: bool
+    instructions: int
+    stack_bytes: int
+
+
+class ProgramCost(NamedTuple):
+    """Cost of the program on the brick, without the platform."""
+
+    tasks: Sequence[TaskCost]
+    memory: Memory
+
+
+class _RequestRecorder:
+    """A process of the program that records its requests."""
+
+    def __init__(self, process: BrickProcess) -> None:
+        self._process = process
+        self.requests: list[bytes] = []
+
+    def exchange(self, request: bytes) -> Answer:
+        """Run a tick."""
+        self.requests.append(request)
+        return self._process.exchange(request)
+
+
+def read_folder_parameters(folder: Path) -> ParameterSet:
+    """Return the parameters of a generated folder; raise CodegenError if it is not one."""
+    file = folder / PARAMETER_FILE
+    if not file.is_file():
+        raise CodegenError(f'{file}: not found; the folder was not written by ballbot codegen')
+    return read_parameter_file(file)
+
+
+class BuiltApplication:
+    """A generated folder, built for a target in the folder `scratch`.
+
+    Raises
+    ------
+    CodegenError
+        If the folder is incomplete, or can't be built.
+    """
+
+    def __init__(self, folder: Path, target: Target, scratch: Path) -> None:
+        self._parameters = read_folder_parameters(folder).of(ControllerParameters)
+        self._tasks = read_tasks(folder)
+        self._scratch = scratch
+        self._command = build(folder, target, scratch)
+        self._stack = [0] * len(self._tasks)
+
+    def _program(self, process: BrickProcess | _RequestRecorder) -> CompiledProgram:
+        return CompiledProgram(process, self._tasks, self._parameters.mode == 'autonomous')
+
+    def compare(self, sequences: Sequence[InputSequence]) -> EquivalenceResult:
+        """Run the C and the Python program on the same inputs until they differ."""
+        ticks = 0
+        for sequence in sequences:
+            program = self._program(BrickProcess(self._command))
+            result = compare(self._parameters, program, sequence.steps)
+            ticks += result.ticks
+            if result.difference:
+                return EquivalenceResult(ticks, f'{sequence.name}, {result.difference}')
+            self._stack = list(map(max, self._stack, program.stack_bytes))
+        return EquivalenceResult(ticks)
+
+    def cost(self, sequences: Sequence[InputSequence]) -> ProgramCost:
+        """Measure instructions on `sequences`, and memory; stack usage is that of comparisons."""
+        worst = dict.fromkeys((task.name for task in self._tasks), 0)
+        for sequence in sequences:
+            recorder = _RequestRecorder(BrickProcess(self._command))
+            program = self._program(recorder)
+            for step in sequence.steps:
+                program.tick(*step)
+            counted = count_instructions(self._command, recorder.requests, list(worst))
+            worst = {name: max(worst[name], counted[name]) for name in worst}
+        tasks = [
+            TaskCost(task.name, bool(task.period_ms), worst[task.name], stack)
+            for task, stack in zip(self._tasks, self._stack, strict=True)
+        ]
+        return ProgramCost(tasks, measure_memory(self._scratch, len(self._tasks)))

@@ -1,0 +1,209 @@
+"""Selection of the control program: the document's in Python or C, or another controller."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from ballbot_ros.controllers.controller_program import ControllerProgram, TickTimes
+from ballbot_ros.controllers.document.axis import task_timings
+from ballbot_ros.controllers.document.program import ControlProgram
+from ballbot_ros.controllers.interface import Program
+from ballbot_ros.controllers.loading import (
+    LoadedController,
+    load_controller,
+    resolve_reference,
+)
+from ballbot_ros.controllers.own_parameters import (
+    design,
+    design_model,
+    missing_design,
+    own_rows,
+    user_parameters,
+)
+from ballbot_ros.errors import CodegenError, short_repr
+from ballbot_ros.parameters import (
+    CONTROLLER,
+    DOCUMENTS_PROGRAM,
+    NOT_DESIGNED,
+    ControllerParameters,
+    Parameter,
+    ParameterError,
+    ParameterSet,
+    Value,
+    parameters_of,
+)
+from ballbot_ros.robot.brick.schedule import TaskTiming
+
+
+def missing_tool_for(name: str) -> str:
+    """Return which tool to install first for an implementation; '' if none is missing."""
+    if name not in DOCUMENTS_PROGRAM or name == 'python':
+        return ''
+    from ballbot_ros.controllers.codegen.toolchain import TARGETS, missing_tool
+
+    return missing_tool(TARGETS[name])
+
+
+def require_implementation(name: str) -> None:
+    """Raise CodegenError, which names the Debian package, if an implementation lacks a tool."""
+    if reason := missing_tool_for(name):
+        raise CodegenError(reason)
+
+
+@dataclass(frozen=True)
+class Implementation:
+    """An implementation of the controller, for given parameters.
+
+    Attributes
+    ----------
+    parameters : ControllerParameters
+    tasks : tuple of TaskTiming
+        The tasks of its programs.
+    make : callable
+        Creates a program.
+    loaded : LoadedController or None
+        The class of a controller other than the document's.
+    times : TickTimes
+        How long the ticks of its newest program take; not measured for the document's program.
+    """
+
+    parameters: ControllerParameters
+    tasks: tuple[TaskTiming, ...]
+    make: Callable[[], Program]
+    loaded: LoadedController | None = None
+    times: TickTimes = field(default_factory=TickTimes)
+
+    @property
+    def tunable(self) -> tuple[Parameter, ...]:
+        """The parameters that its programs take over during a run."""
+        if self.loaded is not None:
+            settings = self.loaded.cls.tunable_settings
+            rows = [parameters_of(CONTROLLER)[name] for name in settings]
+            rows += own_rows(self.loaded)
+        elif self.parameters.implementation == 'python':
+            rows = list(parameters_of(CONTROLLER).values())
+        else:  # the gains are constants of the C code
+            rows = []
+        return tuple(row for row in rows if row.is_live)
+
+    def check(self, parameters: ControllerParameters) -> None:
+        """Raise BallbotError if its programs can't take over the values of these parameters."""
+        if self.loaded is None:
+            return
+        after, before = parameters.values(), self.parameters.values()
+        for row in self.tunable:
+            count, designed = _count(after[row.name]), _count(before[row.name])
+            if count != designed:
+                raise ParameterError(
+                    f'{CONTROLLER}.{row.name}: {short_repr(after[row.name])} is not a list of '
+                    f'{designed} numbers'
+                )
+        user_parameters(self.loaded, parameters)
+
+
+def _count(value: Value) -> int:
+    """Return how many values a parameter has."""
+    return len(value) if isinstance(value, tuple) else 1
+
+
+def parameters_of_implementation(name: str) -> Iterable[Parameter]:
+    """Return the parameters that only an implementation has; ControllerError as from loading."""
+    return () if name in DOCUMENTS_PROGRAM else own_rows(load_controller(name))
+
+
+def compose_controller(
+    parameters: ParameterSet, given: LoadedController | None = None
+) -> LoadedController | None:
+    """Prepare the controller of a run: load its class, check its parameters, and design its gains.
+
+    The path of its file becomes absolute. A class that is given instead of a reference is not
+    loaded.
+
+    Returns
+    -------
+    LoadedController or None
+        None for the document's program.
+
+    Raises
+    ------
+    BallbotError
+        If it can't run here, its class or its parameters are not valid, or the design fails.
+    """
+    reference = parameters.of(ControllerParameters).implementation
+    if reference in DOCUMENTS_PROGRAM:
+        require_implementation(reference)
+        parameters.declare_own(reference, ())
+        return None
+    if given is None:
+        reference = resolve_reference(reference, Path.cwd())
+        parameters.set(CONTROLLER, 'implementation', reference)
+    loaded = given or load_controller(reference)
+    parameters.declare_own(loaded.cls.__name__, own_rows(loaded))
+    design(loaded, parameters)
+    # Create an instance, so that most mistakes are found before the run.
+    implementation_for(parameters.of(ControllerParameters), loaded).make()
+    return loaded
+
+
+def implementation_for(
+    parameters: ControllerParameters, loaded: LoadedController | None = None
+) -> Implementation:
+    """Return the implementation that the parameters select.
+
+    C is generated and compiled once, here; each program is then a separate process.
+
+    Parameters
+    ----------
+    loaded : LoadedController or None
+        The selected class, if it has been loaded.
+
+    Raises
+    ------
+    CodegenError
+        If a tool is missing or the C does not build.
+    ControllerError, ParameterError
+        If the class of a controller can't be loaded, or its gains have not been designed.
+    """
+    if parameters.implementation not in DOCUMENTS_PROGRAM:
+        return _controller(parameters, loaded or load_controller(parameters.implementation))
+    tasks = task_timings(parameters.ts2_period, parameters.ts3_period)
+    if parameters.implementation == 'python':
+        return Implementation(parameters, tasks, lambda: ControlProgram(parameters))
+    return Implementation(parameters, tasks, _compiled(parameters))
+
+
+def _controller(parameters: ControllerParameters, loaded: LoadedController) -> Implementation:
+    if missing := missing_design(parameters, own_rows(loaded)):
+        raise ParameterError(f'{CONTROLLER}.{missing[0]}: {NOT_DESIGNED}')
+    user, model = user_parameters(loaded, parameters), design_model(parameters)
+    times = TickTimes()
+    return Implementation(
+        parameters,
+        tuple(loaded.tasks),
+        lambda: ControllerProgram(loaded, user, model, parameters, times),
+        loaded,
+        times,
+    )
+
+
+def _compiled(parameters: ControllerParameters) -> Callable[[], Program]:
+    from ballbot_ros.controllers.codegen.application import read_tasks, write_application
+    from ballbot_ros.controllers.codegen.compiled_program import BrickProcess, CompiledProgram
+    from ballbot_ros.controllers.codegen.toolchain import TARGETS, build
+    from ballbot_ros.files import temporary_folder
+
+    scratch = temporary_folder()
+    folder = Path(scratch.name) / 'application'
+    write_application(folder, parameters)
+    target = TARGETS[parameters.implementation]
+    command = build(folder, target, Path(scratch.name) / 'build')
+    tasks = read_tasks(folder)
+
+    def make() -> Program:
+        # Refer to `scratch`, so that its folder exists as long as programs may be created.
+        assert scratch
+        return CompiledProgram(BrickProcess(command), tasks, parameters.mode == 'autonomous')
+
+    return make

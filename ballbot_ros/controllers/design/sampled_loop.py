@@ -1,0 +1,306 @@
+"""The loop of one plane as it runs: sampled, filtered and delayed.
+
+A linear model from tick to tick of the document's program near the upright position: motor
+voltages held between duties, samples of gyro and encoder, both low passes, the integrals in the
+listing's order, and all dead times. It leaves out what is not linear: rounding, limits, dead zone,
+gear play, `pwm_offset` and a sagging battery. Dead times with jitter count as constant, with their
+mean.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import cast
+
+import control
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import expm
+
+from ballbot_ros.controllers.design.linear_model import STATES, DesignError
+from ballbot_ros.controllers.document import axis
+from ballbot_ros.controllers.document.axis import ProgramConstants, Single
+from ballbot_ros.controllers.document.program import max_motor_voltage
+from ballbot_ros.controllers.loading import public_reference
+from ballbot_ros.parameters import (
+    DOCUMENTS_PROGRAM,
+    ControllerParameters,
+    EncoderParameters,
+    GyroParameters,
+    ParameterSet,
+    PlantParameters,
+)
+from ballbot_ros.parameters.timing import STEPS_PER_TICK, TICK_MS, TICK_S
+from ballbot_ros.robot.brick.sensors import battery_mv, mean_delay
+from ballbot_ros.robot.plant.actuator import max_voltage
+from ballbot_ros.robot.plant.model import Matrix, PhysicalParameters, state_space
+
+DUTY, GYRO_ERROR, ENCODER_ERROR, STICK, FORCE = INPUTS = (
+    'duty', 'gyro_error', 'encoder_error', 'stick', 'force',
+)  # fmt: skip
+"""Applied duty [%]; errors of the samples of gyro [deg/s] and encoder [deg]; stick; horizontal
+force at the body's centre [N]."""
+
+_PROGRAM = (
+    'gyro_offset', 'theta_ref_dot', 'sum_theta_ref_dot', 'sum_psi_dot', 'sum_theta_diff',
+    'theta_smooth',
+)  # fmt: skip
+"""The variables of a plane that last, in the order of `PlaneValues` of the document's program."""
+
+_REFERENCE = ('theta_ref_dot', 'sum_theta_ref_dot')
+"""Those outside the loop: they depend on the stick alone."""
+
+_UNIT = 2.0**-64
+"""Length of the unit vectors by which the law is linearised: too small to saturate the duty, and a
+power of two, which changes no digit."""
+
+_DEGREES = 180.0 / math.pi
+
+
+@dataclass(frozen=True)
+class LoopDelays:
+    """The dead times of a loop [ms].
+
+    Attributes
+    ----------
+    actuator : float
+        Time until a duty takes effect.
+    gyro, encoder : float
+        Ages of the samples.
+    """
+
+    actuator: float = 0.0
+    gyro: float = 0.0
+    encoder: float = 0.0
+
+    @classmethod
+    def of(cls, parameters: ParameterSet) -> LoopDelays:
+        """Return the mean dead times of plant and drivers."""
+        plant = parameters.of(PlantParameters)
+        gyro, encoder = parameters.of(GyroParameters), parameters.of(EncoderParameters)
+        pairs = (
+            (plant.actuator_delay, plant.actuator_delay_jitter),
+            (gyro.delay, gyro.delay_jitter),
+            (encoder.delay, encoder.delay_jitter),
+        )
+        return cls(*(mean_delay(*pair, STEPS_PER_TICK) for pair in pairs))
+
+
+def require_documents_program(parameters: ParameterSet) -> None:
+    """Raise DesignError if the controller is another than the document's program."""
+    implementation = parameters.of(ControllerParameters).implementation
+    if implementation not in DOCUMENTS_PROGRAM:
+        raise DesignError(
+            "the loop as it runs is known for the document's program only "
+            f'({", ".join(DOCUMENTS_PROGRAM)}), not for {public_reference(implementation)}'
+        )
+
+
+class SampledLoop:
+    """The loop of one plane from tick to tick, opened at the duty.
+
+    From one tick to the next, ``x[k+1] = a x[k] + b u[k]``; the duty that the program computes at
+    the tick is ``c x[k] + d u[k]`` [%]. Positive feedback of it to the first input closes the loop.
+
+    Parameters
+    ----------
+    parameters : ParameterSet
+        Those of the plant, the drivers and the document's program.
+    delays : LoopDelays, optional
+        Instead of the dead times in `parameters`.
+
+    Attributes
+    ----------
+    states : tuple of str
+        Those of the plane [rad, rad/s], of the program, and samples and duties on their way.
+    a, b, c, d : ndarray, shape (n, n), (n, 5), (n,) and (5,)
+        The matrices; the inputs are `INPUTS`.
+
+    Raises
+    ------
+    DesignError
+        If the controller is another than the document's program.
+    """
+
+    def __init__(self, parameters: ParameterSet, delays: LoopDelays | None = None) -> None:
+        require_documents_program(parameters)
+        delays = delays or LoopDelays.of(parameters)
+        plane = _Plane.of(parameters.of(PlantParameters))
+        tick = _Tick(plane, delays)
+        self.states = tick.states
+        rows = np.vstack([tick.program, tick.gyro, tick.angle, tick[STICK]])
+        *program_after, duty = _law(parameters) @ rows
+        transition = np.vstack([tick.plane_after, program_after, tick.queues_after])
+        n = len(self.states)
+        self.a, self.b = transition[:, :n], transition[:, n:]
+        self.c, self.d = duty[:n], duty[n:]
+
+    def closed(self, gain: float = 1.0) -> tuple[Matrix, Matrix]:
+        """Return the matrices (n, n) and (n, 5) of the loop closed by `gain` times the duty."""
+        applied = gain * self.b[:, :1]
+        return self.a + applied * self.c, self.b + applied * self.d
+
+    def poles(self, gain: ArrayLike = 1.0) -> NDArray[np.complex128]:
+        """Return the poles of the loop closed by `gain` times the duty, in the z plane.
+
+        For an array of gains (...), the poles have the shape (..., n).
+        """
+        loop = self.open_loop()
+        feedback = np.asarray(gain)[..., None, None] * (loop.B @ loop.C)
+        return np.linalg.eigvals(loop.A - feedback).astype(complex)
+
+    def open_loop(self) -> control.StateSpace:
+        """Return the loop opened at the duty, for negative feedback; its input is a duty [%]."""
+        names, basis = self.feedback_states()
+        inverse = np.linalg.pinv(basis)
+        return control.ss(
+            inverse @ self.a @ basis, inverse @ self.b[:, :1], -self.c @ basis, 0.0, TICK_S,
+            inputs=['duty'], outputs=['duty_fb'], states=names, name='sampled_loop',
+        )  # fmt: skip
+
+    def duty_for(self, source: str) -> control.StateSpace:
+        """Return the closed loop from one of `INPUTS` to the computed duty [%]."""
+        names, basis = self.feedback_states()
+        inverse = np.linalg.pinv(basis)
+        a, b = self.closed()
+        column = INPUTS.index(source)
+        return control.ss(
+            inverse @ a @ basis, inverse @ b[:, [column]], self.c @ basis, self.d[column], TICK_S,
+            inputs=[source], outputs=['duty'], states=names, name='closed_sampled_loop',
+        )  # fmt: skip
+
+    def feedback_states(self) -> tuple[list[str], Matrix]:
+        """Return the states that take part in the feedback, and their columns in all states.
+
+        The reference does not, nor an integral that is not used. The program's pitch is a sum of
+        what passes the low pass of the offset, so ``(1 - a_gd) sum_psi_dot - a_gd gyro_offset``
+        never changes: offset and sum are one state.
+        """
+        kept = [name for name in self.states if name not in (*_REFERENCE, 'sum_psi_dot')]
+        integral, pitch = self.states.index('sum_theta_diff'), self.states.index('sum_psi_dot')
+        if self.c[integral] == 0.0:
+            kept.remove('sum_theta_diff')
+        basis = np.eye(len(self.states))[:, [self.states.index(name) for name in kept]]
+        a_gd = self.a[self.states.index('gyro_offset'), self.states.index('gyro_offset')]
+        column = basis[:, kept.index('gyro_offset')]
+        column *= 1.0 - a_gd
+        column[pitch] = a_gd
+        return kept, basis
+
+
+@dataclass(frozen=True)
+class _Plane:
+    """The motion of a plane in rad and s under duties [%] and forces [N] held for a time."""
+
+    a: Matrix
+    b: Matrix
+    ratio: float
+
+    @classmethod
+    def of(cls, parameters: PlantParameters) -> _Plane:
+        p = PhysicalParameters.from_parameters(parameters)
+        a, b = state_space(p)
+        volts = max_voltage(
+            parameters.battery_voltage, parameters.voltage_slope, parameters.voltage_offset
+        )
+        force = b[:, 1] * p.ball_radius + b[:, 2] * p.body_height
+        return cls(a, np.column_stack([b[:, 0] * volts / 100.0, force]), p.ratio)
+
+    def move(self, time_ms: float, state: Matrix, duty: Matrix, force: Matrix) -> Matrix:
+        """Return the state after a time, each as rows."""
+        n, m = self.b.shape
+        block = np.zeros((n + m, n + m))
+        block[:n, :n], block[:n, n:] = self.a, self.b
+        moved: Matrix = expm(block * (time_ms * 1e-3))[:n] @ np.vstack([state, duty, force])
+        return moved
+
+    def gyro(self, state: Matrix) -> Matrix:
+        """Return the pitch rate [deg/s]."""
+        rate: Matrix = state[3] * _DEGREES
+        return rate
+
+    def angle(self, state: Matrix) -> Matrix:
+        """Return the angle of the motor shaft [deg]."""
+        angle: Matrix = self.ratio * (state[0] - state[1]) * _DEGREES
+        return angle
+
+
+class _Tick:
+    """A tick of the plane: its end and the samples as rows of factors of its states and inputs.
+
+    Attributes
+    ----------
+    states : tuple of str
+        As in :class:`SampledLoop`: plane, program, queues.
+    program, gyro, angle : ndarray
+        The program's variables, and what it reads at the start of the tick.
+    plane_after, queues_after : ndarray
+        The other states at the end of the tick.
+    """
+
+    def __init__(self, plane: _Plane, delays: LoopDelays) -> None:
+        duties = _queue(DUTY, delays.actuator)
+        gyros, angles = _queue('gyro', delays.gyro), _queue('angle', delays.encoder)
+        self.states = (*STATES, *_PROGRAM, *duties, *gyros, *angles)
+        names = (*self.states, *INPUTS)
+        self._rows = dict(zip(names, np.eye(len(names)), strict=True))
+
+        self.program = self[_PROGRAM]
+        state = self[STATES]
+        self.gyro = (self[gyros[-1]] if gyros else plane.gyro(state)) + self[GYRO_ERROR]
+        self.angle = (self[angles[-1]] if angles else plane.angle(state)) + self[ENCODER_ERROR]
+
+        # Within the tick: when the next duty takes effect, and when the samples are taken.
+        change, gyro_ms, angle_ms = (
+            -delay % TICK_MS for delay in (-delays.actuator, delays.gyro, delays.encoder)
+        )
+        acting = [self[DUTY], *(self[name] for name in duties)]
+        newer = int(delays.actuator // TICK_MS)
+        samples = {}
+        for start, end in pairwise(sorted({0.0, change, gyro_ms, angle_ms, float(TICK_MS)})):
+            samples[start] = state
+            duty = acting[newer if start >= change else newer + 1]
+            state = plane.move(end - start, state, duty, self[FORCE])
+        self.plane_after = state
+        self.queues_after = np.array([
+            *acting[: len(duties)],
+            *[plane.gyro(samples[gyro_ms]), *(self[name] for name in gyros)][: len(gyros)],
+            *[plane.angle(samples[angle_ms]), *(self[name] for name in angles)][: len(angles)],
+        ]).reshape(-1, len(names))  # fmt: skip
+
+    def __getitem__(self, name: str | Sequence[str]) -> Matrix:
+        """Return the row of a state or input, or the rows of several."""
+        if isinstance(name, str):
+            return self._rows[name]
+        return np.array([self._rows[each] for each in name])
+
+
+def _queue(name: str, delay_ms: float) -> tuple[str, ...]:
+    """Return the states that hold the values of the last ticks which a dead time spans."""
+    return tuple(f'{name}[{ticks}]' for ticks in range(1, math.ceil(delay_ms / TICK_MS) + 1))
+
+
+def _law(parameters: ParameterSet) -> Matrix:
+    """Return the law of the program as a matrix, from what :func:`axis.control` computes.
+
+    It has a row for each variable after the tick and for the duty; a column for each variable
+    before, the gyro's and the encoder's sample and the stick.
+    """
+    program = replace(
+        ProgramConstants.of(parameters.of(ControllerParameters)), pwm_offset=Single(0)
+    )
+    gains, *others = axis.constants_of(program)
+    constants = cast(axis.Constants, (tuple(map(np.float64, gains)), *map(np.float64, others)))
+    sample = battery_mv(parameters.of(PlantParameters).battery_voltage)
+    volts = max_motor_voltage(cast(Single, np.float64(sample)))
+    columns = []
+    for vector in np.eye(len(_PROGRAM) + 3) * _UNIT:
+        *before, gyro, angle, stick = vector
+        after, _, duty = axis.control(
+            constants, cast(axis.AxisState, tuple(before)), gyro, angle, stick, volts
+        )
+        columns.append([*after, duty])
+    return np.array(columns, float).T / _UNIT

@@ -1,0 +1,169 @@
+"""Plant, devices and control program in one process, without messages.
+
+It runs the same objects as the nodes, in the order that the lockstep imposes on the graph. Its
+duties are therefore bit-identical to the graph's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from types import MappingProxyType
+from typing import Any, NamedTuple, Protocol
+
+from ballbot_ros.controllers.codegen.implementation import implementation_for
+from ballbot_ros.controllers.interface import Program
+from ballbot_ros.engine.devices import numbers_of
+from ballbot_ros.engine.plant import Plant
+from ballbot_ros.engine.run import longest_age, robot_constants, sample
+from ballbot_ros.engine.scenario.scenario import Scenario
+from ballbot_ros.parameters import (
+    DEVICES,
+    ControllerParameters,
+    ParameterSet,
+    PlantParameters,
+    SonarParameters,
+)
+from ballbot_ros.parameters.timing import (
+    FIRST_TICK_NS,
+    MILLISECOND_NS,
+    SECOND_NS,
+    SLOW_PERIOD_NS,
+    TICK_NS,
+)
+from ballbot_ros.robot.brick.bluetooth import NEUTRAL
+from ballbot_ros.robot.brick.brick import DeviceInputs, DeviceOutputs, from_numbers
+from ballbot_ros.robot.plant.ground_truth import GroundTruth, Push
+from ballbot_ros.robot.world.sonar_beam import check_rays
+from ballbot_ros.robot.world.world import World
+
+
+class ExternalInputs(Protocol):
+    """External inputs of a run, from a scenario or a recording."""
+
+    def sticks_at(self, time: float) -> tuple[int, int]:
+        """Return the sticks at `time` [s] from the start of the run."""
+        ...
+
+    def pushes_from(self, start_ns: int) -> Sequence[Push]:
+        """Return the pushes of a run that begins at sim time `start_ns`."""
+        ...
+
+
+class Robot:
+    """Plant, devices and external inputs; whoever computes the duties moves it by `plant.tick`.
+
+    Parameters
+    ----------
+    scenario : Scenario or ExternalInputs, or None
+        Stick signals and pushes; None for a neutral stick and no push.
+    recorded : mapping of str to mapping of int to object
+        Recorded samples that replace those of a device, by its field and their stamps [ns].
+
+    Attributes
+    ----------
+    start_ns : int
+        Sim time of the first tick [ns].
+    plant : Plant
+        The plant.
+    world : World or None
+        None for an unlimited floor without walls.
+    pushes : sequence of Push
+        Those of the external inputs.
+
+    Raises
+    ------
+    WorldError
+        If the map can't be read, or the start position is blocked.
+    """
+
+    def __init__(
+        self,
+        parameters: ParameterSet,
+        scenario: ExternalInputs | None = None,
+        start_ns: int = FIRST_TICK_NS,
+        recorded: Mapping[str, Mapping[int, Any]] = MappingProxyType({}),
+    ) -> None:
+        self.start_ns = start_ns
+        self.world = World.of(parameters.of(PlantParameters))
+        self.plant = Plant(parameters.of(PlantParameters), start_ns, self.world)
+        check_rays(parameters.of(SonarParameters))
+        devices = (parameters.of(each) for each in DEVICES)
+        self._constants = robot_constants(self.plant.constants, *map(numbers_of, devices))
+        self.plant.keep_steps(longest_age(self._constants))
+        self._recorded = {name: samples for name, samples in recorded.items() if samples}
+        self._scenario = scenario or Scenario()
+        self.pushes = self._scenario.pushes_from(start_ns)
+        for push in self.pushes:
+            self.plant.push(push)
+
+    def sample(self) -> DeviceInputs:
+        """Return the samples of the devices and sticks that are due now."""
+        plant, now_ns, sticks = self.plant, self.plant.time_ns, NEUTRAL
+        if now_ns % SLOW_PERIOD_NS == 0:
+            sticks = self._scenario.sticks_at((now_ns - self.start_ns) * 1e-9)
+        inputs = from_numbers(
+            sample(self._constants, plant.state, *sticks, plant.kept_steps, plant.sides)
+        )
+        if self._recorded:
+            inputs = inputs._replace(
+                **{
+                    name: samples[now_ns]
+                    for name, samples in self._recorded.items()
+                    if now_ns in samples
+                }
+            )
+        return inputs
+
+
+class Tick(NamedTuple):
+    """One tick of the loop: the true state, the device readings and the resulting outputs."""
+
+    truth: GroundTruth
+    wall_hit: bool
+    inputs: DeviceInputs
+    outputs: DeviceOutputs
+
+
+class ClosedLoop(Robot):
+    """The whole robot: plant, devices and control program.
+
+    The other parameters and attributes, and the errors, are those of :class:`Robot`.
+
+    Parameters
+    ----------
+    program : Program or None
+        The control program; None for the one that the controller's parameters select.
+
+    Attributes
+    ----------
+    program : Program
+        The control program.
+    """
+
+    def __init__(
+        self,
+        parameters: ParameterSet,
+        scenario: ExternalInputs | None = None,
+        start_ns: int = FIRST_TICK_NS,
+        program: Program | None = None,
+        recorded: Mapping[str, Mapping[int, Any]] = MappingProxyType({}),
+    ) -> None:
+        super().__init__(parameters, scenario, start_ns, recorded)
+        self.program = program or implementation_for(parameters.of(ControllerParameters)).make()
+
+    def ticks(self, duration: float) -> Iterator[Tick]:
+        """Run for `duration` [s], or until a wall hit ends the run; yield each tick."""
+        for _ in range(round(duration * SECOND_NS) // TICK_NS):
+            if self.plant.stopped:
+                return
+            yield self.tick()
+
+    def tick(self) -> Tick:
+        """Run one tick: sample the devices, run the due tasks, advance the plant by 4 ms."""
+        truth, wall_hit = self.plant.truth(), self.plant.wall_hit
+        now_ns = truth.stamp_ns
+        inputs = self.sample()
+        elapsed_ms = (now_ns - self.start_ns) // MILLISECOND_NS
+        outputs = self.program.tick(elapsed_ms, now_ns // MILLISECOND_NS, inputs)
+        self.plant.tick(*outputs.duty)
+        return Tick(truth, wall_hit, inputs, outputs)

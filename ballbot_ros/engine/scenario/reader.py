@@ -1,0 +1,397 @@
+"""Reading scenario files; every error message names file and line."""
+
+from __future__ import annotations
+
+import math
+import reprlib
+from collections.abc import Callable, Collection, Hashable, Mapping
+from itertools import pairwise
+from pathlib import Path
+from typing import ClassVar, TypeVar, cast
+
+import yaml
+
+from ballbot_ros.controllers.loading import resolve_reference
+from ballbot_ros.engine.scenario.metrics import METRICS
+from ballbot_ros.engine.scenario.scenario import (
+    PUSH_DIRECTIONS,
+    Expectation,
+    Scenario,
+    ScheduledPush,
+    Segment,
+    StickSignal,
+    push_fault,
+    segment_fault,
+)
+from ballbot_ros.errors import BallbotError, ScenarioError, WorldError
+from ballbot_ros.files import read_text
+from ballbot_ros.parameters import (
+    CONTROLLER,
+    GYRO,
+    PLANT,
+    ParameterSet,
+    PlantParameters,
+    parameters_of,
+)
+from ballbot_ros.parameters.files import leaves
+from ballbot_ros.parameters.yaml_document import YamlDocument
+from ballbot_ros.robot.plant.ground_truth import FORCE_LIMIT
+from ballbot_ros.robot.world.floor_map import is_file_name, load_map
+from ballbot_ros.robot.world.world import World
+
+Keys = tuple[Hashable, ...]
+_Part = TypeVar('_Part')
+
+
+class DocumentReader:
+    """Reads and checks the parts of a document.
+
+    Attributes
+    ----------
+    what : str
+        What the document describes, for error messages.
+    error_class : type
+        The class of its errors.
+    """
+
+    what: ClassVar[str] = 'the scenario'
+    error_class: ClassVar[type[BallbotError]] = ScenarioError
+
+    def __init__(self, document: YamlDocument) -> None:
+        self._document = document
+
+    def _mapping(
+        self, data: object, keys: Keys, allowed: Collection[str] | None = None
+    ) -> Mapping[str, object]:
+        if not isinstance(data, dict):
+            raise self._error(keys, f'{self._label(keys)} is not a mapping (`key: value`)')
+        for key in data:
+            if allowed is not None and key not in allowed:
+                words = ', '.join(sorted(allowed))
+                raise self._error((*keys, key), f'unknown key {key!r}; known: {words}')
+        # A key that is not text is refused as unknown, if not above, then by the caller.
+        return cast('Mapping[str, object]', data)
+
+    def _each(self, data: object, keys: Keys, read: Callable[[object, Keys], _Part]) -> list[_Part]:
+        if not isinstance(data, list):
+            raise self._error(keys, f'{self._label(keys)} is not a list')
+        return [read(item, (*keys, index)) for index, item in enumerate(data)]
+
+    def _number(self, value: object, keys: Keys) -> float:
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise self._error(keys, f'{self._label(keys)}: {value!r} is not a number')
+        if not math.isfinite(value):
+            raise self._error(keys, f'{self._label(keys)}: {value!r} is not finite')
+        return float(value)
+
+    def _check_lines_of_text(self, data: Mapping[str, object], keys: Collection[str]) -> None:
+        """Refuse a value under one of the keys that is not a line of text."""
+        for key in keys:
+            if key not in data:
+                continue
+            value = data[key]
+            if not isinstance(value, str) or len(value.splitlines()) != 1:
+                raise self._error((key,), f'{key}: {value!r} is not a line of text')
+
+    def _error(self, keys: Keys, text: str) -> BallbotError:
+        return self.error_class(f'{self._document.where(*keys)}: {text}')
+
+    def _label(self, keys: Keys) -> str:
+        """Return the name of a part of the file: its key, and its index in a list."""
+        names = [key for key in keys if isinstance(key, str)]
+        if not names:
+            return self.what
+        last = len(keys) - 1 - keys[::-1].index(names[-1])
+        return reprlib.repr(names[-1]) + ''.join(
+            f' {int(cast(int, index)) + 1}' for index in keys[last + 1 :]
+        )
+
+
+class ExpectationReader(DocumentReader):
+    """Reads documents with expectations."""
+
+    def _expectations(self, data: object, plant: PlantParameters) -> list[Expectation]:
+        expectations: list[Expectation] = []
+        for metric, bounds in self._mapping(data, ('expectations',)).items():
+            keys: Keys = ('expectations', metric)
+            if metric not in METRICS:
+                known = ', '.join(METRICS)
+                raise self._error(keys, f'unknown metric {metric!r}; known: {known}')
+            if metric == 'wall_clearance_m' and not plant.map:
+                raise self._error(keys, f'{metric} needs a map')
+
+            def read(item: object, at: Keys) -> Expectation:
+                return self._expectation(at, item, plant)
+
+            if isinstance(bounds, list):
+                if not bounds:
+                    raise self._error(keys, f'{metric} has neither min nor max')
+                expectations += self._each(bounds, keys, read)
+            else:
+                expectations.append(read(bounds, keys))
+        return expectations
+
+    def _expectation(self, keys: Keys, data: object, plant: PlantParameters) -> Expectation:
+        metric = str(keys[1])
+        limits = {
+            key: self._number(value, (*keys, key))
+            for key, value in self._mapping(data, keys, ('min', 'max', 'from', 'to')).items()
+        }
+        if 'min' not in limits and 'max' not in limits:
+            raise self._error(keys, f'{metric} has neither min nor max')
+        low, high = limits.get('min', -math.inf), limits.get('max', math.inf)
+        if low > high:
+            raise self._error(keys, f'{metric}: min {low:g} is more than max {high:g}')
+        start, end = limits.get('from', 0.0), limits.get('to', math.inf)
+        expectation = Expectation(metric, limits.get('min'), limits.get('max'), start, end)
+        if fault := window_fault(expectation, plant):
+            raise self._error(keys, fault)
+        return expectation
+
+
+def window_fault(expectation: Expectation, plant: PlantParameters) -> str:
+    """Return why the window of an expectation is not possible in a run; '' if it is."""
+    start, end, duration = expectation.start, expectation.end, plant.duration
+    if not 0.0 <= start < min(end, duration) or duration < end < math.inf:
+        return (
+            f'{expectation.metric}: the window {start:g} … {end:g} s is empty or not within the '
+            f'run, 0 … {duration:g} s'
+        )
+    if end < plant.hold_time:
+        return f'{expectation.metric}: the window ends before the release at {plant.hold_time:g} s'
+    return ''
+
+
+IDEAL = 'ideal'
+STICK_LIMIT = 100
+TIME_LIMIT = 1e6
+
+_PARAMETERS = {
+    'duration': (PLANT, 'duration'),
+    'seed': (GYRO, 'seed'),
+    'plant_model': (PLANT, 'plant_model'),
+    'mode': (CONTROLLER, 'mode'),
+}
+_START = {
+    'pitch_x_deg': 'start_pitch_x',
+    'pitch_y_deg': 'start_pitch_y',
+    'pitch_rate_x_deg_per_s': 'start_pitch_rate_x',
+    'pitch_rate_y_deg_per_s': 'start_pitch_rate_y',
+    'position_x': 'start_position_x',
+    'position_y': 'start_position_y',
+}
+SCENARIO_KEYS = {
+    'purpose', *_PARAMETERS, 'profile', 'map', 'start', 'sticks', 'pushes', 'parameters',
+    'expectations',
+}  # fmt: skip
+
+
+class ScenarioReader(ExpectationReader):
+    """Reads and checks one document; `load_profile` returns the parameters of a profile.
+
+    If `map_file` is given, it is read instead of any image that the document names.
+    """
+
+    def __init__(
+        self,
+        document: YamlDocument,
+        load_profile: Callable[[str], ParameterSet],
+        map_file: Path | None = None,
+    ) -> None:
+        super().__init__(document)
+        self._load_profile = load_profile
+        self._map_file = map_file
+
+    def scenario(self, profile: str | None = None) -> Scenario:
+        """Return the scenario in the document; `profile` replaces the document's device profile.
+
+        Raises
+        ------
+        ScenarioError, ParameterError
+            The message is one line that names file and line.
+        """
+        data = self._mapping(self._document.data, (), SCENARIO_KEYS)
+        for required in ('purpose', 'duration'):
+            if required not in data:
+                raise self._error((), f'{required} is missing')
+        self._check_lines_of_text(data, ('purpose', 'profile'))
+        parameters = self._parameters(data, profile)
+        plant = parameters.of(PlantParameters)
+        duration = plant.duration
+        sticks = self._mapping(data.get('sticks', {}), ('sticks',), ('vertical', 'horizontal'))
+        return Scenario(
+            name=self._document.path.stem,
+            purpose=str(data['purpose']),
+            profile=_own_profile(data) if profile is None else profile,
+            parameters=parameters,
+            vertical=self._signal(sticks.get('vertical', []), ('sticks', 'vertical'), duration),
+            horizontal=self._signal(
+                sticks.get('horizontal', []), ('sticks', 'horizontal'), duration
+            ),
+            pushes=tuple(self._pushes(data.get('pushes', []), duration)),
+            expectations=tuple(self._expectations(data.get('expectations', {}), plant)),
+            text=self._text(data, profile),
+        )
+
+    def _text(self, data: Mapping[str, object], profile: str | None) -> str:
+        """Return the file's text; if `profile` is given, it replaces the one in the file."""
+        if profile is None:
+            return read_text(self._document.path)
+        return yaml.safe_dump({**data, 'profile': profile}, sort_keys=False, allow_unicode=True)
+
+    def _parameters(self, data: Mapping[str, object], profile: str | None) -> ParameterSet:
+        try:
+            parameters = self._load_profile(_own_profile(data))
+        except ScenarioError as error:
+            raise self._error(('profile',), str(error)) from None
+        if profile is not None:
+            parameters = self._load_profile(profile)
+        for key, (node, name) in _PARAMETERS.items():
+            if key in data:
+                self._set(parameters, node, name, data[key], (key,))
+        if parameters.of(PlantParameters).duration == 0.0:
+            raise self._error(('duration',), 'a scenario must last longer than 0 s')
+        if 'map' in data:
+            self._set(parameters, PLANT, 'map', self._map(data['map']), ('map',))
+        for key, value in self._mapping(data.get('start', {}), ('start',), _START).items():
+            number = self._number(value, ('start', key))
+            if '_deg' in key:
+                number = self._radians(number, _START[key], ('start', key))
+            self._set(parameters, PLANT, _START[key], number, ('start', key))
+        for node, values in self._mapping(data.get('parameters', {}), ('parameters',)).items():
+            for inner, name, value in leaves(self._mapping(values, ('parameters', node))):
+                keys = ('parameters', node, *inner)
+                if name == 'scenario':
+                    raise self._error(keys, 'a scenario cannot set the parameter scenario')
+                if name == 'implementation' and isinstance(value, str):
+                    value = resolve_reference(value, self._document.path.parent)
+                self._set(parameters, node, name, value, keys)
+        if self._map_file and is_file_name(parameters.of(PlantParameters).map):
+            self._set(parameters, PLANT, 'map', str(self._map_file), ('map',))
+        self._check_world(parameters)
+        return parameters
+
+    def _radians(self, degrees: float, name: str, keys: Keys) -> float:
+        """Convert an angle, or its rate, to radians; an error shows it in degrees, as given."""
+        low, high = map(math.degrees, parameters_of(PLANT)[name].bounds or (-math.inf, math.inf))
+        if not low <= degrees <= high:
+            unit = 'deg/s' if name.startswith('start_pitch_rate') else 'deg'
+            limits = f'{low:.1f} … {high:.1f} {unit}'
+            raise self._error(keys, f'{self._label(keys)}: {degrees:g} is not within {limits}')
+        return math.radians(degrees)
+
+    def _check_world(self, parameters: ParameterSet) -> None:
+        """Refuse a map that can't be read, and a start position that is blocked."""
+        plant = parameters.of(PlantParameters)
+        if not plant.map:
+            return
+        try:
+            floor_map = load_map(plant.map)
+        except WorldError as error:
+            raise self._error(('map',), str(error)) from None
+        try:
+            world = World(floor_map, plant.body_depth, plant.body_width)
+            world.check_start((plant.start_position_x, plant.start_position_y))
+        except WorldError as error:
+            raise self._error(('start',), str(error)) from None
+
+    def _map(self, value: object) -> object:
+        """Return a shipped map's name unchanged, and resolve a path in the scenario's folder."""
+        if isinstance(value, str) and ('/' in value or '.' in value):
+            return str((self._document.path.parent / value).resolve())
+        return value
+
+    def _signal(self, data: object, keys: Keys, duration: float) -> StickSignal:
+        segments = self._each(data, keys, self._segment)
+        if fault := segment_fault(segments, duration):
+            raise self._error((*keys, fault[0]), fault[1])
+        return StickSignal(tuple(segments))
+
+    def _segment(self, data: object, keys: Keys) -> Segment:
+        values = self._mapping(data, keys, ('name', 'from', 'to', 'value', 'points'))
+        name = values.get('name')
+        if not isinstance(name, str) or not name.strip():
+            raise self._error(keys, 'a segment needs a name')
+        if 'points' in values:
+            if 'value' in values or 'from' in values or 'to' in values:
+                raise self._error(
+                    keys, 'a segment has either points, or from, to and value, not both'
+                )
+            points = self._each(values['points'], (*keys, 'points'), self._point)
+            if len(points) < 2:
+                raise self._error((*keys, 'points'), 'a segment needs at least two points')
+            for index, ((before, _), (after, _)) in enumerate(pairwise(points), 1):
+                if after < before:
+                    raise self._error((*keys, 'points', index), f'time goes back to {after:g} s')
+            if points[-1][0] <= points[0][0]:
+                raise self._error((*keys, 'points'), f'{name!r} has no duration')
+            return Segment(name, tuple(points))
+        for required in ('from', 'value'):
+            if required not in values:
+                raise self._error(keys, f'{name!r} needs {required!r}, or points')
+        start = self._time(values['from'], (*keys, 'from'))
+        end = self._time(values['to'], (*keys, 'to')) if 'to' in values else math.inf
+        if end <= start:
+            raise self._error((*keys, 'to'), f'time goes back from {start:g} to {end:g} s')
+        value = self._stick(values['value'], (*keys, 'value'))
+        return Segment.step(name, start, end, value)
+
+    def _point(self, data: object, keys: Keys) -> tuple[float, float]:
+        if not isinstance(data, list) or len(data) != 2:
+            raise self._error(keys, f'{data!r} is not a pair [time, value]')
+        return self._time(data[0], keys), self._stick(data[1], keys)
+
+    def _time(self, value: object, keys: Keys) -> float:
+        time = self._number(value, keys)
+        if not 0.0 <= time <= TIME_LIMIT:
+            raise self._error(keys, f'{time:g} s is not within 0 … {TIME_LIMIT:g} s')
+        return time
+
+    def _stick(self, value: object, keys: Keys) -> float:
+        number = self._number(value, keys)
+        if abs(number) > STICK_LIMIT:
+            raise self._error(keys, f'{number:g} is not within -{STICK_LIMIT} … {STICK_LIMIT}')
+        return number
+
+    def _pushes(self, data: object, duration: float) -> list[ScheduledPush]:
+        pushes = self._each(data, ('pushes',), self._push)
+        if fault := push_fault(pushes, duration):
+            raise self._error(('pushes', fault[0]), fault[1])
+        return pushes
+
+    def _push(self, data: object, keys: Keys) -> ScheduledPush:
+        names = ('time', 'duration', 'force', 'direction')
+        values = self._mapping(data, keys, names)
+        for required in names:
+            if required not in values:
+                raise self._error(keys, f'a push needs a {required}')
+        force = self._number(values['force'], (*keys, 'force'))
+        if not 0.0 <= force <= FORCE_LIMIT:
+            raise self._error((*keys, 'force'), f'{force:g} is not within 0 … {FORCE_LIMIT:g} N')
+        direction = self._direction(values['direction'], (*keys, 'direction'))
+        lasting = self._time(values['duration'], (*keys, 'duration'))
+        if lasting == 0.0:
+            raise self._error((*keys, 'duration'), 'a push must last longer than 0 s')
+        return ScheduledPush(
+            self._time(values['time'], (*keys, 'time')),
+            lasting,
+            force=force,
+            direction=direction,
+        )
+
+    def _direction(self, value: object, keys: Keys) -> str | float:
+        if not isinstance(value, str):
+            return self._number(value, keys)
+        if value not in PUSH_DIRECTIONS:
+            words = ', '.join(PUSH_DIRECTIONS)
+            raise self._error(keys, f'{value!r} is neither one of {words} nor a number of degrees')
+        return value
+
+    def _set(
+        self, parameters: ParameterSet, node: object, name: object, value: object, keys: Keys
+    ) -> None:
+        parameters.set(str(node), str(name), value, self._document.where(*keys))
+
+
+def _own_profile(data: Mapping[str, object]) -> str:
+    return str(data.get('profile', IDEAL))

@@ -1,0 +1,44 @@
+"""Device inputs for testing another control program: scenarios and random sequences."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from ballbot_ros.controllers.codegen.folder_check import InputSequence, ProgramInput, random_steps
+from ballbot_ros.controllers.document.axis import TS1_MS
+from ballbot_ros.engine.closed_loop import ClosedLoop
+from ballbot_ros.engine.scenario.library import load_scenario, scenario_names
+from ballbot_ros.engine.scenario.scenario import Scenario
+from ballbot_ros.parameters import ControllerParameters, ParameterSet, PlantParameters
+from ballbot_ros.parameters.timing import FIRST_TICK_NS, MILLISECOND_NS
+
+RANDOM_SEQUENCES = 50
+RANDOM_TICKS = 150
+"""Length of a random sequence after calibration."""
+
+
+def scenario_steps(parameters: ParameterSet, scenario: Scenario) -> Iterator[ProgramInput]:
+    """Yield the device inputs of every tick of a scenario."""
+    loop = ClosedLoop(parameters, scenario)
+    for tick in loop.ticks(parameters.of(PlantParameters).duration):
+        now = tick.truth.stamp_ns
+        yield ProgramInput(
+            (now - FIRST_TICK_NS) // MILLISECOND_NS, now // MILLISECOND_NS, tick.inputs
+        )
+
+
+def check_sequences(parameters: ParameterSet) -> list[InputSequence]:
+    """Return the inputs of every shipped scenario with these parameters, and random sequences."""
+    sequences = []
+    for name in scenario_names():
+        scenario = load_scenario(name)
+        together = ParameterSet()
+        together.update(scenario.parameters)
+        together.update(parameters)
+        sequences.append(InputSequence(name, list(scenario_steps(together, scenario))))
+    calibration = int(parameters.of(ControllerParameters).time_start) // TS1_MS
+    ticks = min(calibration, 2500) + RANDOM_TICKS
+    for seed in range(RANDOM_SEQUENCES):
+        steps = list(random_steps(seed, ticks, out_of_range=seed % 2 == 1))
+        sequences.append(InputSequence(f'random sequence {seed}', steps))
+    return sequences

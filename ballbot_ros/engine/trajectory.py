@@ -1,0 +1,97 @@
+"""True motion and duties of a run, tick by tick, and their hash."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from array import array
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot_ros.robot.plant.ground_truth import GroundTruth
+
+_INT8 = 0xFF
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """True motion of a run; column 0 is plane x, column 1 plane y.
+
+    Attributes
+    ----------
+    time : ndarray, shape (n,)
+        Time since the first tick [s].
+    position : ndarray, shape (n, 2)
+        Ball centre [m].
+    psi : ndarray, shape (n, 2)
+        Body pitch [rad].
+    duty : ndarray, shape (n, 2)
+        Duty [%].
+    """
+
+    time: NDArray[np.float64]
+    position: NDArray[np.float64]
+    psi: NDArray[np.float64]
+    duty: NDArray[np.int8]
+
+
+class TrajectoryLog:
+    """Collects the trajectory and the hash of the duties, tick by tick.
+
+    With `keep` false, for an endless run, it only counts and hashes.
+    """
+
+    def __init__(self, *, keep: bool = True) -> None:
+        self._keep = keep
+        self._numbers = array('d')
+        self._duties = bytearray()
+        self._hash = hashlib.sha256()
+        self.ticks = 0
+
+    def add(self, truth: GroundTruth, duty_x: int, duty_y: int) -> None:
+        """Add the tick of `truth` and the duties that answer it."""
+        duties = bytes((duty_x & _INT8, duty_y & _INT8))
+        self._hash.update(duties)
+        self.ticks += 1
+        if self._keep:
+            self._numbers.extend((truth.stamp_ns * 1e-9, *truth.position, *truth.psi))
+            self._duties += duties
+
+    @property
+    def duty_sha256(self) -> str:
+        """SHA-256 over the int8 duty pairs from the first tick on, as hexadecimal text."""
+        return self._hash.hexdigest()
+
+    def trajectory(self) -> Trajectory:
+        """Return the trajectory so far."""
+        table = np.array(self._numbers).reshape(-1, 5)
+        start = table[0, 0] if len(table) else 0.0
+        return Trajectory(
+            time=table[:, 0] - start,
+            position=table[:, 1:3],
+            psi=table[:, 3:5],
+            duty=np.frombuffer(bytes(self._duties), dtype=np.int8).reshape(-1, 2),
+        )
+
+
+def save_trajectory(path: Path, trajectory: Trajectory, summary: Mapping[str, object]) -> None:
+    """Write a trajectory and a summary of the run to an .npz file.
+
+    The file appears only when it is complete.
+    """
+    partial = path.with_name(f'{path.name}.part')
+    with partial.open('wb') as file:
+        np.savez(file, **vars(trajectory), summary=np.array(json.dumps(summary)))
+    partial.replace(path)
+
+
+def load_trajectory(path: Path) -> tuple[Trajectory, dict[str, Any]]:
+    """Read the file that :func:`save_trajectory` wrote."""
+    with np.load(path) as file:
+        names = ('time', 'position', 'psi', 'duty')
+        return Trajectory(**{name: file[name] for name in names}), json.loads(str(file['summary']))

@@ -1,0 +1,20 @@
+"""Environments for reinforcement learning, with the interface of Gymnasium. No ROS.
+
+The import registers ``ballbot_ros/Balance-v0`` and ``ballbot_ros/Drive-v0``.
+"""
+
+from ballbot_ros.lab.environments import (
+    BalanceEnv,
+    BallbotEnv,
+    DriveEnv,
+    EnvironmentConfigurationError,
+    EnvironmentState,
+)
+
+__all__ = [
+    'BalanceEnv',
+    'BallbotEnv',
+    'DriveEnv',
+    'EnvironmentConfigurationError',
+    'EnvironmentState',
+]

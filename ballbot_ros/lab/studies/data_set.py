@@ -1,0 +1,325 @@
+"""The folder of a study's results while the study runs.
+
+::
+
+    DIR/manifest.json               what the results are results of
+    DIR/parts/part-000000.parquet   a row a run
+    DIR/parts/...
+    DIR/damaged/...                 files that were moved aside, if any
+    DIR/.lock                       locked by the command that runs the study
+
+A part counts if its file is there: it gets its name when it is complete. So a study that was
+interrupted at any moment needs no repair.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from datetime import datetime
+from pathlib import Path
+from types import TracebackType
+from typing import NamedTuple
+
+from ballbot_ros.errors import StudyError
+from ballbot_ros.files import read_text
+from ballbot_ros.lab.studies.manifest import Manifest, PartSummary, StudyRecord
+from ballbot_ros.lab.studies.part_file import (
+    PARTS,
+    TEMPORARY_SUFFIX,
+    DamagedPartError,
+    check_part,
+    sync_folder,
+    unwritable,
+    write_atomically,
+)
+from ballbot_ros.process import ProgressCallback
+
+MANIFEST = 'manifest.json'
+DAMAGED = 'damaged'
+LOCK = '.lock'
+
+_REMEDY = 'choose another --output'
+
+
+class PartCheck(NamedTuple):
+    """Which parts of a study are there.
+
+    Attributes
+    ----------
+    missing : list of int
+        The parts that have to be done, in order.
+    summary : PartSummary
+        Numbers of runs of the parts that are there.
+    notices : list of str
+        A line for each damaged or foreign file that was moved aside.
+    """
+
+    missing: list[int]
+    summary: PartSummary
+    notices: list[str]
+
+
+@dataclass(frozen=True)
+class _Lock:
+    """A lock of a folder, held by an open file until it is closed or the process ends."""
+
+    descriptor: int
+
+    @classmethod
+    def of(cls, folder: Path) -> _Lock:
+        path = folder / LOCK
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            os.close(descriptor)
+            raise StudyError(
+                f'{folder}: in use by another command, or by its last workers; '
+                f'wait for their end, or {_REMEDY}'
+            ) from None
+        except OSError as error:
+            os.close(descriptor)
+            raise StudyError(f'{path}: {error.strerror}; {_REMEDY}') from None
+        return cls(descriptor)
+
+    def release(self) -> None:
+        # Forked workers have inherited the open file, so closing it does not unlock it.
+        with suppress(OSError):
+            fcntl.flock(self.descriptor, fcntl.LOCK_UN)
+            os.close(self.descriptor)
+
+
+class StudyFolder:
+    """A study's folder, locked against other commands of this machine until it is closed.
+
+    Attributes
+    ----------
+    path : Path
+    manifest : Manifest
+    resumed : bool
+        Whether the folder had been begun before.
+    """
+
+    def __init__(self, path: Path, manifest: Manifest, lock: _Lock, *, resumed: bool) -> None:
+        self.path = path
+        self.manifest = manifest
+        self.resumed = resumed
+        self._lock = lock
+
+    @property
+    def study(self) -> StudyRecord:
+        """The study."""
+        return self.manifest.study
+
+    @property
+    def is_finished(self) -> bool:
+        """Whether all parts had been written once; a part may be missing again."""
+        return bool(self.manifest.finished)
+
+    def check_parts(self, progress: ProgressCallback = lambda done, total: None) -> PartCheck:
+        """Read all parts completely; move aside those that are damaged, and foreign files.
+
+        Parameters
+        ----------
+        progress : callable
+            Called with the number of parts checked and their total.
+
+        Raises
+        ------
+        StudyError
+            If the folder can't be read or written, or pyarrow is not installed.
+        """
+        try:
+            there = {each.name for each in (self.path / PARTS).iterdir()}
+            names = [self.study.part_name(part) for part in range(self.study.parts)]
+            notices = [
+                self._move_aside(name, 'not a part of this study')
+                for name in sorted(there.difference(names))
+                if not name.endswith(TEMPORARY_SUFFIX)
+            ]
+            missing, summary = [], PartSummary()
+            for part, name in enumerate(names):
+                if name in there:
+                    try:
+                        summary += check_part(self.path / PARTS / name, self.study, part)
+                    except DamagedPartError as error:
+                        notices.append(self._move_aside(name, error.reason))
+                        missing.append(part)
+                else:
+                    missing.append(part)
+                progress(part + 1, len(names))
+        except OSError as error:
+            raise unwritable(self.path, error) from None
+        return PartCheck(missing, summary, notices)
+
+    def finish(self, now: datetime) -> PartCheck:
+        """Check all parts; if none is missing, the manifest records that the study is finished.
+
+        Raises
+        ------
+        StudyError
+            If the folder can't be read or written.
+        """
+        check = self.check_parts()
+        if not check.missing:
+            finished = now.isoformat(timespec='seconds')
+            self._write(replace(self.manifest, finished=finished, totals=check.summary))
+        return check
+
+    def restart(self, now: datetime) -> None:
+        """Remove all parts and begin again.
+
+        Raises
+        ------
+        StudyError
+            If the folder can't be written.
+        """
+        # First the manifest: a finished one promises all parts.
+        self._write(Manifest(self.study, now.isoformat(timespec='seconds')))
+        try:
+            for each in (self.path / PARTS).iterdir():
+                each.unlink()
+        except OSError as error:
+            raise unwritable(self.path, error) from None
+
+    def close(self) -> None:
+        """Let other commands use the folder."""
+        self._lock.release()
+
+    def __enter__(self) -> StudyFolder:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _write(self, manifest: Manifest) -> None:
+        _write_manifest(self.path, manifest)
+        self.manifest = manifest
+
+    def _move_aside(self, name: str, reason: str) -> str:
+        folder = self.path / DAMAGED
+        folder.mkdir(exist_ok=True)
+        target, number = folder / name, 1
+        while target.exists():
+            number += 1
+            target = folder / f'{name}.{number}'
+        (self.path / PARTS / name).rename(target)
+        return f'{self.path / PARTS / name}: {reason}; moved to {target}'
+
+
+def begin_or_resume(folder: Path, study: StudyRecord, now: datetime) -> StudyFolder:
+    """Begin a study in a new or empty folder, or resume it in its own.
+
+    Temporary files of dead processes are removed. A finished study is left as it is.
+
+    Raises
+    ------
+    StudyError
+        If the folder has another study, or the study of another version of the code, or other
+        files, is in use by another command, or can't be written.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError):
+        raise StudyError(f'{folder}: not a folder; {_REMEDY}') from None
+    except OSError as error:
+        raise unwritable(folder, error) from None
+    # Foreign folders get no lock file.
+    _check_contents(folder)
+    try:
+        lock = _Lock.of(folder)
+    except OSError as error:
+        raise unwritable(folder, error) from None
+    try:
+        return _begin_or_resume(folder, study, now, lock)
+    except BaseException as error:
+        lock.release()
+        if isinstance(error, OSError):
+            raise unwritable(folder, error) from None
+        raise
+
+
+def read_manifest(folder: Path) -> Manifest:
+    """Read the manifest of a study's folder.
+
+    Raises
+    ------
+    StudyError
+        If there is none, or it is damaged.
+    """
+    path = folder / MANIFEST
+    try:
+        return Manifest.from_json(read_text(path))
+    except (FileNotFoundError, NotADirectoryError):
+        raise StudyError(f'{folder}: not the folder of a study, has no {MANIFEST}') from None
+    except OSError as error:
+        raise StudyError(f'{path}: {error.strerror}') from None
+    except UnicodeError:
+        raise StudyError(f'{path}: damaged, or not the manifest of a study') from None
+    except StudyError as error:
+        raise StudyError(f'{path}: {error}') from None
+
+
+def _begin_or_resume(folder: Path, study: StudyRecord, now: datetime, lock: _Lock) -> StudyFolder:
+    # Again, since another command may have begun or finished a study before the lock.
+    begun = _check_contents(folder)
+    if not begun:
+        (folder / PARTS).mkdir(exist_ok=True)
+        sync_folder(folder.parent)
+        manifest = Manifest(study, now.isoformat(timespec='seconds'))
+        _write_manifest(folder, manifest)
+    else:
+        try:
+            manifest = read_manifest(folder)
+        except StudyError as error:
+            raise StudyError(f'{error}; {_REMEDY}') from None
+        (folder / PARTS).mkdir(exist_ok=True)
+        if difference := manifest.study.difference(study):
+            if any(each.suffix == '.parquet' for each in (folder / PARTS).iterdir()):
+                raise StudyError(f'{folder}: has another study: {difference}; {_REMEDY}')
+            # Nothing is lost: it ended before its first part.
+            manifest = Manifest(study, now.isoformat(timespec='seconds'))
+            _write_manifest(folder, manifest)
+    _remove_temporary(folder)
+    return StudyFolder(folder, manifest, lock, resumed=begun)
+
+
+def _check_contents(folder: Path) -> bool:
+    """Return whether a study has begun in a folder; StudyError if it has other files."""
+    try:
+        names = {each.name for each in folder.iterdir()}
+        if MANIFEST in names:
+            return True
+        parts = folder / PARTS
+        foreign = {each for each in names - {LOCK, PARTS} if not _is_temporary(each)}
+        if foreign or (PARTS in names and (not parts.is_dir() or any(parts.iterdir()))):
+            what = f'has files, but no {MANIFEST} of a study'
+            raise StudyError(f'{folder}: {what}; {_REMEDY}')
+    except OSError as error:
+        raise unwritable(folder, error) from None
+    return False
+
+
+def _write_manifest(folder: Path, manifest: Manifest) -> None:
+    try:
+        write_atomically(folder / MANIFEST, manifest.to_json().encode())
+    except OSError as error:
+        raise unwritable(folder / MANIFEST, error) from None
+
+
+def _is_temporary(name: str) -> bool:
+    return name.startswith('.') and name.endswith(TEMPORARY_SUFFIX)
+
+
+def _remove_temporary(folder: Path) -> None:
+    for each in (*folder.iterdir(), *(folder / PARTS).iterdir()):
+        if _is_temporary(each.name):
+            each.unlink(missing_ok=True)

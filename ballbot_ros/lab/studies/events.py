@@ -1,0 +1,245 @@
+"""Pushes and sticks that vary from run to run of a study."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot_ros.engine.scenario.reader import STICK_LIMIT, TIME_LIMIT
+from ballbot_ros.engine.scenario.scenario import (
+    Scenario,
+    Segment,
+    StickSignal,
+    push_fault,
+    segment_fault,
+)
+from ballbot_ros.errors import StudyError
+from ballbot_ros.parameters import Parameter, TakesEffect
+from ballbot_ros.robot.plant.ground_truth import FORCE_LIMIT
+
+PUSH, STICK = 'push', 'stick'
+STICKS = ('vertical', 'horizontal')
+
+_TIMES = (0.0, TIME_LIMIT)
+_STICK = (-float(STICK_LIMIT), float(STICK_LIMIT))
+_PUSH_FIELDS: Mapping[str, tuple[str, tuple[float, float] | None]] = {
+    'force': ('N', (0.0, FORCE_LIMIT)),
+    'direction': ('deg', None),
+    'time': ('s', _TIMES),
+    'duration': ('s', _TIMES),
+}
+_SEGMENT_FIELDS: Mapping[str, tuple[str, tuple[float, float] | None]] = {
+    'value': ('%', _STICK),
+    'from': ('s', _TIMES),
+    'to': ('s', _TIMES),
+}
+
+_BEGINNINGS = ('time', 'from')
+_ENDS = ('to',)
+
+
+@dataclass(frozen=True)
+class PushPart:
+    """A number of a push: `field` of the push with this index, from 0."""
+
+    index: int
+    field: str
+
+    @property
+    def label(self) -> str:
+        """Name of the push in a study."""
+        return f'{PUSH}.{self.index + 1}'
+
+
+@dataclass(frozen=True)
+class SegmentPart:
+    """A number of a segment: `field` of that with this index on the stick of this name."""
+
+    stick: str
+    index: int
+    field: str
+
+
+EventPart = PushPart | SegmentPart
+
+
+def is_event(name: str) -> bool:
+    """Return whether a variable's name is that of a push or a stick."""
+    return name.partition('.')[0] in (PUSH, STICK)
+
+
+def event_part(name: str, scenario: Scenario) -> EventPart:
+    """Return the part of a scenario's pushes and sticks that a variable names.
+
+    Raises
+    ------
+    StudyError
+        If the scenario has none of this name; the message is one line without a place.
+    """
+    if name.partition('.')[0] == PUSH:
+        return _push_part(name, scenario)
+    return _segment_part(name, scenario)
+
+
+def _push_part(name: str, scenario: Scenario) -> PushPart:
+    _, _, rest = name.partition('.')
+    number, _, field = rest.partition('.')
+    numbers = [str(each) for each in range(1, len(scenario.pushes) + 1)]
+    if number not in numbers:
+        known = f'its pushes are 1 … {len(numbers)}' if numbers else 'it has no pushes'
+        raise StudyError(f'{name}: the scenario has no push {number!r}; {known}')
+    _check_field(name, field, _PUSH_FIELDS, f'{PUSH}.{number}')
+    return PushPart(int(number) - 1, field)
+
+
+def _segment_part(name: str, scenario: Scenario) -> SegmentPart:
+    _, _, rest = name.partition('.')
+    stick, _, rest = rest.partition('.')
+    segment_name, _, field = rest.rpartition('.')
+    if stick not in STICKS:
+        raise StudyError(f'{name}: {stick!r} is not one of {", ".join(STICKS)}')
+    segments = getattr(scenario, stick).segments
+    names = [each.name for each in segments]
+    if segment_name not in names:
+        known = f'it has {", ".join(dict.fromkeys(names))}' if names else 'it has none'
+        raise StudyError(
+            f'{name}: the scenario has no segment {segment_name!r} on the {stick} stick; {known}'
+        )
+    if names.count(segment_name) > 1:
+        raise StudyError(
+            f'{name}: {names.count(segment_name)} segments of the {stick} stick are called '
+            f'{segment_name!r}; give each a name of its own in the scenario'
+        )
+    _check_field(name, field, _SEGMENT_FIELDS, f'{STICK}.{stick}.{segment_name}')
+    index = names.index(segment_name)
+    if not segments[index].is_step:
+        raise StudyError(f'{name}: the segment has points; only from, to and value can vary')
+    return SegmentPart(stick, index, field)
+
+
+def _check_field(name: str, field: str, known: Mapping[str, object], owner: str) -> None:
+    if field not in known:
+        raise StudyError(f'{name}: {owner} has no {field!r}; it has {", ".join(known)}')
+
+
+def event_parameter(name: str, part: EventPart) -> Parameter:
+    """Return the bounds and the unit of a part, as those of a parameter."""
+    known = _PUSH_FIELDS if isinstance(part, PushPart) else _SEGMENT_FIELDS
+    unit, bounds = known[part.field]
+    return Parameter(
+        nodes=(),
+        name=name,
+        default=0.0,
+        unit=unit,
+        bounds=bounds,
+        or_zero=False,
+        is_path=False,
+        choices=(),
+        description='',
+        source='',
+        takes_effect=TakesEffect.NEXT_RUN,
+    )
+
+
+def scenarios_of(
+    scenario: Scenario,
+    parts: Mapping[str, EventPart],
+    columns: Mapping[str, NDArray[Any]],
+    durations: NDArray[np.float64],
+    first: int = 0,
+) -> list[Scenario]:
+    """Return the scenarios of runs whose pushes and sticks have their own values.
+
+    Parameters
+    ----------
+    parts : mapping of str to EventPart
+        What varies, by the names of `columns`.
+    columns : mapping of str to ndarray
+        The values, each (r,).
+    durations : ndarray, shape (r,)
+        Lengths of the runs [s].
+    first : int
+        Number of the first run, for error messages.
+
+    Raises
+    ------
+    StudyError
+        If a run's pushes or sticks are not possible; the message names the run.
+    """
+    table = zip(*(columns[name].tolist() for name in parts), strict=True)
+    return [
+        _scenario(
+            scenario,
+            tuple(zip(parts.values(), values, strict=True)),
+            duration,
+            f'run {first + run}',
+        )
+        for run, (values, duration) in enumerate(zip(table, durations.tolist(), strict=True))
+    ]
+
+
+def check_extremes(
+    scenario: Scenario,
+    ends: Sequence[tuple[EventPart, tuple[float, float]]],
+    duration: float,
+) -> None:
+    """Raise StudyError if pushes and sticks are not possible with all values that they may have.
+
+    Parameters
+    ----------
+    ends : sequence
+        Parts that vary, each with its smallest and largest value.
+    duration : float
+        Length of the shortest run [s].
+    """
+    # Late beginnings and early ends, then the opposite.
+    for late, what in ((_BEGINNINGS, 'latest beginnings'), (_ENDS, 'latest ends')):
+        values = tuple((part, high if part.field in late else low) for part, (low, high) in ends)
+        _scenario(scenario, values, duration, f'with the {what}')
+
+
+def _scenario(
+    scenario: Scenario, values: Sequence[tuple[EventPart, float]], duration: float, which: str
+) -> Scenario:
+    pushes = list(scenario.pushes)
+    sticks = {stick: list(getattr(scenario, stick).segments) for stick in STICKS}
+    for part, value in values:
+        if isinstance(part, PushPart):
+            pushes[part.index] = replace(pushes[part.index], **cast(Any, {part.field: value}))
+            if pushes[part.index].duration <= 0.0:
+                raise StudyError(f'{part.label}: must last longer than 0 s ({which})')
+        else:
+            segments = sticks[part.stick]
+            segments[part.index] = _with_field(segments[part.index], part.field, value)
+    # Others may begin after the end: a run may be shorter than the scenario's.
+    for part, _ in values:
+        if isinstance(part, PushPart):
+            if fault := push_fault([pushes[part.index]], duration):
+                raise StudyError(f'{part.label}: {fault[1]} ({which})')
+        else:
+            _check_segment(part, sticks[part.stick], duration, which)
+    vertical, horizontal = (StickSignal(tuple(sticks[stick])) for stick in STICKS)
+    return replace(scenario, pushes=tuple(pushes), vertical=vertical, horizontal=horizontal)
+
+
+def _with_field(segment: Segment, field: str, value: float) -> Segment:
+    parts = {'from': segment.start, 'to': segment.end, 'value': segment.points[0][1], field: value}
+    return Segment.step(segment.name, parts['from'], parts['to'], parts['value'])
+
+
+def _check_segment(
+    part: SegmentPart, segments: Sequence[Segment], duration: float, which: str
+) -> None:
+    changed = segments[part.index]
+    if changed.end <= changed.start:
+        raise StudyError(
+            f'{STICK}.{part.stick}.{changed.name}: time goes back from {changed.start:g} to '
+            f'{changed.end:g} s ({which})'
+        )
+    if fault := segment_fault([changed], duration) or segment_fault(segments, math.inf):
+        raise StudyError(f'{STICK}.{part.stick}: {fault[1]} ({which})')

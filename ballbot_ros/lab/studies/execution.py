@@ -1,0 +1,347 @@
+"""Carrying out a study: which parts are missing, who does them, when to stop."""
+
+from __future__ import annotations
+
+import os
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from contextlib import contextmanager, suppress
+from datetime import datetime
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Protocol, TypeVar, cast
+
+from ballbot_ros.engine.compilation import REMEDY, is_kept
+from ballbot_ros.errors import BallbotError, StudyError, one_line
+from ballbot_ros.lab.studies.data_set import StudyFolder, begin_or_resume
+from ballbot_ros.lab.studies.job import Job
+from ballbot_ros.lab.studies.manifest import PartSummary
+from ballbot_ros.lab.studies.part_file import EncodedPart
+from ballbot_ros.lab.studies.runs import (
+    Advance,
+    Samples,
+    has_documents_program,
+    is_compiled,
+    simulate_runs,
+)
+from ballbot_ros.nodes.processes import END_WITH_PARENT, end_with_parent, exit_description
+from ballbot_ros.process import StopRequest
+
+_PROGRAM = f'from {__name__} import main; main()'
+_STANDARD_ERROR = 2
+_Answer = TypeVar('_Answer')
+
+
+class WorkerEndedError(StudyError):
+    """A worker process has ended."""
+
+
+class WorkerProcess:
+    """A process that does one part after another.
+
+    Unlike those of `multiprocessing` it does not import the main program again, and ends with this
+    process. Ctrl-C does not reach it.
+    """
+
+    def __init__(self) -> None:
+        ours, theirs = socket.socketpair()
+        with theirs:
+            self._process = subprocess.Popen(
+                [sys.executable, '-c', _PROGRAM, str(theirs.fileno())],
+                env={**os.environ, END_WITH_PARENT: str(os.getpid())},
+                pass_fds=[theirs.fileno()],
+                stdin=subprocess.DEVNULL,
+                stdout=_STANDARD_ERROR,
+                start_new_session=True,
+            )
+        self._connection = Connection(ours.detach())
+        self._connection.send(sys.path)
+
+    def do(self, job: Job, part: int, samples: Samples) -> PartSummary:
+        """Have a part done.
+
+        Raises
+        ------
+        StudyError
+            If it is not possible; WorkerEndedError if the process ends.
+        """
+        return self._call(Job.do, job, part, samples)
+
+    def encode(self, job: Job, part: int, samples: Samples) -> EncodedPart:
+        """Have a part simulated and judged, with the same errors."""
+        return self._call(Job.encode, job, part, samples)
+
+    def _call(self, method: Callable[..., _Answer], *arguments: object) -> _Answer:
+        try:
+            self._connection.send((method, arguments))
+            answer = self._connection.recv()
+        except (OSError, EOFError):
+            end = exit_description(self._process.wait())
+            raise WorkerEndedError(
+                f'a worker process {end}; the same command goes on from there'
+            ) from None
+        if isinstance(answer, str):
+            raise StudyError(answer)
+        return cast(_Answer, answer)
+
+    def kill(self) -> None:
+        """End the process; a part in work is given up."""
+        self._process.kill()
+
+
+def main() -> None:
+    """Do parts until the parent closes the connection."""
+    if not end_with_parent():
+        return
+    connection = Connection(int(sys.argv[1]))
+    with suppress(EOFError, OSError):  # the parent has ended, or needs no more
+        sys.path[:] = connection.recv()
+        while True:
+            method, arguments = connection.recv()
+            try:
+                answer = method(*arguments)
+            except BallbotError as error:
+                answer = one_line(error)
+            connection.send(answer)
+
+
+ORDINARY_LIMIT_S = 50_000.0
+"""Most sim time [s] for which the runs of a study are not compiled, though they could be."""
+
+POLL_S = 0.2
+"""Longest time after which a signal is noticed [s]."""
+
+
+class StudyObserver(Protocol):
+    """Sees how a study goes on."""
+
+    def begin(self, runs: int, done: PartSummary) -> None:
+        """Show that a study of so many runs begins, or goes on after those that are done."""
+
+    def advance(self, runs: int) -> None:
+        """Show that so many more runs have been simulated; called by any thread."""
+
+    def part(self, summary: PartSummary) -> None:
+        """Show the runs of a part that has been written."""
+
+    def notice(self, text: str) -> None:
+        """Show a line."""
+
+
+class QuietObserver:
+    """Shows nothing."""
+
+    def begin(self, runs: int, done: PartSummary) -> None:
+        """Do nothing."""
+
+    def advance(self, runs: int) -> None:
+        """Do nothing."""
+
+    def part(self, summary: PartSummary) -> None:
+        """Do nothing."""
+
+    def notice(self, text: str) -> None:
+        """Do nothing."""
+
+
+class Workers(Protocol):
+    """Those who do the parts of a job."""
+
+    @property
+    def count(self) -> int:
+        """How many parts they do at a time; it may change."""
+
+    def submit(self, part: int, samples: Samples) -> Future[PartSummary]:
+        """Have a part done and written."""
+
+    def stop(self) -> None:
+        """Give up the parts in work."""
+
+
+WorkersOfJob = Callable[[Job, StudyObserver], Workers]
+"""Finds workers for a job; BallbotError if there are none."""
+
+
+class StoppedError(BallbotError):
+    """A part is given up, because the study is stopped."""
+
+
+class LocalWorkers:
+    """The cores of this machine: threads for compiled runs, or else processes.
+
+    Compiled code runs in parallel in the threads of one process. Until it is on disk, processes
+    compile it: nothing can interrupt the compiler, but a process can be killed.
+    """
+
+    def __init__(self, job: Job, observer: StudyObserver) -> None:
+        self._job = job
+        self._advance: Advance = observer.advance
+        self._count = len(os.sched_getaffinity(0))
+        self._stopped = False
+        self._compiled = is_compiled(job.spec)
+        if slow := check_speed(job):
+            observer.notice(slow)
+        if self._compiled and not is_kept(simulate_runs):
+            observer.notice('compiling, which takes about 20 s the first time ...')
+        self._processes: list[WorkerProcess] = []
+        self._of_thread = threading.local()
+        self._pool = ThreadPoolExecutor(self._count)
+
+    @property
+    def count(self) -> int:
+        """The number of cores."""
+        return self._count
+
+    def submit(self, part: int, samples: Samples) -> Future[PartSummary]:
+        """Have a part done and written."""
+        if self._compiled and is_kept(simulate_runs):
+            return self._pool.submit(self._job.do, part, samples, self._on_runs)
+        return self._pool.submit(self._do_in_process, part, samples)
+
+    def _do_in_process(self, part: int, samples: Samples) -> PartSummary:
+        """Have a part done by the process of this thread; if that is killed, by another one."""
+        process: WorkerProcess | None = getattr(self._of_thread, 'process', None)
+        try:
+            summary = (process or self._new_process()).do(self._job, part, samples)
+        except WorkerEndedError:
+            summary = self._new_process().do(self._job, part, samples)
+        self._on_runs(summary.runs)
+        return summary
+
+    def _new_process(self) -> WorkerProcess:
+        """Start a process for this thread."""
+        process = self._of_thread.process = WorkerProcess()
+        self._processes.append(process)
+        if self._stopped:  # since `stop` may have killed the others already
+            process.kill()
+            raise StoppedError('the study is stopped')
+        return process
+
+    def _on_runs(self, runs: int) -> None:
+        if self._stopped:
+            raise StoppedError('the study is stopped')
+        self._advance(runs)
+
+    def stop(self) -> None:
+        """Give up the parts in work."""
+        self._stopped = True
+        for each in self._processes:
+            each.kill()
+        self._pool.shutdown(wait=True, cancel_futures=True)
+
+
+def check_speed(job: Job) -> str:
+    """Return a notice if a study's runs could be compiled, but numba is not installed; or ''.
+
+    Raises
+    ------
+    StudyError
+        If the study is too long for the ordinary loop.
+    """
+    if is_compiled(job.spec) or not has_documents_program(job.spec):
+        return ''
+    length_s = job.record.runs * job.spec.plant.duration
+    if length_s > ORDINARY_LIMIT_S:
+        raise StudyError(
+            f'{job.record.name}: {length_s:.3g} s of simulation need numba, {ORDINARY_LIMIT_S:g} s '
+            f'at most do not: {REMEDY}'
+        )
+    return f'numba is not installed, so the runs take several hundred times as long: {REMEDY}'
+
+
+def run_study(
+    job: Job,
+    sample: Callable[[int, int], Samples],
+    observer: StudyObserver,
+    workers: WorkersOfJob = LocalWorkers,
+    *,
+    again: bool = False,
+) -> int:
+    """Do all parts of a study that are missing in its folder.
+
+    Parameters
+    ----------
+    sample : callable
+        Returns the samples of the runs from one number up to, but not including, another.
+    workers : callable
+        Finds workers, if parts are missing; by default the cores of this machine.
+    again : bool
+        Whether a study that is finished, or begun, is done from the start.
+
+    Returns
+    -------
+    int
+        0 if all parts are done, or else the number of the signal that stopped it.
+
+    Raises
+    ------
+    BallbotError
+        If the folder is another study's or can't be written, or a run is not possible.
+    """
+    with begin_or_resume(job.folder, job.record, datetime.now().astimezone()) as folder:
+        if again and folder.resumed:
+            folder.restart(datetime.now().astimezone())
+        check = folder.check_parts()
+        for each in check.notices:
+            observer.notice(each)
+        observer.begin(job.record.runs, check.summary)
+        if check.missing:
+            stopped = _do_parts(job, sample, observer, workers, check.missing)
+            if stopped:
+                return stopped
+        if check.missing or not folder.is_finished:
+            _finish(folder)
+    return 0
+
+
+def _finish(folder: StudyFolder) -> None:
+    check = folder.finish(datetime.now().astimezone())
+    if check.missing:
+        raise StudyError(
+            f'{folder.path}: {len(check.missing)} parts are missing or damaged; give the command '
+            'again, which redoes them'
+        )
+
+
+def _do_parts(
+    job: Job,
+    sample: Callable[[int, int], Samples],
+    observer: StudyObserver,
+    workers: WorkersOfJob,
+    missing: list[int],
+) -> int:
+    # Outside of the block, in which signals are only noted: a cluster may take seconds to answer.
+    doing = workers(job, observer)
+    # A second signal has its usual effect: it need not wait for a part that is in work.
+    with _stopped_finally(doing), StopRequest() as stop:
+        parts = iter(missing)
+        in_work: set[Future[PartSummary]] = set()
+        while not stop.signal:
+            while len(in_work) < 2 * doing.count and (part := next(parts, None)) is not None:
+                numbers = job.record.numbers(part)
+                samples = sample(numbers.start, numbers.stop)
+                in_work.add(doing.submit(part, samples))
+            if not in_work:
+                return 0
+            done, in_work = wait(in_work, POLL_S, FIRST_COMPLETED)
+            for each in done:
+                observer.part(each.result())
+        observer.notice('stopping: parts in work are given up (Ctrl-C again ends at once)')
+        return int(stop.signal)
+
+
+@contextmanager
+def _stopped_finally(workers: Workers) -> Iterator[None]:
+    try:
+        yield
+    finally:
+        workers.stop()
+
+
+def folder_of(name: str, output: Path | None) -> Path:
+    """Return the folder of a study's results: the given one, or ``studies/NAME``."""
+    return output or Path('studies') / name

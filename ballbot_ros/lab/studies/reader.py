@@ -1,0 +1,368 @@
+"""Reading study files; every error message names file and line."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Hashable, Mapping
+from dataclasses import replace
+from math import prod
+from pathlib import Path
+from typing import ClassVar
+
+from ballbot_ros.controllers.loading import resolve_reference
+from ballbot_ros.engine.scenario.library import load_profile, load_scenario, scenario_names
+from ballbot_ros.engine.scenario.metrics import METRICS
+from ballbot_ros.engine.scenario.reader import window_fault
+from ballbot_ros.engine.scenario.scenario import Expectation
+from ballbot_ros.errors import BallbotError, StudyError, did_you_mean, short_repr
+from ballbot_ros.files import read_text, share_directory
+from ballbot_ros.lab.studies.distributions import GRID, LIST, DistributionReader, Levels
+from ballbot_ros.lab.studies.events import check_extremes
+from ballbot_ros.lab.studies.rows import robot_parameter
+from ballbot_ros.lab.studies.study import MAX_RUNS, Sampling, Study, grid_shape, nearest_grid
+from ballbot_ros.lab.studies.variables import (
+    CONE_RAYS,
+    DURATION,
+    SEED,
+    Variable,
+    find_variable,
+    fixed_identities,
+    identity,
+)
+from ballbot_ros.parameters import CONTROLLER, PLANT, ParameterSet, PlantParameters, suggest
+from ballbot_ros.parameters.files import leaves
+from ballbot_ros.parameters.timing import TICK_S
+from ballbot_ros.parameters.yaml_document import YamlDocument
+from ballbot_ros.robot.world.floor_map import is_file_name
+from ballbot_ros.run.processes import Processes
+from ballbot_ros.run.spec import RunOptions, RunSpec
+
+STUDY_KEYS = {
+    'purpose', 'scenario', 'profile', 'controller', 'parameters', 'runs', 'repeats', 'seed',
+    'sampling', 'vary', 'metrics', 'expectations',
+}  # fmt: skip
+MAX_SEED = 2**63 - 1
+MAX_HYPERCUBE = 20_000_000
+"""Largest number of numbers in a Latin hypercube, which is kept as a whole."""
+
+_HOLD_TIME = f'{PLANT}.hold_time'
+_IMPLEMENTATION = f'{CONTROLLER}.implementation'
+_PEAK = 'peak_pitch_deg'
+_CLEARANCE = 'wall_clearance_m'
+
+
+class StudyReader(DistributionReader):
+    """Reads and checks one document.
+
+    Parameters
+    ----------
+    runs, seed : int or None
+        Take the place of those in the document.
+    """
+
+    what: ClassVar[str] = 'the study'
+    error_class: ClassVar[type[BallbotError]] = StudyError
+
+    def __init__(self, document: YamlDocument, runs: int | None, seed: int | None) -> None:
+        super().__init__(document)
+        self._runs = runs
+        self._seed = seed
+
+    def study(self) -> Study:
+        """Return the study in the document.
+
+        Raises
+        ------
+        BallbotError
+            The message is one line that names file and line.
+        """
+        data = self._mapping(self._document.data, (), STUDY_KEYS)
+        for required in ('purpose', 'scenario'):
+            if required not in data:
+                raise self._error((), f'{required} is missing')
+        self._check_lines_of_text(data, ('purpose', 'scenario', 'profile', 'controller'))
+        fixed, values = self._fixed(data.get('parameters', {}))
+        if 'controller' in data and _IMPLEMENTATION in values:
+            raise self._error(('controller',), f'{_IMPLEMENTATION} is also set by parameters')
+        options = self._options(data, values)
+        reference = self._scenario(str(data['scenario']), data)
+        spec = self._spec(reference, data, options)
+        sampling = self._sampling(data.get('sampling', Sampling.RANDOM.value))
+        fixed_keys = fixed_identities(fixed)
+        variables = self._variables(data.get('vary', {}), spec, fixed_keys, sampling)
+        seed_key = identity(SEED, robot_parameter(SEED))
+        varied_keys = {identity(each.name, each.parameter) for each in variables}
+        draws_seeds = seed_key not in varied_keys | fixed_keys
+        if not (variables or draws_seeds):
+            raise self._error(('vary',), f'nothing varies: {SEED} is fixed, too')
+        plant = _shortest(spec.plant, variables)
+        ends = [(each.part, each.distribution.ends) for each in variables if each.part is not None]
+        if ends:
+            try:
+                check_extremes(spec.scenario, ends, plant.duration)
+            except StudyError as error:
+                raise self._error(('vary',), str(error)) from None
+        expectations = self._study_expectations(data, spec, plant)
+        if sampling is Sampling.GRID and self._override('runs', self._runs, 1, MAX_RUNS):
+            variables = tuple(nearest_grid(variables, self._runs or 1, repeats=draws_seeds))
+        runs = self._number_of_runs(data, sampling, variables, draws_seeds)
+        if sampling is Sampling.LATIN_HYPERCUBE and runs * len(variables) > MAX_HYPERCUBE:
+            raise self._error(
+                ('sampling',),
+                f'a Latin hypercube has at most {MAX_HYPERCUBE} numbers, runs times variables; '
+                'use sobol',
+            )
+        return Study(
+            name=self._document.path.stem,
+            purpose=str(data['purpose']),
+            text=read_text(self._document.path),
+            runs=runs,
+            seed=self._seed_of(data),
+            sampling=sampling,
+            variables=variables,
+            draws_seeds=draws_seeds,
+            metrics=self._metrics(data, spec, expectations),
+            expectations=expectations,
+            spec=spec,
+        )
+
+    def _fixed(self, data: object) -> tuple[ParameterSet, dict[str, object]]:
+        """Return the fixed parameters, and their values by ``node.param``."""
+        fixed = ParameterSet()
+        values: dict[str, object] = {}
+        folder = self._document.path.parent
+        for node, content in self._mapping(data, ('parameters',)).items():
+            for inner, name, value in leaves(self._mapping(content, ('parameters', node))):
+                keys = ('parameters', node, *inner)
+                if name == 'scenario':
+                    raise self._error(keys, 'a study cannot set the parameter scenario')
+                if name == 'implementation' and isinstance(value, str):
+                    value = resolve_reference(value, folder)
+                if name == 'map' and isinstance(value, str) and is_file_name(value):
+                    value = str((folder / value).resolve())
+                fixed.set(str(node), name, value, self._document.where(*keys))
+                values[f'{node}.{name}'] = value
+        return fixed, values
+
+    def _options(self, data: Mapping[str, object], values: Mapping[str, object]) -> RunOptions:
+        profile, controller = data.get('profile'), data.get('controller')
+        if profile is not None:
+            try:
+                load_profile(str(profile))
+            except BallbotError as error:
+                raise self._error(('profile',), str(error)) from None
+        if controller is not None:
+            controller = resolve_reference(str(controller), self._document.path.parent)
+        return RunOptions(
+            processes=Processes.NONE,
+            profile=None if profile is None else str(profile),
+            values=values,
+            controller=controller,
+            record=False,
+        )
+
+    def _scenario(self, reference: str, data: Mapping[str, object]) -> str:
+        """Return the name of a shipped scenario unchanged, or the path of a file."""
+        if reference not in scenario_names() and (
+            '/' in reference or reference.endswith(('.yaml', '.yml'))
+        ):
+            reference = str((self._document.path.parent / reference).resolve())
+        profile = data.get('profile')
+        try:
+            load_scenario(reference, None if profile is None else str(profile))
+        except BallbotError as error:
+            raise self._error(('scenario',), str(error)) from None
+        return reference
+
+    def _spec(self, reference: str, data: Mapping[str, object], options: RunOptions) -> RunSpec:
+        try:
+            return RunSpec.of_scenario(reference, options)
+        except BallbotError as error:
+            # The scenario alone is valid.
+            key = 'controller' if 'controller' in data else 'parameters'
+            raise self._error((key,), str(error)) from None
+
+    def _sampling(self, value: object) -> Sampling:
+        known = [each.value for each in Sampling]
+        if value not in known:
+            raise self._error(
+                ('sampling',), f'sampling: {value!r} is not one of {", ".join(known)}'
+            )
+        return Sampling(value)
+
+    def _variables(
+        self,
+        data: object,
+        spec: RunSpec,
+        fixed: Collection[Hashable],
+        sampling: Sampling,
+    ) -> tuple[Variable, ...]:
+        variables: dict[Hashable, Variable] = {}
+        for key, content in self._mapping(data, ('vary',)).items():
+            variable = self._variable(str(key), content, ('vary', key), spec)
+            self._check_sampling(content, ('vary', key), sampling)
+            same = identity(variable.name, variable.parameter)
+            if same in fixed:
+                raise self._error(('vary', key), f'{key} is also fixed by parameters')
+            if same in variables:
+                raise self._error(
+                    ('vary', key), f'{key} is the same parameter as {variables[same].name}'
+                )
+            variables[same] = variable
+        return tuple(variables.values())
+
+    def _variable(
+        self, name: str, data: object, keys: tuple[Hashable, ...], spec: RunSpec
+    ) -> Variable:
+        try:
+            parameter, part = find_variable(name, spec)
+        except BallbotError as error:
+            raise self._error(keys, str(error)) from None
+        variable = Variable(name, parameter, self._distribution(data, keys, parameter), part)
+        low, _ = variable.distribution.ends
+        if name == DURATION and low < TICK_S:
+            raise self._error(keys, f'{name}: a run must last at least {TICK_S:g} s')
+        if name == CONE_RAYS:
+            levels = variable.distribution
+            if not isinstance(levels, Levels) or not all(each % 2 for each in levels.levels):
+                raise self._error(keys, f'{name}: needs a list of odd numbers')
+        if part is not None and part.field == 'duration' and low == 0.0:
+            raise self._error(keys, f'{name}: a push must last longer than 0 s')
+        return variable
+
+    def _check_sampling(self, data: object, keys: tuple[Hashable, ...], sampling: Sampling) -> None:
+        given = self._mapping(data, keys)
+        if sampling is Sampling.GRID and not (GRID in given or LIST in given):
+            raise self._error(keys, f'{keys[-1]}: sampling grid needs {GRID} or {LIST}')
+        if sampling is not Sampling.GRID and GRID in given:
+            raise self._error(
+                (*keys, GRID), f'{keys[-1]}: {GRID} needs `sampling: grid`; this is {sampling}'
+            )
+
+    def _number_of_runs(
+        self,
+        data: Mapping[str, object],
+        sampling: Sampling,
+        variables: tuple[Variable, ...],
+        draws_seeds: bool,
+    ) -> int:
+        if sampling is Sampling.GRID:
+            return self._runs_of_grid(data, prod(grid_shape(variables)), draws_seeds)
+        if 'repeats' in data:
+            raise self._error(('repeats',), 'repeats is only for `sampling: grid`; give runs')
+        runs = self._override('runs', self._runs, 1, MAX_RUNS)
+        if 'runs' in data:
+            given = self._whole(data['runs'], ('runs',), 1, MAX_RUNS)
+            return given if runs is None else runs
+        if runs is None:
+            raise self._error((), 'runs is missing')
+        return runs
+
+    def _runs_of_grid(self, data: Mapping[str, object], points: int, draws_seeds: bool) -> int:
+        if 'runs' in data:
+            raise self._error(
+                ('runs',), f'the grid has {points} points: give repeats instead of runs'
+            )
+        repeats = self._whole(data.get('repeats', 1), ('repeats',), 1, MAX_RUNS)
+        if self._runs is not None:
+            repeats = max(1, round(self._runs / points))
+        if repeats > 1 and not draws_seeds:
+            raise self._error(('repeats',), f'repeats would be equal: {SEED} is given')
+        if points * repeats > MAX_RUNS:
+            raise self._error(('vary',), f'{points * repeats} runs are more than {MAX_RUNS}')
+        return points * repeats
+
+    def _seed_of(self, data: Mapping[str, object]) -> int:
+        given = self._whole(data.get('seed', 1), ('seed',), 0, MAX_SEED)
+        seed = self._override('seed', self._seed, 0, MAX_SEED)
+        return given if seed is None else seed
+
+    def _whole(self, value: object, keys: tuple[Hashable, ...], low: int, high: int) -> int:
+        if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
+            raise self._error(
+                keys, f'{keys[-1]}: {short_repr(value)} is not a whole number, {low} … {high}'
+            )
+        return value
+
+    def _override(self, option: str, value: int | None, low: int, high: int) -> int | None:
+        if value is not None and not low <= value <= high:
+            raise StudyError(f'--{option} {value}: not within {low} … {high}')
+        return value
+
+    def _study_expectations(
+        self, data: Mapping[str, object], spec: RunSpec, plant: PlantParameters
+    ) -> tuple[Expectation, ...]:
+        if 'expectations' in data:
+            return tuple(self._expectations(data['expectations'], plant))
+        for expectation in spec.scenario.expectations:
+            if fault := window_fault(expectation, plant):
+                raise self._error(
+                    ('scenario',), f"{fault}: give `expectations` in place of the scenario's"
+                )
+        return spec.scenario.expectations
+
+    def _metrics(
+        self, data: Mapping[str, object], spec: RunSpec, expectations: tuple[Expectation, ...]
+    ) -> tuple[str, ...]:
+        if 'metrics' not in data:
+            return tuple(dict.fromkeys([*(each.metric for each in expectations), _PEAK]))
+        names: list[str] = []
+        listed = self._each(data['metrics'], ('metrics',), lambda each, _: each)
+        for index, given in enumerate(listed):
+            keys = ('metrics', index)
+            name = given if isinstance(given, str) else short_repr(given)
+            if name not in METRICS:
+                raise self._error(keys, f'unknown metric {name!r}; {suggest(name, METRICS)}')
+            if name == _CLEARANCE and not spec.plant.map:
+                raise self._error(keys, f'{name} needs a map')
+            if name in names:
+                raise self._error(keys, f'{name} is doubled')
+            names.append(name)
+        if not names:
+            raise self._error(('metrics',), 'metrics: the list is empty')
+        return tuple(names)
+
+
+def _shortest(plant: PlantParameters, variables: tuple[Variable, ...]) -> PlantParameters:
+    """Return the parameters of the plant with the shortest run and the latest release."""
+    for each in variables:
+        if each.name == DURATION:
+            plant = replace(plant, duration=float(each.distribution.ends[0]))
+        elif each.name == _HOLD_TIME:
+            plant = replace(plant, hold_time=float(each.distribution.ends[1]))
+    return plant
+
+
+_FOLDER = 'config/studies'
+
+
+def study_names() -> list[str]:
+    """Return the names of the shipped studies."""
+    return sorted(path.stem for path in (share_directory() / _FOLDER).glob('*.yaml'))
+
+
+def read_study(reference: str, *, runs: int | None = None, seed: int | None = None) -> Study:
+    """Read a shipped study by its name, or a file by its path.
+
+    Parameters
+    ----------
+    runs : int or None
+        Number of runs in place of the file's; for a grid about this number, by other levels.
+    seed : int or None
+        Seed of the samples in place of the file's.
+
+    Raises
+    ------
+    BallbotError
+        The message is one line that names file, line, key, and what is allowed.
+    """
+    if reference in study_names():
+        path = share_directory() / _FOLDER / f'{reference}.yaml'
+    elif reference.endswith(('.yaml', '.yml')) or '/' in reference:
+        path = Path(reference)
+    else:
+        raise StudyError(
+            f'unknown study {reference!r}{did_you_mean(reference, study_names())}; '
+            f'shipped: {", ".join(study_names())} '
+            '(for your own study, give the path of its file, ending in .yaml)'
+        )
+    return StudyReader(YamlDocument(path), runs, seed).study()

@@ -1,0 +1,484 @@
+"""The page of a study's report, and its figures."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot_ros.analysis.page import (
+    ReportError,
+    check_folder,
+    number_text,
+    render_template,
+    write_folder,
+)
+from ballbot_ros.analysis.run_figures import RenderedFigure
+from ballbot_ros.analysis.style import png_of
+from ballbot_ros.analysis.table import Table, csv_of
+from ballbot_ros.engine.scenario.scenario import bounds_text
+from ballbot_ros.errors import BallbotError, one_line
+from ballbot_ros.lab.studies.axes import Axis
+from ballbot_ros.lab.studies.charts import (
+    Histogram,
+    ShareChart,
+    draw_sensitivity,
+    sensitivity_table,
+)
+from ballbot_ros.lab.studies.columns import MeasureColumn
+from ballbot_ros.lab.studies.events import is_event
+from ballbot_ros.lab.studies.manifest import StudyRecord
+from ballbot_ros.lab.studies.maps import PassMap, PredictedLimit, predict, usual_values
+from ballbot_ros.lab.studies.rerun import study_parameters
+from ballbot_ros.lab.studies.runs import with_values
+from ballbot_ros.lab.studies.sensitivity import MIN_SAMPLE, SLICES, Sensitivity
+from ballbot_ros.lab.studies.study import StudyText
+from ballbot_ros.lab.studies.study_data import QUANTILES, RunResults, StudyData, StudySummary
+from ballbot_ros.lab.studies.survey import Survey, Tallies
+from ballbot_ros.process import own_command
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+REPORT = 'report'
+"""Name of the report's folder in that of its study."""
+
+_SUFFIXES = {'.html', '.png', '.csv'}
+
+
+@dataclass(frozen=True)
+class StudyReport:
+    """A report, ready to be written.
+
+    Attributes
+    ----------
+    page : str
+        The HTML.
+    figures : list of RenderedFigure
+    files : mapping of str to bytes
+        Other files, by name.
+    """
+
+    page: str
+    figures: list[RenderedFigure]
+    files: Mapping[str, bytes]
+
+    def write(self, folder: Path) -> None:
+        """Write it into a folder, which is new, empty, or has an earlier report of a study.
+
+        Raises
+        ------
+        ReportError
+            If the folder can't be written.
+        """
+        _remove_report(folder)
+        write_folder(folder, self.page, self.figures, self.files)
+
+
+def check_output(study: Path, output: Path | None) -> Path:
+    """Return the folder of the report of a study, by default in the folder of the study.
+
+    Raises
+    ------
+    ReportError
+        If it has files that are not those of an earlier report, or can't be written.
+    """
+    folder = output or study / REPORT
+    if not _is_report(folder):
+        check_folder(folder)
+    existing = next(each for each in (folder, *folder.absolute().parents) if each.exists())
+    if not existing.is_dir():
+        raise ReportError(f'{existing}: not a folder; choose another --output')
+    if not os.access(existing, os.W_OK | os.X_OK):
+        raise ReportError(f'{existing}: Permission denied; choose another --output')
+    return folder
+
+
+def _is_report(folder: Path) -> bool:
+    """Return whether a folder has a page, and nothing but the files of a report."""
+    if not (folder / 'index.html').is_file():
+        return False
+    return all(each.is_file() and each.suffix in _SUFFIXES for each in folder.iterdir())
+
+
+def _remove_report(folder: Path) -> None:
+    if _is_report(folder):
+        try:
+            shutil.rmtree(folder)
+        except OSError as error:
+            raise ReportError(f'{folder}: {error.strerror}') from None
+
+
+FAILED_SHOWN = 10
+
+
+@dataclass(frozen=True)
+class ReportRow:
+    """A run in a table of the page.
+
+    Attributes
+    ----------
+    number : int
+    value : str
+        Value of the measure; empty for a failed run.
+    varied : str
+        The varied values.
+    verdict : str
+        Passed, not passed, fallen or failed.
+    command : str
+        Runs it again.
+    """
+
+    number: int
+    value: str
+    varied: str
+    verdict: str
+    command: str
+
+
+@dataclass(frozen=True)
+class MeasureSection:
+    """A measure in the tables of the page.
+
+    Attributes
+    ----------
+    name, unit, meaning, expected : str
+    quantiles : list of str
+        The `QUANTILES` of `study_data`.
+    missing : int
+        Number of runs without a value.
+    worst : list of ReportRow
+        Worst first.
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    expected: str
+    quantiles: list[str]
+    missing: int
+    worst: list[ReportRow]
+
+
+@dataclass(frozen=True)
+class SensitivitySection:
+    """The sensitivity indices on the page.
+
+    Attributes
+    ----------
+    found : Sensitivity
+    figure : RenderedFigure
+    rows : list of tuple
+        Name of a variable, and the texts of both indices for passing; those with the most influence
+        first.
+    notes : list of str
+        What was left out.
+    """
+
+    found: Sensitivity
+    figure: RenderedFigure
+    rows: list[tuple[str, str, str]]
+    notes: list[str]
+
+
+@dataclass(frozen=True)
+class Findings:
+    """All that was read and computed for a report.
+
+    Attributes
+    ----------
+    found : Sensitivity
+    axes : list of Axis
+        Of the single variables.
+    pairs : list of tuple of Axis
+        Of the maps, horizontal and vertical.
+    edges : mapping of str to ndarray
+        Edges of the histograms of the measures.
+    """
+
+    data: StudyData
+    text: StudyText
+    survey: Survey
+    summary: StudySummary
+    found: Sensitivity
+    axes: list[Axis]
+    pairs: list[tuple[Axis, Axis]]
+    edges: Mapping[str, NDArray[np.float64]]
+    tallies: Tallies
+
+    def report(self) -> StudyReport:
+        """Return the report."""
+        names = _FileNames()
+        predictions, no_theory = self._predictions()
+        maps = self._maps(predictions)
+        map_figures = [_map_figure(each, names) for each in maps]
+        shares = [
+            _share_figure(ShareChart(axis, counts), names)
+            for axis, counts in zip(self.axes, self.tallies.shares, strict=True)
+        ]
+        histograms = self._histograms(names)
+        sensitivity = self._sensitivity()
+        files = {
+            f'{figure.name}_lines.csv': csv_of(each.line_table())
+            for figure, each in zip(map_figures, maps, strict=True)
+        }
+        measures = self._measures()
+        page = render_template(
+            'study.html',
+            package='ballbot_ros.lab.studies',
+            title=self.data.study.name,
+            text=self.text,
+            banner=self._banner(),
+            outcome=_outcome(self.summary),
+            facts=self._facts(),
+            varied=self._varied(),
+            measures=measures,
+            quantiles=[f'{100.0 * each:g} %' for each in QUANTILES],
+            maps=map_figures,
+            no_theory=no_theory,
+            mapped=len({axis.column.name for pair in self.pairs for axis in pair}),
+            shares=shares,
+            histograms=histograms,
+            sensitivity=sensitivity,
+            min_sample=MIN_SAMPLE,
+            slices=SLICES,
+            failed=self._failed(),
+            failed_count=self.summary.totals.failed,
+            versions=self._versions(),
+            worst_command=self._rerun('--worst', 'MEASURE'),
+        )
+        figures = [*map_figures, *shares, *histograms]
+        if sensitivity:
+            figures.append(sensitivity.figure)
+        return StudyReport(page, figures, files)
+
+    @property
+    def _names(self) -> list[str]:
+        return [each.name for each in self.data.study.varied]
+
+    def _rerun(self, *words: object) -> str:
+        return own_command('study', 'rerun', self.data.path, *words)
+
+    def _banner(self) -> list[str]:
+        done, study = self.survey.totals.runs, self.data.study
+        if not self.data.missing:
+            return []
+        progress = f'This study is not finished: {done:,} of {study.runs:,} runs are done.'
+        return [f'{progress} Give the command of the study again to do the others.']
+
+    def _facts(self) -> list[tuple[str, str]]:
+        study, totals = self.data.study, self.summary.totals
+        manifest = self.data.manifest
+        facts = [
+            ('Runs', f'{totals.runs:,}'),
+            ('Passed', f'{totals.passed:,}'),
+            ('Fallen', f'{totals.fallen:,}'),
+            ('Failed', f'{totals.failed:,}'),
+            ('Seed', str(study.seed)),
+            ('Sampling', self.text.sampling or 'unknown'),
+            ('Version', f'{study.versions.ballbot_ros}, code {study.code_sha256[:12]}'),
+            ('Begun', manifest.begun.replace('T', ' ')),
+        ]
+        if manifest.finished:
+            facts.append(('Finished', manifest.finished.replace('T', ' ')))
+        return facts
+
+    def _varied(self) -> list[tuple[str, str, str, str]]:
+        return [
+            (
+                each.name,
+                '' if each.unit == '1' else each.unit,
+                self.text.distributions.get(each.name, ''),
+                each.meaning,
+            )
+            for each in self.data.study.varied
+        ]
+
+    def _versions(self) -> list[tuple[str, str]]:
+        study = self.data.study
+        versions = [
+            (name, value or 'not installed') for name, value in vars(study.versions).items()
+        ]
+        return [*versions, ('SHA-256 of the code', study.code_sha256)]
+
+    def _maps(self, predictions: Iterable[PredictedLimit | None]) -> list[PassMap]:
+        others = len(self.data.study.varied) > 2
+        return [
+            PassMap(x, y, counts, prediction, others)
+            for (x, y), counts, prediction in zip(
+                self.pairs, self.tallies.maps, predictions, strict=True
+            )
+        ]
+
+    def _predictions(self) -> tuple[list[PredictedLimit | None], str]:
+        """Return the prediction for each map, and why there are none at all, or an empty text."""
+        varied = {name: self.survey.sample[name] for name in self._names if not is_event(name)}
+        try:
+            with TemporaryDirectory(prefix='ballbot_report_') as folder:
+                parameters = study_parameters(self.data.study, Path(folder) / 'study.yaml')
+            usual = with_values(parameters, usual_values(varied))
+        except BallbotError as error:
+            # Such as a map or a controller that is not on this machine.
+            return [None] * len(self.pairs), one_line(error)
+        return [predict(usual, x, y) for x, y in self.pairs], ''
+
+    def _histograms(self, names: _FileNames) -> list[RenderedFigure]:
+        figures = []
+        pairs = zip(self.summary.measures, self.tallies.histograms, strict=True)
+        for summary, counts in pairs:
+            chart = Histogram(summary, self.edges[summary.column.name], counts)
+            if not summary.count:
+                continue
+            figures.append(
+                _figure(
+                    names('distribution', summary.column.name),
+                    summary.column.name,
+                    chart.caption(),
+                    chart.draw(),
+                    chart.table(),
+                )
+            )
+        return figures
+
+    def _sensitivity(self) -> SensitivitySection | None:
+        found = self.found
+        if not found.variables or np.isnan(found.pawn).all():
+            return None
+        runs = self.survey.totals.runs
+        notes = []
+        if found.sampled < runs:
+            notes.append(
+                f'The indices are those of {found.sampled:,} of the {runs:,} runs, drawn at random.'
+            )
+        for name, count in zip(found.results, found.counts.tolist(), strict=True):
+            if count < found.sampled:
+                without = f'{found.sampled - count:,} of {found.sampled:,} runs'
+                notes.append(f'{name}: {without} have no value and are left out.')
+        order = np.argsort(-found.influence(), kind='stable').tolist()
+        if np.isnan(found.floor[-1]):
+            order = []  # passing does not vary
+        rows = [
+            (
+                found.variables[place],
+                _plus_minus(found.first_order[place, -1], found.half_width[place, -1]),
+                number_text(float(found.pawn[place, -1])),
+            )
+            for place in order
+        ]
+        figure = _figure(
+            'sensitivity',
+            'Sensitivity indices',
+            'Both indices of each varied value for each measure, and for passing. A dash: the '
+            'result does not vary, or too few runs have a value.',
+            draw_sensitivity(found),
+            sensitivity_table(found),
+        )
+        return SensitivitySection(found, figure, rows, notes)
+
+    def _measures(self) -> list[MeasureSection]:
+        return [
+            MeasureSection(
+                each.column.name,
+                each.column.unit,
+                each.column.meaning,
+                _bounds(each.column),
+                [number_text(value) for value in each.quantiles.tolist()],
+                each.missing,
+                [self._row(run.number, run.value) for run in each.worst],
+            )
+            for each in self.summary.measures
+        ]
+
+    def _failed(self) -> list[ReportRow]:
+        return [self._row(number) for number in islice(self.data.failed(), FAILED_SHOWN)]
+
+    def _row(self, number: int, value: float | None = None) -> ReportRow:
+        row = self.data.row(number)
+        return ReportRow(
+            number,
+            '' if value is None else number_text(value),
+            _varied_text(row, self.data.study),
+            _verdict(row),
+            self._rerun(number),
+        )
+
+
+class _FileNames:
+    """Makes names of files of the names of variables and measures, each only once."""
+
+    def __init__(self) -> None:
+        self._taken: set[str] = set()
+
+    def __call__(self, *words: str) -> str:
+        plain = '__'.join(re.sub(r'[^\w.]+', '_', each).strip('_') for each in words)
+        name, number = plain, 1
+        while name.lower() in self._taken:
+            number += 1
+            name = f'{plain}_{number}'
+        self._taken.add(name.lower())
+        return name
+
+
+def _figure(name: str, title: str, caption: str, figure: Figure, table: Table) -> RenderedFigure:
+    return RenderedFigure(name, title, caption, png_of(figure), table)
+
+
+def _map_figure(each: PassMap, names: _FileNames) -> RenderedFigure:
+    x, y = each.x.column.name, each.y.column.name
+    return _figure(names('map', x, y), f'{x} × {y}', each.caption(), each.draw(), each.table())
+
+
+def _share_figure(chart: ShareChart, names: _FileNames) -> RenderedFigure:
+    name = chart.axis.column.name
+    meaning = chart.axis.column.meaning
+    caption = f'{meaning[:1].upper()}{meaning[1:]}.' if meaning else ''
+    return _figure(names('share', name), name, caption, chart.draw(), chart.table())
+
+
+def _outcome(summary: StudySummary) -> str:
+    low, high = (100.0 * each for each in summary.interval)
+    share = 100.0 * summary.share_passed
+    return f'{share:.3g} % passed; 95 % interval (Wilson) {low:.3g} … {high:.3g} %'
+
+
+def _bounds(column: MeasureColumn) -> str:
+    return bounds_text(column.minimum, column.maximum).replace('-', '−')
+
+
+def _plus_minus(value: float, half: float) -> str:
+    # The sum has no -0.0.
+    text = f'{round(value, 3) + 0.0:.3f} ± {half:.3f}'
+    return '–' if np.isnan(value) else text.replace('-', '−')
+
+
+def _verdict(row: RunResults) -> str:
+    if row.outcome == 'failed':
+        return 'failed'
+    verdict = 'passed' if row.passed else 'not passed'
+    return f'{verdict}, fallen' if row.fallen else verdict
+
+
+def _varied_text(row: RunResults, study: StudyRecord) -> str:
+    return ', '.join(
+        f'{each.name} = {_value_text(row.varied[each.name])}{_unit_after(each.unit)}'
+        for each in study.varied
+    )
+
+
+def _unit_after(unit: str) -> str:
+    return '' if unit in ('', '1') else f' {unit}'
+
+
+def _value_text(value: object) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f'{value:.4g}'.replace('-', '−') if isinstance(value, float) else str(value)

@@ -1,0 +1,167 @@
+"""A run of a study once more, as a full run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from ballbot_ros.controllers.loading import is_installed
+from ballbot_ros.engine.scenario.library import load_scenario
+from ballbot_ros.engine.scenario.scenario import Scenario
+from ballbot_ros.engine.scenario.writer import scenario_data
+from ballbot_ros.errors import StudyError, short_text
+from ballbot_ros.lab.studies.events import event_part, is_event, scenarios_of
+from ballbot_ros.lab.studies.manifest import StudyRecord
+from ballbot_ros.lab.studies.runs import with_values
+from ballbot_ros.lab.studies.study_data import RunResults, StudyData
+from ballbot_ros.lab.studies.variables import SEED
+from ballbot_ros.parameters import (
+    DOCUMENTS_PROGRAM,
+    NODES,
+    ControllerParameters,
+    ParameterSet,
+    PlantParameters,
+)
+from ballbot_ros.parameters.files import format_parameters, read_parameter_file
+from ballbot_ros.run.processes import Processes
+from ballbot_ros.run.spec import RunOptions, RunSpec
+
+RERUNS = 'reruns'
+"""Name of the folder of the runs that were run again, in the study's folder."""
+
+PARAMETER_FILE = 'parameters.yaml'
+_OF_A_RUN = ('scenario', 'device', 'output', 'attachments', 'trajectory_file')
+
+
+def scenario_text(scenario: Scenario, plant: PlantParameters) -> str:
+    """Return the text of a file of a scenario with a plant; it can be in any folder."""
+    data = scenario_data(scenario, plant)
+    return yaml.safe_dump(data, sort_keys=False, allow_unicode=True)
+
+
+def parameter_text(parameters: ParameterSet) -> str:
+    """Return the text of a parameter file with all values that a run does not set itself."""
+    names = {name for node in NODES for name in parameters.of_node(node).values()}
+    return format_parameters(parameters, NODES, names.difference(_OF_A_RUN))
+
+
+def new_folder(study: Path, number: int) -> Path:
+    """Return a folder for a run in the folder of its study; it does not exist yet."""
+    folder, attempt = study / RERUNS / str(number), 1
+    while folder.exists():
+        attempt += 1
+        folder = study / RERUNS / f'{number}_{attempt}'
+    return folder
+
+
+def choose_run(data: StudyData, number: int | None, worst: str | None) -> RunResults:
+    """Return a run by its number or its rank, by default the first one that did not pass.
+
+    Parameters
+    ----------
+    worst : str or None
+        Name of a measure; the run has its worst value.
+
+    Raises
+    ------
+    StudyError
+        If there is no such run or measure.
+    """
+    if number is not None:
+        return data.row(number)
+    if worst is not None:
+        ranked = data.worst(worst, 1)
+        if not ranked:
+            raise StudyError(f'{data.path}: no run has a value of {worst}')
+        return data.row(ranked[0].number)
+    first = next(data.not_passed(), None)
+    if first is None:
+        raise StudyError(f'{data.path}: all runs passed')
+    return data.row(first)
+
+
+def study_parameters(
+    record: StudyRecord, path: Path, controller: str | None = None
+) -> ParameterSet:
+    """Return the parameters of a study, with those of its scenario's file for what varies.
+
+    Parameters
+    ----------
+    path : Path
+        A file to be written, for the scenario; the parameters are written next to it.
+    controller : str, optional
+        The user's reference to the study's controller. The files of a study can come from anyone,
+        so by themselves they only select an installed controller.
+
+    Raises
+    ------
+    BallbotError
+        If the run is not possible here.
+    """
+    parameter_file = path.with_name(PARAMETER_FILE)
+    path.write_text(record.scenario, encoding='utf-8')
+    parameter_file.write_text(record.parameters, encoding='utf-8')
+    if controller is None:
+        parameters = load_scenario(str(path)).parameters
+        parameters.update(read_parameter_file(parameter_file))
+        reference = parameters.of(ControllerParameters).implementation
+        if reference not in DOCUMENTS_PROGRAM and not is_installed(reference):
+            raise StudyError(
+                f'the controller of the study {record.name} is {short_text(reference)}, which is '
+                'not installed as a controller: name it by --controller of the command study rerun'
+            )
+    options = RunOptions(
+        processes=Processes.NONE, parameter_file=parameter_file, controller=controller
+    )
+    return RunSpec.of_scenario(str(path), options).parameters
+
+
+def rerun_spec(
+    record: StudyRecord,
+    row: RunResults,
+    folder: Path,
+    processes: Processes,
+    controller: str | None = None,
+) -> RunSpec:
+    """Return a run of a study, ready to execute; for `controller` see :func:`study_parameters`.
+
+    Its scenario and parameters are written into a new folder, which gets its recording, too; the
+    command ``ballbot run SCENARIO --params PARAMETERS`` then is the run.
+
+    Raises
+    ------
+    BallbotError
+        If the folder can't be written, or the run is not possible here.
+    """
+    path = folder / f'{record.name}_{row.number}.yaml'
+    parameter_file = folder / PARAMETER_FILE
+    options = RunOptions(
+        processes=processes, parameter_file=parameter_file, output=folder.resolve()
+    )
+    try:
+        folder.mkdir(parents=True)
+        changed = with_values(study_parameters(record, path, controller), _values(row))
+        parameter_file.write_text(parameter_text(changed), encoding='utf-8')
+        text = scenario_text(_scenario(path, row), changed.of(PlantParameters))
+        path.write_text(text, encoding='utf-8')
+    except OSError as error:
+        raise StudyError(f'{folder}: {error.strerror}; choose another --output') from None
+    return RunSpec.of_scenario(str(path), options)
+
+
+def _values(row: RunResults) -> dict[str, object]:
+    """Return the values of a run's parameters that are not those of its study."""
+    values = {name: value for name, value in row.varied.items() if not is_event(name)}
+    return {**values, SEED: row.seed}
+
+
+def _scenario(path: Path, row: RunResults) -> Scenario:
+    """Return the study's scenario, in a file, with the pushes and sticks of a run."""
+    scenario = load_scenario(str(path))
+    events = {name: np.array([value]) for name, value in row.varied.items() if is_event(name)}
+    if not events:
+        return scenario
+    parts = {name: event_part(name, scenario) for name in events}
+    return scenarios_of(scenario, parts, events, np.array([np.inf]), row.number)[0]

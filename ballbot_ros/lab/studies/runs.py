@@ -1,0 +1,452 @@
+"""Many runs of a scenario that differ in numbers: of parameters, sticks or pushes."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache, partial
+from itertools import groupby
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot_ros.analysis.metrics import measure_one
+from ballbot_ros.controllers.codegen.implementation import compose_controller, implementation_for
+from ballbot_ros.engine.closed_loop import ClosedLoop
+from ballbot_ros.engine.compilation import can_compile, compiled_and_kept
+from ballbot_ros.engine.run import END, Events, FloorTables, RunLog, simulate_run
+from ballbot_ros.engine.scenario.metrics import METRICS, wall_clearance_m
+from ballbot_ros.engine.scenario.scenario import Measure, Scenario, StickSignal
+from ballbot_ros.engine.trajectory import TrajectoryLog
+from ballbot_ros.errors import ControllerError, StudyError, WorldError
+from ballbot_ros.lab.studies.events import event_part, scenarios_of
+from ballbot_ros.lab.studies.measurement import measure_runs
+from ballbot_ros.lab.studies.rows import RobotRows, Rows, program_rows, whole_values
+from ballbot_ros.lab.studies.variables import DURATION
+from ballbot_ros.parameters import (
+    PLANT,
+    ControllerParameters,
+    EncoderParameters,
+    GyroParameters,
+    ParameterSet,
+    PlantParameters,
+    SonarParameters,
+)
+from ballbot_ros.parameters.files import assign_values, plain_values
+from ballbot_ros.parameters.timing import FIRST_TICK_NS, SECOND_NS, TICK_NS
+from ballbot_ros.robot.world.world import (
+    NO_WALLS,
+    Walls,
+    World,
+    half_cells,
+    is_blocked,
+    walls_around,
+)
+from ballbot_ros.run.spec import RunSpec
+from ballbot_ros.run.tick_timer import TickTimer
+
+
+def simulate_runs(
+    plants: Any,
+    gyros: Any,
+    encoders: Any,
+    sonars: Any,
+    programs: Any,
+    floor: Any,
+    events: Any,
+    log: Any,
+    ends: Any,
+) -> None:
+    """Simulate a run for each row of the tables.
+
+    The arrays of `events` and `log` have one dimension more, the first: that of the runs. If it
+    has a length of one, all runs have the same events.
+    """
+    for run in range(len(plants)):
+        own = run if len(events.vertical) > 1 else 0
+        at = Events(
+            events.push_times[own].copy(), events.push_forces[own].copy(),
+            events.vertical[own], events.horizontal[own],
+        )  # fmt: skip
+        to = RunLog(log.position[run], log.psi[run], log.duty[run])
+        simulate_run(
+            plants[run], gyros[run], encoders[run], sonars[run], programs[run], floor, at, to,
+            ends[run],
+        )  # fmt: skip
+
+
+_LOG_BYTES = 2**20
+"""Size of the log of the runs that are simulated together: it stays in the processor's cache."""
+_BYTES_A_TICK = 34
+
+_PLACE = ('start_position_x', 'start_position_y', 'body_depth', 'body_width')
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Samples:
+    """What distinguishes runs from each other.
+
+    Attributes
+    ----------
+    count : int
+        Number of runs.
+    values : mapping of str to ndarray
+        Values of parameters by ``node.param``, one for each run.
+    scenarios : sequence of Scenario
+        Sticks and pushes of each run; empty if only numbers of the scenario's own vary.
+    events : mapping of str to ndarray
+        The varied numbers of the scenario's sticks and pushes, one for each run.
+    first : int
+        Number of the first run, for error messages.
+    """
+
+    count: int
+    values: Mapping[str, NDArray[Any]]
+    scenarios: Sequence[Scenario] = ()
+    events: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    first: int = 0
+
+    def part(self, first: int, last: int) -> Samples:
+        """Return the samples of the runs from `first` up to, but not including, `last`."""
+        return Samples(
+            last - first,
+            {name: column[first:last] for name, column in self.values.items()},
+            self.scenarios[first:last],
+            {name: column[first:last] for name, column in self.events.items()},
+            self.first + first,
+        )
+
+
+@dataclass(frozen=True)
+class Results:
+    """What is kept of runs; a row for each.
+
+    Attributes
+    ----------
+    duty_sha256 : ndarray of uint8, shape (r, 32)
+        Hashes of the duties.
+    ticks : ndarray of int64, shape (r,)
+        Numbers of ticks.
+    failed : ndarray of bool, shape (r,)
+        Whether a wall hit or a fault of the controller ended the run.
+    fallen : ndarray of bool, shape (r,)
+        Whether the robot has fallen.
+    measured : ndarray of float64, shape (r, m)
+        Values of the measures; NaN if there are no data.
+    """
+
+    duty_sha256: NDArray[np.uint8]
+    ticks: NDArray[np.int64]
+    failed: NDArray[np.bool_]
+    fallen: NDArray[np.bool_]
+    measured: Floats
+
+    def part(self, runs: slice) -> Results:
+        """Return the part of some runs, in the same memory."""
+        return Results(
+            self.duty_sha256[runs],
+            self.ticks[runs],
+            self.failed[runs],
+            self.fallen[runs],
+            self.measured[runs],
+        )
+
+    @classmethod
+    def empty(cls, runs: int, measures: int) -> Results:
+        """Return results to be filled."""
+        return cls(
+            np.zeros((runs, hashlib.sha256().digest_size), np.uint8),
+            np.zeros(runs, np.int64),
+            np.zeros(runs, np.bool_),
+            np.zeros(runs, np.bool_),
+            np.full((runs, measures), math.nan),
+        )
+
+
+Advance = Callable[[int], None]
+"""Called with the number of runs done since the last call; may raise an error to end the work."""
+
+
+def ignore(runs: int) -> None:
+    """Show no progress."""
+
+
+class Simulator(Protocol):
+    """Simulates runs of a specification."""
+
+    def simulate(self, samples: Samples, advance: Advance = ignore) -> Results:
+        """Return the results of runs; BallbotError if one of them is not possible."""
+
+
+def simulator_for(spec: RunSpec, measures: Sequence[Measure]) -> Simulator:
+    """Return the fastest simulator of a specification's runs."""
+    kind = CompiledSimulator if is_compiled(spec) else OrdinarySimulator
+    return kind(spec, measures)
+
+
+def is_compiled(spec: RunSpec) -> bool:
+    """Return whether a specification's runs are compiled: those of the document's program."""
+    return has_documents_program(spec) and can_compile()
+
+
+def has_documents_program(spec: RunSpec) -> bool:
+    """Return whether the controller is the document's program in Python."""
+    return spec.parameters.of(ControllerParameters).implementation == 'python'
+
+
+class OrdinarySimulator:
+    """Simulates runs one by one by the ordinary loop, whatever the controller.
+
+    Parameters
+    ----------
+    spec : RunSpec
+        The run that all are like, but for their samples.
+    measures : sequence of Measure
+        What is measured.
+    """
+
+    def __init__(self, spec: RunSpec, measures: Sequence[Measure]) -> None:
+        self._spec = spec
+        self._measures = measures
+
+    def simulate(self, samples: Samples, advance: Advance = ignore) -> Results:
+        """Return the results of runs.
+
+        Raises
+        ------
+        BallbotError
+            If a value is not allowed, a start position is blocked, or a controller can't be made.
+        """
+        results = Results.empty(samples.count, len(self._measures))
+        scenarios = scenarios_of_runs(self._spec, samples)
+        for run in range(samples.count):
+            values = {name: column[run] for name, column in samples.values.items()}
+            scenario = scenarios[run] if scenarios else self._spec.scenario
+            self._simulate(run, values, scenario, results)
+            advance(1)
+        return results
+
+    def _simulate(
+        self, run: int, values: Mapping[str, Any], scenario: Scenario, results: Results
+    ) -> None:
+        parameters = with_values(self._spec.parameters, values)
+        loaded = compose_controller(parameters)
+        plant = parameters.of(PlantParameters)
+        implementation = implementation_for(parameters.of(ControllerParameters), loaded)
+        loop = ClosedLoop(parameters, scenario, program=implementation.make())
+        log = TrajectoryLog()
+        failed = False
+        try:
+            with TickTimer(loaded, plant):
+                for tick in loop.ticks(plant.duration):
+                    log.add(tick.truth, *tick.outputs.duty)
+        except ControllerError:
+            failed = True
+        trajectory = log.trajectory()
+        walls = loop.world.walls if loop.world else NO_WALLS
+        results.duty_sha256[run] = np.frombuffer(bytes.fromhex(log.duty_sha256), np.uint8)
+        results.ticks[run] = log.ticks
+        results.failed[run] = failed or loop.plant.stopped
+        results.fallen[run] = loop.plant.fallen
+        for number, each in enumerate(self._measures):
+            results.measured[run, number] = measure_one(each, trajectory, plant, walls)
+
+
+class CompiledSimulator:
+    """Simulates runs of the document's control program by compiled code.
+
+    The parameters are those of :class:`OrdinarySimulator`.
+
+    Raises
+    ------
+    BallbotError
+        If the code can't be compiled, or the map can't be read.
+    """
+
+    def __init__(self, spec: RunSpec, measures: Sequence[Measure]) -> None:
+        self._spec = spec
+        self._measures = measures
+        self._world = World.of(spec.plant)
+        self._floor = floor_of(self._world)
+        if self._world:
+            # Most studies have one body.
+            self._walls = lru_cache(1)(partial(walls_around, self._world.map))
+        self._run = compiled_and_kept(simulate_runs)
+        self._measure = {
+            each.metric: compiled_and_kept(
+                measure_runs, each.metric, {'metric': METRICS[each.metric].compute}
+            )
+            for each in measures
+        }
+
+    def simulate(self, samples: Samples, advance: Advance = ignore) -> Results:
+        """Return the results of runs.
+
+        Raises
+        ------
+        BallbotError
+            If a value is not allowed, or a start position is blocked.
+        """
+        results = Results.empty(samples.count, len(self._measures))
+        rows = RobotRows(self._spec.parameters, samples.values, samples.count)
+        durations = rows[PlantParameters]['duration']
+        ticks = max((round(each * SECOND_NS) // TICK_NS for each in durations.tolist()), default=0)
+        together = max(1, _LOG_BYTES // (max(ticks, 1) * _BYTES_A_TICK))
+        try:
+            time, log = time_of(ticks), _log_of(together, ticks)
+        except MemoryError:
+            size = together * ticks * _BYTES_A_TICK / 1e9
+            raise StudyError(
+                f'runs of {ticks * TICK_NS / SECOND_NS:g} s need {size:.2g} GB on each core, more '
+                'than this machine has left'
+            ) from None
+        self._check_starts(rows, samples.values, samples.first)
+        programs = program_rows(rows[ControllerParameters])
+        scenarios = scenarios_of_runs(self._spec, samples)
+        events = events_of(scenarios or [self._spec.scenario])
+        for first in range(0, samples.count, together):
+            runs = slice(first, min(first + together, samples.count))
+            part = Events(*(each[runs] for each in events)) if scenarios else events
+            self._simulate(rows.part(runs), programs[runs], part, log, time, results.part(runs))
+            advance(runs.stop - runs.start)
+        return results
+
+    def _check_starts(self, rows: RobotRows, varied: Container[str], first: int) -> None:
+        """Raise StudyError if the body of a robot begins in a wall; runs count from `first`."""
+        if self._world is None or not any(f'{PLANT}.{name}' in varied for name in _PLACE):
+            return
+        plants = rows[PlantParameters]
+        places = np.stack([plants[name] for name in _PLACE], axis=1)
+        for run, (x, y, depth, width) in enumerate(places.tolist(), first):
+            footprint = self._world.footprint._replace(
+                half_u=half_cells(depth), half_v=half_cells(width)
+            )
+            on_map = self._world.map.contains(self._world.map.point((x, y)))
+            if not on_map or is_blocked(footprint, (x, y)):
+                try:
+                    World(self._world.map, depth, width).check_start((x, y))
+                except WorldError as error:
+                    raise StudyError(f'{error} (run {run})') from None
+
+    def _simulate(
+        self,
+        rows: RobotRows,
+        programs: Rows,
+        events: Events,
+        log: RunLog,
+        time: Floats,
+        results: Results,
+    ) -> None:
+        plants = rows[PlantParameters]
+        ends = np.zeros(len(plants), END)
+        self._run(
+            plants, rows[GyroParameters], rows[EncoderParameters], rows[SonarParameters],
+            programs, self._floor, events, log, ends,
+        )  # fmt: skip
+        results.ticks[:] = ends['ticks']
+        results.failed[:] = ends['stopped']
+        results.fallen[:] = ends['fallen']
+        for run, ticks in enumerate(ends['ticks'].tolist()):
+            digest = hashlib.sha256(log.duty[run, :ticks]).digest()
+            results.duty_sha256[run] = np.frombuffer(digest, np.uint8)
+        starts = np.stack([plants['start_position_x'], plants['start_position_y']], axis=1)
+        values = np.zeros(len(plants))
+        for number, each in enumerate(self._measures):
+            for runs, walls in self._walls_of(plants, each.metric):
+                part = RunLog(log.position[runs], log.psi[runs], log.duty[runs])
+                self._measure[each.metric](
+                    plants[runs], starts[runs], ends[runs], part, time, walls,
+                    each.start, each.end, values[runs],
+                )  # fmt: skip
+            results.measured[:, number] = values
+
+    def _walls_of(self, plants: Rows, metric: str) -> Iterator[tuple[slice, Walls]]:
+        """Yield the walls for the bodies of consecutive runs; only the clearance needs them."""
+        if self._world is None or metric != wall_clearance_m.__name__:
+            yield slice(len(plants)), NO_WALLS
+            return
+        first = 0
+        sizes = zip(plants['body_depth'].tolist(), plants['body_width'].tolist(), strict=True)
+        for (depth, width), alike in groupby(sizes):
+            last = first + len(list(alike))
+            yield slice(first, last), self._walls(half_cells(depth), half_cells(width))
+            first = last
+
+
+def scenarios_of_runs(spec: RunSpec, samples: Samples) -> Sequence[Scenario]:
+    """Return the sticks and pushes of each run; nothing if they are those of the specification.
+
+    They are made here, from numbers, since they would take much longer to send to other machines.
+
+    Raises
+    ------
+    StudyError
+        If pushes and sticks of a run are not possible; the message names the run.
+    """
+    if samples.scenarios or not samples.events:
+        return samples.scenarios
+    parts = {name: event_part(name, spec.scenario) for name in samples.events}
+    durations = samples.values.get(DURATION, np.full(samples.count, spec.plant.duration))
+    return scenarios_of(spec.scenario, parts, samples.events, durations, samples.first)
+
+
+def with_values(parameters: ParameterSet, values: Mapping[str, Any]) -> ParameterSet:
+    """Return parameters with other values for some, by ``node.param`` or element of it."""
+    changed = ParameterSet()
+    changed.update(parameters)
+    assign_values(changed, whole_values(changed, plain_values(values)))
+    return changed
+
+
+def _log_of(runs: int, ticks: int) -> RunLog:
+    """Return an empty log."""
+    return RunLog(
+        np.zeros((runs, ticks, 2)), np.zeros((runs, ticks, 2)), np.zeros((runs, ticks, 2), np.int8)
+    )
+
+
+def time_of(ticks: int) -> Floats:
+    """Return the time of each tick since the first [s], as a trajectory has it."""
+    stamps = (FIRST_TICK_NS + TICK_NS * np.arange(ticks)) * 1e-9
+    return stamps - stamps[:1]
+
+
+def floor_of(world: World | None) -> FloorTables:
+    """Return the walls for the compiled code."""
+    if world is None:
+        nothing = np.zeros((0, 0), np.int32)
+        return FloorTables(nothing, nothing)
+    return FloorTables(world.footprint.sides, world.footprint.walls_before)
+
+
+def events_of(scenarios: Sequence[Scenario]) -> Events:
+    """Return pushes and sticks for the compiled code; the first axis is that of the scenarios."""
+    pushes = [each.pushes_from(FIRST_TICK_NS) for each in scenarios]
+    most = max(map(len, pushes))
+    # What is missing begins and ends at time 0, before the run.
+    times, forces = np.zeros((len(pushes), most, 2), np.int64), np.zeros((len(pushes), most, 4))
+    for run, each in enumerate(pushes):
+        for number, push in enumerate(each):
+            times[run, number] = push.start_ns, push.end_ns
+            forces[run, number] = (*push.force, *push.torque)
+    return Events(
+        times.reshape(len(pushes), 2 * most),
+        forces.reshape(len(pushes), 4 * most),
+        _points_of([each.vertical for each in scenarios]),
+        _points_of([each.horizontal for each in scenarios]),
+    )
+
+
+def _points_of(signals: Sequence[StickSignal]) -> Floats:
+    points = [np.transpose(each.points) for each in signals]
+    table = np.zeros((len(points), max(map(len, points)), 2))
+    # What is missing is neutral, after the last point.
+    table[:, :, 0] = math.inf
+    for run, each in enumerate(points):
+        table[run, : len(each)] = each
+    return table

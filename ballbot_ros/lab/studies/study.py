@@ -1,0 +1,224 @@
+"""Studies: what varies from run to run of a scenario, and what is measured."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import yaml
+from numpy.typing import NDArray
+
+from ballbot_ros.engine.scenario.scenario import Expectation, Measure, Scenario
+from ballbot_ros.errors import printable
+from ballbot_ros.lab.studies.distributions import (
+    DISTRIBUTIONS,
+    GRID,
+    LIST,
+    LOG_UNIFORM,
+    NORMAL,
+    UNIFORM,
+    Grid,
+    Levels,
+)
+from ballbot_ros.lab.studies.events import EventPart
+from ballbot_ros.lab.studies.runs import Samples
+from ballbot_ros.lab.studies.variables import DURATION, SEED, Variable
+from ballbot_ros.parameters import PlantParameters
+from ballbot_ros.parameters.text_enum import TextEnum
+from ballbot_ros.run.spec import RunSpec
+
+MAX_RUNS = 10**9
+"""Largest number of runs of a study."""
+
+
+class Sampling(TextEnum):
+    """How the values of the variables are chosen."""
+
+    RANDOM = 'random'
+    LATIN_HYPERCUBE = 'latin_hypercube'
+    SOBOL = 'sobol'
+    HALTON = 'halton'
+    GRID = 'grid'
+
+
+@dataclass(frozen=True)
+class Study:
+    """A study, as read from its file.
+
+    Attributes
+    ----------
+    name, purpose : str
+        Name of the file, and one line on the purpose.
+    text : str
+        Text of the file.
+    runs : int
+        Number of runs; for a grid a multiple of the number of its points.
+    seed : int
+        Seed of the samples.
+    variables : tuple of Variable
+        In the order of the file.
+    draws_seeds : bool
+        Whether each run has its own seed of the device noise, drawn with the samples.
+    metrics : tuple of str
+        Metrics of the whole run.
+    spec : RunSpec
+        The run that all are like, but for their samples.
+    """
+
+    name: str
+    purpose: str
+    text: str
+    runs: int
+    seed: int
+    sampling: Sampling
+    variables: tuple[Variable, ...]
+    draws_seeds: bool
+    metrics: tuple[str, ...]
+    expectations: tuple[Expectation, ...]
+    spec: RunSpec
+
+    @property
+    def measures(self) -> tuple[Measure, ...]:
+        """What is measured: the metrics of the whole run, then the windows of expectations."""
+        whole = [Measure(metric) for metric in self.metrics]
+        windows = [each.measure for each in self.expectations]
+        return tuple(dict.fromkeys([*whole, *windows]))
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """The names of what distinguishes the runs: the variables, and the seed if it is drawn."""
+        names = tuple(each.name for each in self.variables)
+        return (*names, SEED) if self.draws_seeds else names
+
+    @cached_property
+    def parts(self) -> Mapping[str, EventPart]:
+        """The variables that are parts of pushes and sticks."""
+        return {each.name: each.part for each in self.variables if each.part is not None}
+
+    def samples(self, columns: Mapping[str, NDArray[Any]], first: int = 0) -> Samples:
+        """Return the samples of consecutive runs, given the values of all of :attr:`columns`.
+
+        Parameters
+        ----------
+        columns : mapping of str to ndarray
+            Each (r,).
+        first : int
+            Number of the first run, for error messages.
+        """
+        count = len(columns[self.columns[0]])
+        values = {name: columns[name] for name in self.columns if name not in self.parts}
+        events = {name: columns[name] for name in self.parts}
+        return Samples(count, values, events=events, first=first)
+
+    @property
+    def common_scenario(self) -> tuple[Scenario, PlantParameters]:
+        """The scenario that all runs are like, and its plant, for a scenario file.
+
+        The expectations are the study's. It is as long as the longest run.
+        """
+        ends = {each.name: each.distribution.ends for each in self.variables}
+        plant = self.spec.plant
+        if DURATION in ends:
+            plant = replace(plant, duration=float(ends[DURATION][1]))
+        return replace(self.spec.scenario, expectations=self.expectations), plant
+
+
+def grid_shape(variables: Iterable[Variable]) -> list[int]:
+    """Return the numbers of levels of the variables."""
+    levels = [each.distribution for each in variables]
+    return [len(each.levels) for each in levels if isinstance(each, Levels)]
+
+
+def nearest_grid(variables: Iterable[Variable], runs: int, *, repeats: bool) -> list[Variable]:
+    """Return the variables with the levels that fit a number of runs best."""
+    fitted = list(variables)
+    points = math.prod(grid_shape(fitted))
+    wanted = runs // max(1, repeats * runs // points)
+    grids = [(n, g) for n, v in enumerate(fitted) if isinstance(g := v.distribution, Grid)]
+    for left, (number, grid) in zip(range(len(grids), 0, -1), grids, strict=True):
+        count = round(len(grid.levels) * (wanted / points) ** (1.0 / left))
+        fitted[number] = replace(fitted[number], distribution=grid.with_count(count))
+        points = math.prod(grid_shape(fitted))
+    return fitted
+
+
+_SAMPLINGS = {
+    Sampling.RANDOM: 'independent random numbers',
+    Sampling.LATIN_HYPERCUBE: 'Latin hypercube',
+    Sampling.SOBOL: 'Sobol sequence, scrambled',
+    Sampling.HALTON: 'Halton sequence, scrambled',
+    Sampling.GRID: 'grid of all combinations',
+}
+_SHOWN_LEVELS = 6
+
+
+@dataclass(frozen=True)
+class StudyText:
+    """What a study is for, and how its values were drawn.
+
+    Attributes
+    ----------
+    purpose, sampling : str
+        Empty if the text does not say.
+    is_grid : bool
+        Whether the runs are all combinations of levels.
+    distributions : mapping of str to str
+        Distribution of each variable, in words.
+    logarithmic : frozenset of str
+        Variables whose logarithms are uniform.
+    """
+
+    purpose: str = ''
+    sampling: str = ''
+    is_grid: bool = False
+    distributions: Mapping[str, str] = field(default_factory=dict)
+    logarithmic: frozenset[str] = frozenset()
+
+    @classmethod
+    def of(cls, text: str) -> StudyText:
+        """Read a text; it was valid when the study ran, so what is not expected is left out."""
+        try:
+            data = yaml.safe_load(text)
+        except yaml.YAMLError:
+            return cls()
+        if not isinstance(data, dict):
+            return cls()
+        varied = data.get('vary')
+        varied = varied if isinstance(varied, dict) else {}
+        given = {str(name): each for name, each in varied.items() if isinstance(each, dict)}
+        sampling = str(data.get('sampling', Sampling.RANDOM.value))
+        return cls(
+            printable(str(data.get('purpose', ''))),
+            _SAMPLINGS[Sampling(sampling)] if sampling in list(Sampling) else '',
+            sampling == Sampling.GRID,
+            {name: _words(each) for name, each in given.items()},
+            frozenset(name for name, each in given.items() if LOG_UNIFORM in each),
+        )
+
+
+def _words(given: Mapping[str, object]) -> str:
+    """Return a distribution in words."""
+    kind = next((each for each in DISTRIBUTIONS if each in given), '')
+    values = given.get(kind)
+    items = [_number(each) for each in values] if isinstance(values, list) else []
+    if kind == LIST:
+        more = ' …' if len(items) > _SHOWN_LEVELS else ''
+        return f'one of {", ".join(items[:_SHOWN_LEVELS])}{more}'
+    if kind == GRID and len(items) == 3:
+        return f'levels at equal distances, {items[0]} … {items[1]}'
+    if kind == NORMAL and len(items) == 2:
+        limits = [f'{key} {_number(given[key])}' for key in ('min', 'max') if key in given]
+        return ', '.join([f'normal, {items[0]} ± {items[1]}', *limits])
+    if kind in (UNIFORM, LOG_UNIFORM) and len(items) == 2:
+        return f'{kind.replace("_", "-")}, {items[0]} … {items[1]}'
+    return ''
+
+
+def _number(value: object) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    text = f'{value:g}' if isinstance(value, int | float) else printable(str(value))
+    return text.replace('-', '−') if isinstance(value, int | float) else text

@@ -1,0 +1,401 @@
+"""Results of a study, read from its folder."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot_ros.analysis.proportion import ProportionInterval, wilson_interval
+from ballbot_ros.errors import BallbotError, StudyError
+from ballbot_ros.lab.studies.columns import (
+    DUTY_SHA256,
+    FALLEN,
+    NUMBER,
+    OUTCOME,
+    PASSED,
+    SEED,
+    TICKS,
+    MeasureColumn,
+)
+from ballbot_ros.lab.studies.data_set import read_manifest
+from ballbot_ros.lab.studies.manifest import Manifest, PartSummary, StudyRecord
+from ballbot_ros.lab.studies.part_file import (
+    PARTS,
+    DamagedPartError,
+    check_part,
+    load_pyarrow,
+    read_columns,
+    read_part,
+)
+from ballbot_ros.lockstep.run_actions import Outcome
+
+if TYPE_CHECKING:
+    import pandas
+
+QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
+WORST_RUNS = 5
+
+_REMEDY = 'give the command of the study again, which redoes this part'
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class RunResults:
+    """Results of a run.
+
+    Attributes
+    ----------
+    varied : mapping of str to value
+        The varied values by variable.
+    measures : mapping of str to float
+        The measures by column; NaN if there is no value.
+    ticks : int
+        Number of ticks.
+    duty_sha256 : str
+        Hexadecimal.
+    """
+
+    number: int
+    seed: int
+    varied: Mapping[str, bool | int | float | str]
+    measures: Mapping[str, float]
+    passed: bool
+    outcome: Outcome
+    fallen: bool
+    ticks: int
+    duty_sha256: str
+
+
+class RankedRun(NamedTuple):
+    """A run, and its value of a measure."""
+
+    number: int
+    value: float
+
+
+@dataclass(frozen=True)
+class MeasureSummary:
+    """Distribution of a measure.
+
+    Attributes
+    ----------
+    column : MeasureColumn
+    count, missing : int
+        Numbers of runs with and without a value.
+    quantiles : ndarray, shape (5,)
+        The `QUANTILES` of the values, interpolated linearly; NaN if there are none.
+    worst : list of RankedRun
+        The worst values, worst first.
+    """
+
+    column: MeasureColumn
+    count: int
+    missing: int
+    quantiles: Floats
+    worst: list[RankedRun]
+
+
+@dataclass(frozen=True)
+class StudySummary:
+    """Summary of a study.
+
+    Attributes
+    ----------
+    totals : PartSummary
+        Numbers of runs.
+    interval : ProportionInterval
+        Wilson's interval of the share that passed, confidence 95 %.
+    measures : list of MeasureSummary
+    """
+
+    totals: PartSummary
+    interval: ProportionInterval
+    measures: list[MeasureSummary]
+
+    @property
+    def share_passed(self) -> float:
+        """The share that passed; NaN without runs."""
+        return self.totals.passed / self.totals.runs if self.totals.runs else float('nan')
+
+
+@dataclass(frozen=True)
+class StudyData:
+    """Results of a study, finished or not.
+
+    No rows are kept in memory. Methods that cover the study read a part, or a column of a part, at
+    a time. Each part is checked once, completely, before a column of it is read: the checksums of a
+    column do not cover the description of the file.
+
+    Attributes
+    ----------
+    path : Path
+        The folder.
+    manifest : Manifest
+    present : tuple of int
+        The parts that are there; those of a finished study are all.
+    """
+
+    path: Path
+    manifest: Manifest
+    present: tuple[int, ...]
+    _summaries: dict[int, PartSummary] = field(default_factory=dict, repr=False, compare=False)
+
+    @classmethod
+    def open(cls, path: Path) -> StudyData:
+        """Open the folder of a study.
+
+        Raises
+        ------
+        StudyError
+            If it is no such folder, a part of a finished study is missing, or pyarrow is not
+            installed.
+        """
+        load_pyarrow()
+        manifest = read_manifest(path)
+        study = manifest.study
+        try:
+            names = {each.name for each in (path / PARTS).iterdir()}
+        except OSError as error:
+            raise StudyError(f'{path / PARTS}: {error.strerror}') from None
+        present = tuple(part for part in range(study.parts) if study.part_name(part) in names)
+        if manifest.finished and len(present) < study.parts:
+            missing = next(part for part in range(study.parts) if part not in present)
+            raise StudyError(f'{path / PARTS / study.part_name(missing)}: missing; {_REMEDY}')
+        return cls(path, manifest, present)
+
+    @property
+    def study(self) -> StudyRecord:
+        """The study."""
+        return self.manifest.study
+
+    @property
+    def missing(self) -> tuple[int, ...]:
+        """The parts that are not there."""
+        return tuple(sorted(set(range(self.study.parts)).difference(self.present)))
+
+    def totals(self) -> PartSummary:
+        """Return the numbers of runs.
+
+        Raises
+        ------
+        StudyError
+            If a part is damaged; so do the other methods.
+        """
+        with _with_remedy():
+            return sum(map(self._checked, self.present), PartSummary())
+
+    def parts(self, names: Sequence[str] = ()) -> Iterator[Any]:
+        """Yield the parts as tables of pyarrow, in the order of the runs.
+
+        Parameters
+        ----------
+        names : sequence of str
+            The columns; all if empty.
+
+        Yields
+        ------
+        pyarrow.Table
+            A part.
+        """
+        for part in self.present:
+            with _with_remedy():
+                if names:
+                    self._checked(part)
+                    table = read_columns(self._file(part), self.study, part, names)
+                else:
+                    table = read_part(self._file(part), self.study, part)
+            yield table
+
+    def table(self) -> Any:
+        """Return all rows as a table of pyarrow, in the order of the runs."""
+        arrow = load_pyarrow()
+        tables = [each.replace_schema_metadata(None) for each in self.parts()]
+        if not tables:
+            raise StudyError(f'{self.path}: has no results yet')
+        return arrow.concat_tables(tables).unify_dictionaries()
+
+    def frame(self) -> pandas.DataFrame:
+        """Return all rows as a data frame, with hashes as hexadecimal text.
+
+        Raises
+        ------
+        BallbotError
+            If pandas is not installed, or a part is damaged.
+        """
+        try:
+            import pandas  # noqa: F401
+        except ImportError:
+            raise BallbotError(
+                'pandas not found: install it with `pip install "ballbot_ros[pandas]"`'
+            ) from None
+        frame: pandas.DataFrame = self.table().to_pandas()
+        frame[DUTY_SHA256.name] = [each.hex() for each in frame[DUTY_SHA256.name]]
+        return frame
+
+    def column(self, name: str) -> NDArray[Any]:
+        """Return the values of a column of numbers or truth values, NaN where there is none.
+
+        It takes the memory of one number a run.
+        """
+        # Filled in place, which takes half the memory of a list of parts that is joined.
+        values: NDArray[Any] | None = None
+        done = 0
+        for table in self.parts([name]):
+            part = _numbers(table.column(name))
+            if values is None:
+                values = np.empty(sum(map(len, map(self.study.numbers, self.present))), part.dtype)
+            values[done : done + len(part)] = part
+            done += len(part)
+        return np.empty(0) if values is None else values
+
+    def row(self, number: int) -> RunResults:
+        """Return the results of a run; only its part is read."""
+        study = self.study
+        if not 0 <= number < study.runs:
+            raise StudyError(
+                f'{self.path}: has no run {number}; the runs are 0 to {study.runs - 1}'
+            )
+        part = number // study.runs_per_part
+        if part not in self.present:
+            raise StudyError(
+                f'{self.path}: run {number} has not been done yet: '
+                'give the command of the study again'
+            )
+        with _with_remedy():
+            table = read_part(self._file(part), study, part)
+        place = number - study.numbers(part).start
+        values = {name: column[0] for name, column in table.slice(place, 1).to_pydict().items()}
+        return RunResults(
+            values[NUMBER.name],
+            values[SEED.name],
+            {each.name: values[each.name] for each in study.varied},
+            {each.name: _or_nan(values[each.name]) for each in study.measures},
+            values[PASSED.name],
+            Outcome(values[OUTCOME.name]),
+            values[FALLEN.name],
+            values[TICKS.name],
+            values[DUTY_SHA256.name].hex(),
+        )
+
+    def failed(self) -> Iterator[int]:
+        """Yield the numbers of the runs that failed, in order."""
+        for table in self.parts([NUMBER.name, OUTCOME.name]):
+            outcomes = table.column(OUTCOME.name).cast('string').to_numpy()
+            yield from _numbers(table.column(NUMBER.name))[outcomes == Outcome.FAILED].tolist()
+
+    def not_passed(self) -> Iterator[int]:
+        """Yield the numbers of the runs that did not pass, in order; the failed are among them."""
+        for table in self.parts([NUMBER.name, PASSED.name]):
+            yield from _numbers(table.column(NUMBER.name))[
+                ~_numbers(table.column(PASSED.name))
+            ].tolist()
+
+    def without_value(self, measure: str) -> Iterator[int]:
+        """Yield the numbers of the runs that have no value of a measure, in order."""
+        name = self.measure(measure).name
+        for table in self.parts([NUMBER.name, name]):
+            missing = np.isnan(_numbers(table.column(name)))
+            yield from _numbers(table.column(NUMBER.name))[missing].tolist()
+
+    def worst(self, measure: str, count: int = WORST_RUNS) -> list[RankedRun]:
+        """Return the runs with the worst values of a measure, worst first.
+
+        `MeasureColumn.worst` says which are the worst. Runs without a value are not among
+        them: :meth:`without_value` has these. Of equal values the first runs are taken.
+        """
+        column = self.measure(measure)
+        numbers, values = np.empty(0, np.int64), np.empty(0)
+        for table in self.parts([NUMBER.name, column.name]):
+            numbers = np.concatenate([numbers, _numbers(table.column(NUMBER.name))])
+            values = np.concatenate([values, _numbers(table.column(column.name))])
+            places = _places_of_worst(column, values, count)
+            numbers, values = numbers[places], values[places]
+        return _ranked(numbers, values)
+
+    def measure(self, name: str) -> MeasureColumn:
+        """Return the column of a measure.
+
+        Raises
+        ------
+        StudyError
+            If there is none of this name.
+        """
+        for each in self.study.measures:
+            if each.name == name:
+                return each
+        known = ', '.join(each.name for each in self.study.measures) or 'none'
+        raise StudyError(f'{self.path}: has no measure {name!r}; measures: {known}')
+
+    def summary(self, worst: int = WORST_RUNS) -> StudySummary:
+        """Return a summary; it takes the memory of one number a run.
+
+        Parameters
+        ----------
+        worst : int
+            Number of the worst runs of each measure.
+        """
+        totals = self.totals()
+        measures = [self._summary(each, worst) for each in self.study.measures]
+        return StudySummary(totals, wilson_interval(totals.passed, totals.runs), measures)
+
+    def _summary(self, column: MeasureColumn, count: int) -> MeasureSummary:
+        values = self.column(column.name)
+        numbers = self._present_numbers()
+        places = _places_of_worst(column, values, count)
+        worst = _ranked(numbers[places], values[places])
+        kept = values[~np.isnan(values)]
+        del values
+        quantiles = np.full(len(QUANTILES), np.nan)
+        if kept.size:
+            quantiles = np.quantile(kept, QUANTILES, overwrite_input=True)
+        return MeasureSummary(column, kept.size, numbers.size - kept.size, quantiles, worst)
+
+    def _present_numbers(self) -> NDArray[np.int64]:
+        """Return the numbers of the runs that have been done."""
+        ranges = map(self.study.numbers, self.present)
+        numbers = [np.arange(each.start, each.stop) for each in ranges]
+        return np.concatenate([np.empty(0, np.int64), *numbers])
+
+    def _checked(self, part: int) -> PartSummary:
+        """Return the numbers of runs of a part that is undamaged."""
+        if part not in self._summaries:
+            self._summaries[part] = check_part(self._file(part), self.study, part)
+        return self._summaries[part]
+
+    def _file(self, part: int) -> Path:
+        return self.path / PARTS / self.study.part_name(part)
+
+
+def _places_of_worst(column: MeasureColumn, values: Floats, count: int) -> NDArray[np.intp]:
+    """Return the places of the worst values, worst first; of equal values the first are taken."""
+    # NaN sorts last.
+    places = np.argsort(-column.badness(values), kind='stable')[: max(count, 0)]
+    return places[~np.isnan(values[places])]
+
+
+def _ranked(numbers: NDArray[np.int64], values: Floats) -> list[RankedRun]:
+    return list(map(RankedRun, numbers.tolist(), values.tolist()))
+
+
+def _numbers(column: Any) -> NDArray[Any]:
+    """Return a column of a table as an array; NaN where there is no value."""
+    return np.asarray(column.to_numpy())
+
+
+def _or_nan(value: float | None) -> float:
+    return float('nan') if value is None else value
+
+
+@contextmanager
+def _with_remedy() -> Iterator[None]:
+    try:
+        yield
+    except DamagedPartError as error:
+        raise StudyError(f'{error}; {_REMEDY}') from None

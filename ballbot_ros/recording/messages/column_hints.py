@@ -1,0 +1,92 @@
+"""What the columns of the robot's topics mean beyond their types."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from ballbot_ros.recording.columns import ColumnHints, ComputedColumn
+from ballbot_ros.recording.messages.conversions import pitch_angles
+from ballbot_ros.recording.messages.topics import (
+    CONTROLLER_STATE,
+    GAMEPAD_JOY,
+    GYRO_IMU,
+    JOINT_STATES,
+    MOTOR_DUTY,
+    ODOM,
+    PLANT_IMU,
+    PLANT_ODOM,
+    SOUND,
+    Topic,
+)
+
+
+def column_hints(namespace: str = '') -> dict[tuple[str, str], ColumnHints]:
+    """Return the hints by topic and type; `namespace` is '' or like ``/robot``."""
+    return {(topic.resolved(namespace), topic.type_name): hints for topic, hints in _HINTS.items()}
+
+
+def _degrees(source: str) -> ComputedColumn:
+    return ComputedColumn((source,), np.degrees)
+
+
+def _joint_degrees(name: str) -> ComputedColumn:
+    return _degrees(f'position_{name}_rad')
+
+
+def _percent(source: str) -> ComputedColumn:
+    return ComputedColumn((source,), lambda share: 100.0 * share)
+
+
+def _pitch(plane: int) -> ComputedColumn:
+    pitch: Callable[..., Any] = np.frompyfunc(lambda *q: pitch_angles(*q)[plane], 4, 1)
+    return ComputedColumn(tuple(f'orientation_{part}' for part in 'wxyz'), pitch)
+
+
+_HINTS: Mapping[Topic, ColumnHints] = {
+    GYRO_IMU: ColumnHints(
+        extra={
+            'reading_x_deg_per_s': _degrees('angular_velocity_y_rad_per_s'),
+            'reading_y_deg_per_s': _degrees('angular_velocity_x_rad_per_s'),
+        }
+    ),
+    JOINT_STATES: ColumnHints(
+        extra={f'encoder_{axis}_deg': _joint_degrees(f'motor_{axis}') for axis in 'xy'}
+    ),
+    GAMEPAD_JOY: ColumnHints(
+        extra={
+            'stick_vertical_percent': _percent('axes_0'),
+            'stick_horizontal_percent': _percent('axes_1'),
+        }
+    ),
+    CONTROLLER_STATE: ColumnHints(
+        extra={
+            **{f'estimated_pitch_{axis}_deg': _joint_degrees(f'psi_{axis}') for axis in 'xy'},
+            **{
+                f'estimated_ball_angle_{axis}_deg': _joint_degrees(f'theta_{axis}') for axis in 'xy'
+            },
+            **{
+                f'reference_ball_angle_{axis}_deg': _joint_degrees(f'theta_ref_{axis}')
+                for axis in 'xy'
+            },
+        }
+    ),
+    PLANT_IMU: ColumnHints(extra={'pitch_x_rad': _pitch(0), 'pitch_y_rad': _pitch(1)}),
+    PLANT_ODOM: ColumnHints(
+        names={f'pose_pose_position_{axis}_m': f'map_{axis}_m' for axis in 'xyz'},
+        extra={
+            'plane_position_x_m': ComputedColumn(('pose_pose_position_x_m',), np.positive),
+            'plane_position_y_m': ComputedColumn(('pose_pose_position_y_m',), np.negative),
+        },
+    ),
+    ODOM: ColumnHints(
+        names={f'pose_pose_position_{axis}_m': f'odom_{axis}_m' for axis in 'xyz'},
+    ),
+    MOTOR_DUTY: ColumnHints(names={'vector_x': 'x_percent', 'vector_y': 'y_percent'}),
+    SOUND: ColumnHints(
+        names={'vector_x': 'tone_Hz', 'vector_y': 'duration_ms', 'vector_z': 'volume_percent'}
+    ),
+}
+"""Knowledge from docs/frames.md."""

@@ -1,0 +1,296 @@
+"""The messages of the devices: the plant's true state (the truth), and the samples of it.
+
+The functions that encode and decode messages are like those of
+:mod:`ballbot_ros.recording.messages.conversions`.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache, partial
+from typing import Any, Generic, NamedTuple, TypeAlias
+
+from ballbot_ros.engine.devices import (
+    ENCODER_DEVICE,
+    GYRO_DEVICE,
+    SONAR_DEVICE,
+    Device,
+    Measured,
+    P,
+    Reading,
+    longest_delay,
+)
+from ballbot_ros.recording.messages.conversions import (
+    MOTOR_NAMES,
+    NOT_PROVIDED,
+    decode_ball_position,
+    decode_battery_mv,
+    decode_body_rates,
+    decode_motor_angles,
+    decode_sticks,
+    fill_header,
+)
+from ballbot_ros.recording.messages.raw import MessageLayout, decoder, elements
+from ballbot_ros.recording.messages.topics import (
+    BATTERY_STATE,
+    GAMEPAD_JOY,
+    GYRO_IMU,
+    JOINT_STATES,
+    PLANT_IMU,
+    PLANT_JOINT_STATES,
+    PLANT_SLOW_ODOM,
+    PLANT_STEPS,
+    SONAR_RANGE,
+    Topic,
+)
+from ballbot_ros.recording.schemas import encoder, new_message
+from ballbot_ros.robot.brick.brick import DeviceInputs
+from ballbot_ros.robot.brick.sensors import (
+    NO_DATA_CM,
+    NO_ECHO_CM,
+    degrees_to_radians,
+    metres_to_sonar_cm,
+    radians_to_degrees,
+    sonar_cm_to_metres,
+)
+from ballbot_ros.robot.plant.ground_truth import GroundTruth, MeasuredState
+
+STEP_FIELDS = ('motor_x', 'motor_y', 'angular_velocity_y', 'angular_velocity_x', 'x', 'y')
+"""Of planes x and y in turn; units and signs are those of ``plant/joint_states``, ``plant/imu`` and
+``plant/odom``."""
+
+_STEP = struct.Struct(f'<{len(STEP_FIELDS)}d')
+_FIELD = 'sensor_msgs/msg/PointField'
+
+# Only a graph with dead time needs them.
+_encoder, _decoder = cache(encoder), cache(decoder)
+
+
+def encode_steps(truth: GroundTruth) -> bytes:
+    """Return ``plant/steps``: a point for each step, the oldest first, that of the stamp last.
+
+    It has no fixed layout, since the number of steps depends on the drivers of the run.
+    """
+    message = new_message(PLANT_STEPS.type_name)
+    fill_header(message.header, truth.stamp_ns, 'map')
+    message.fields = _fields()
+    message.height, message.width = 1, len(truth.steps)
+    message.point_step, message.row_step = _STEP.size, _STEP.size * len(truth.steps)
+    message.data = b''.join(
+        _STEP.pack(*angles, *rates, x, -y) for angles, rates, (x, y) in truth.steps
+    )
+    message.is_dense = True
+    return _encoder(PLANT_STEPS.type_name)(message)
+
+
+def decode_step(data: bytes, age: int) -> MeasuredState:
+    """Return the step of ``plant/steps`` that is `age` steps older than the stamp.
+
+    It raises ValueError if the message has other fields, or no such step.
+    """
+    message = _decoder(PLANT_STEPS.type_name)(data)
+    if _layout(message.fields) != _layout(_fields()) or message.point_step != _STEP.size:
+        raise ValueError(f'the fields are not {", ".join(STEP_FIELDS)}')
+    offset = len(message.data) - (age + 1) * _STEP.size
+    if offset < 0:
+        raise ValueError(f'it has no step that is {age} steps old')
+    motor_x, motor_y, rate_x, rate_y, x, y = _STEP.unpack_from(message.data, offset)
+    return MeasuredState((motor_x, motor_y), (rate_x, rate_y), (x, -y))
+
+
+@cache
+def _fields() -> list[Any]:
+    fields = []
+    for number, name in enumerate(STEP_FIELDS):
+        field = new_message(_FIELD)
+        field.name, field.count, field.datatype = name, 1, field.FLOAT64
+        field.offset = number * _STEP.size // len(STEP_FIELDS)
+        fields.append(field)
+    return fields
+
+
+def _layout(fields: list[Any]) -> list[tuple[str, int, int]]:
+    return [(each.name, each.offset, each.datatype) for each in fields]
+
+
+ULTRASOUND = 0
+_COUNTS = 2**31
+
+
+class AnsweredTopic(NamedTuple):
+    """The plant's messages that a driver answers.
+
+    `measured` returns the measured quantity of a message and its stamp [ns]. Raises ValueError if
+    the message is malformed.
+    """
+
+    topic: Topic
+    measured: Callable[[bytes, int], Any]
+
+
+@dataclass(frozen=True)
+class DeviceMessages(Generic[P, Measured, Reading]):
+    """The input and output messages of a device's driver.
+
+    Attributes
+    ----------
+    truth : Topic
+        The plant's topic that the driver answers, if its samples have no dead time.
+    encoder : callable
+        Returns, for the driver's parameters, the function that encodes the stamp [ns] and the
+        reading of a sample.
+    reading : callable
+        Returns the reading from a sample. Raises ValueError if no such device can have sent it.
+    """
+
+    device: Device[P, Measured, Reading]
+    truth: Topic
+    measured: Callable[[bytes], Measured]
+    sample: Topic
+    encoder: Callable[[P], Callable[[int, Reading], bytes]]
+    reading: Callable[[bytes], Reading]
+
+    def source(self, parameters: P) -> AnsweredTopic:
+        """Return what a driver with these parameters answers."""
+        if not longest_delay(parameters):
+            return AnsweredTopic(self.truth, lambda data, stamp_ns: self.measured(data))
+        measured, age_of = self.device.measured, self.device.age_of(parameters)
+        return AnsweredTopic(
+            PLANT_STEPS, lambda data, stamp_ns: measured(decode_step(data, age_of(stamp_ns)))
+        )
+
+
+_GYRO = MessageLayout(
+    GYRO_IMU.type_name,
+    ['angular_velocity.y', 'angular_velocity.x'],
+    {
+        'header.frame_id': 'base_link',
+        'orientation_covariance[0]': NOT_PROVIDED,
+        'linear_acceleration_covariance[0]': NOT_PROVIDED,
+    },
+)
+_ENCODERS = MessageLayout(
+    JOINT_STATES.type_name,
+    elements('position', 2),
+    {'name': MOTOR_NAMES, 'position': [0.0] * 2},
+    identity='name',
+)
+_SONAR = MessageLayout(
+    SONAR_RANGE.type_name,
+    ['range', 'field_of_view'],
+    {
+        'header.frame_id': 'sonar',
+        'radiation_type': ULTRASOUND,
+        'min_range': 0.0,
+        'max_range': sonar_cm_to_metres(NO_ECHO_CM - 1),
+    },
+)
+
+
+def encode_gyro(stamp_ns: int, counts: tuple[int, int]) -> bytes:
+    """Return ``gyro``: the readings in rad/s, with their zero-rate offset."""
+    return _GYRO.encode(stamp_ns, degrees_to_radians(counts[0]), degrees_to_radians(counts[1]))
+
+
+def decode_gyro(data: bytes) -> tuple[int, int]:
+    """Return the readings [deg/s + offset] of gyros S1 and S2 from ``gyro``."""
+    rate_x, rate_y = _GYRO.decode(data)
+    return radians_to_degrees(rate_x), radians_to_degrees(rate_y)
+
+
+def encode_encoders(stamp_ns: int, counts: tuple[int, int]) -> bytes:
+    """Return ``joint_states``: whole degrees as rad."""
+    return _ENCODERS.encode(stamp_ns, degrees_to_radians(counts[0]), degrees_to_radians(counts[1]))
+
+
+def decode_encoders(data: bytes) -> tuple[int, int]:
+    """Return the counts [deg] of motors B and C from ``joint_states``.
+
+    It raises ValueError if the message has other joints, or a count that exceeds 32 bits.
+    """
+    counts = tuple(radians_to_degrees(angle) for angle in _ENCODERS.decode(data))
+    for count in counts:
+        if not -_COUNTS <= count < _COUNTS:
+            raise ValueError(f'{count:.4g} degrees exceed a counter of 32 bits')
+    return counts[0], counts[1]
+
+
+def encode_sonar(stamp_ns: int, sonar_cm: int, cone_angle: float = 0.0) -> bytes:
+    """Return ``sonar``; a single ray has no field of view."""
+    return _SONAR.encode(stamp_ns, sonar_cm_to_metres(sonar_cm), cone_angle)
+
+
+def decode_sonar(data: bytes) -> int:
+    """Return the reading [cm] from ``sonar``.
+
+    It raises ValueError if the sensor's register can't hold it.
+    """
+    distance = _SONAR.decode(data)[0]
+    if distance == -math.inf:
+        raise ValueError('-inf m is no distance')
+    reading = metres_to_sonar_cm(distance)
+    if not NO_DATA_CM <= reading <= NO_ECHO_CM:
+        raise ValueError(f'{reading} cm is not within 0 … {NO_ECHO_CM}')
+    return reading
+
+
+AnyDeviceMessages: TypeAlias = DeviceMessages[Any, Any, Any]
+"""The messages of any device."""
+
+DEVICE_MESSAGES: tuple[AnyDeviceMessages, ...] = (
+    DeviceMessages(
+        GYRO_DEVICE,
+        PLANT_IMU,
+        decode_body_rates,
+        GYRO_IMU,
+        lambda parameters: encode_gyro,
+        decode_gyro,
+    ),
+    DeviceMessages(
+        ENCODER_DEVICE,
+        PLANT_JOINT_STATES,
+        decode_motor_angles,
+        JOINT_STATES,
+        lambda parameters: encode_encoders,
+        decode_encoders,
+    ),
+    DeviceMessages(
+        SONAR_DEVICE,
+        PLANT_SLOW_ODOM,
+        decode_ball_position,
+        SONAR_RANGE,
+        lambda parameters: partial(encode_sonar, cone_angle=parameters.cone_angle),
+        decode_sonar,
+    ),
+)
+
+
+@dataclass(frozen=True)
+class _Input:
+    """A topic, the device input that it fills, and the function that reads its messages."""
+
+    topic: Topic
+    field: str
+    read: Callable[[bytes], Any]
+
+
+_CONTROLLER_INPUTS = (
+    *(_Input(each.sample, each.device.field, each.reading) for each in DEVICE_MESSAGES),
+    _Input(GAMEPAD_JOY, 'sticks', decode_sticks),
+    _Input(BATTERY_STATE, 'battery_mv', decode_battery_mv),
+)
+_TOPIC_OF = {each.field: each.topic for each in _CONTROLLER_INPUTS}
+_TOPICS = tuple(_TOPIC_OF[field] for field in DeviceInputs._fields)
+
+INPUT_READERS: dict[Topic, Callable[[bytes], Any]] = {
+    each.topic: each.read for each in _CONTROLLER_INPUTS
+}
+"""For each topic, the function that reads its messages."""
+
+
+def device_inputs(sample: Callable[[Topic], Any]) -> DeviceInputs:
+    """Return the inputs of a tick; `sample` gives the sample of a topic, None if it has none."""
+    return DeviceInputs._make([sample(topic) for topic in _TOPICS])

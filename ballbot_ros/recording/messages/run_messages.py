@@ -1,0 +1,242 @@
+"""The messages of plant and controller, and all those of a run without a graph."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from operator import attrgetter
+
+from ballbot_ros.controllers.interface import Program
+from ballbot_ros.engine.closed_loop import Tick
+from ballbot_ros.parameters import ParameterSet, PlantParameters, Value
+from ballbot_ros.parameters.timing import BATTERY_PERIOD_NS, SLOW_PERIOD_NS, TICK_NS
+from ballbot_ros.recording.messages.conversions import (
+    encode_accepted_push,
+    encode_battery,
+    encode_body,
+    encode_clock,
+    encode_controller_state,
+    encode_duty,
+    encode_header,
+    encode_log,
+    encode_map,
+    encode_motors,
+    encode_odometry,
+    encode_sticks,
+    encode_stop,
+    encode_text,
+    encode_tone,
+    encode_wall_hit,
+)
+from ballbot_ros.recording.messages.devices import DEVICE_MESSAGES, encode_steps
+from ballbot_ros.recording.messages.run_reports import encode_parameter_event
+from ballbot_ros.recording.messages.topics import (
+    ACCEPTED_PUSH,
+    BATTERY_STATE,
+    BLUETOOTH_TX,
+    CLOCK,
+    CONTROLLER_STATE,
+    GAMEPAD_JOY,
+    LCD,
+    MAP,
+    MOTOR_DUTY,
+    OPERATING_STATE,
+    PARAMETER_EVENTS,
+    PLANT_IMU,
+    PLANT_JOINT_STATES,
+    PLANT_ODOM,
+    PLANT_SLOW_ODOM,
+    PLANT_STEPS,
+    RUN,
+    SCENARIO,
+    SOUND,
+    WALL_HIT,
+    Topic,
+)
+from ballbot_ros.robot.brick.brick import DeviceInputs, DeviceOutputs
+from ballbot_ros.robot.plant.ground_truth import GroundTruth, Push
+from ballbot_ros.robot.world.exports import occupancy_grid
+from ballbot_ros.robot.world.world import World
+
+Send = Callable[[int, bytes], None]
+"""Sends a message of a topic: its stamp [ns], and the message as CDR."""
+
+MakeSend = Callable[[Topic], Send]
+"""Returns the function that sends the messages of a topic."""
+
+
+class ControllerMessages:
+    """Encodes and sends the controller's messages.
+
+    `operating_state` is the last one sent, '' before the first tick.
+    """
+
+    def __init__(self, make: MakeSend) -> None:
+        self.operating_state = ''
+        self._duty = self._state = b''
+        self._send_duty = make(MOTOR_DUTY)
+        self._send_state = make(CONTROLLER_STATE)
+        self._send_operating_state = make(OPERATING_STATE)
+        self._send_log = make(BLUETOOTH_TX)
+        self._send_sound = make(SOUND)
+        self._send_lcd = make(LCD)
+        self._send_event = make(PARAMETER_EVENTS)
+
+    def tick(self, now_ns: int, outputs: DeviceOutputs, program: Program) -> None:
+        """Send the results of a tick at `now_ns` [ns]."""
+        # Messages without a stamp go first, so that no reader sees them after the next tick.
+        if program.operating_state != self.operating_state:
+            self.operating_state = program.operating_state.value
+            self._send_operating_state(now_ns, encode_text(self.operating_state))
+        for packet in outputs.log:
+            self._send_log(now_ns, encode_log(packet))
+        for tone in outputs.tones:
+            self._send_sound(now_ns, encode_tone(now_ns, tone))
+        for page in outputs.pages:
+            self._send_lcd(now_ns, encode_text(page))
+        self._duty = encode_duty(now_ns, outputs.duty)
+        self._state = encode_controller_state(now_ns, program.x, program.y)
+        self.resend(now_ns)
+
+    def retuned(self, now_ns: int, values: Mapping[str, Value]) -> None:
+        """Send that parameters have other values from the tick at `now_ns` [ns] on."""
+        self._send_event(now_ns, encode_parameter_event(now_ns, values))
+
+    def begin(self) -> None:
+        """Begin a run: its first operating state counts as a change."""
+        self.operating_state = ''
+
+    def resend(self, stamp_ns: int) -> None:
+        """Send the periodic messages of the newest tick, which have the stamp `stamp_ns`."""
+        self._send_duty(stamp_ns, self._duty)
+        self._send_state(stamp_ns, self._state)
+
+    def stop_motors(self, last_ns: int) -> None:
+        """Publish that the motors are off from the tick after the last one."""
+        stamp_ns = last_ns + TICK_NS
+        self._send_duty(stamp_ns, encode_stop(stamp_ns))
+
+
+class PlantMessages:
+    """Encodes and sends the plant's messages."""
+
+    def __init__(self, make: MakeSend) -> None:
+        self.ball_radius = 0.0
+        self._battery_sample = b''
+        self._wall_hit = False
+        self._send_clock = make(CLOCK)
+        self._send_run = make(RUN)
+        self._send_motors = make(PLANT_JOINT_STATES)
+        self._send_body = make(PLANT_IMU)
+        self._send_odometry = make(PLANT_ODOM)
+        self._send_slow_odometry = make(PLANT_SLOW_ODOM)
+        self._send_steps = make(PLANT_STEPS)
+        self._send_battery = make(BATTERY_STATE)
+        self._send_wall_hit = make(WALL_HIT)
+        self._send_accepted_push = make(ACCEPTED_PUSH)
+        self._send_map = make(MAP)
+        self._send_duty = make(MOTOR_DUTY)
+
+    def announce(self, start_ns: int, name: str) -> None:
+        """Announce a run, so that its participants join it."""
+        self._send_run(start_ns, encode_header(start_ns, name))
+
+    def begin(self, start_ns: int, world: World | None) -> None:
+        """Publish the initial state of a run."""
+        if world:
+            self._send_map(start_ns, encode_map(start_ns, occupancy_grid(world.map)))
+        self._set_wall_hit(start_ns, wall_hit=False)
+
+    def push(self, push: Push, number: int) -> None:
+        """Publish the start and the end of a push, so that the run can be replayed."""
+        for stamp, acts in ((push.start_ns, True), (push.end_ns, False)):
+            self._send_accepted_push(stamp, encode_accepted_push(stamp, push, number, acts=acts))
+
+    def truth(self, truth: GroundTruth, *, wall_hit: bool, is_resend: bool = False) -> None:
+        """Send the plant's true state at a tick, and `wall_hit` if it has changed.
+
+        With `is_resend`, also send the newest battery sample again, because a controller that has
+        just joined waits for it.
+        """
+        stamp_ns = truth.stamp_ns
+        self._send_clock(stamp_ns, encode_clock(stamp_ns))
+        # Send the battery sample before the drivers' inputs: it marks the start of the run for the
+        # controller.
+        if stamp_ns % BATTERY_PERIOD_NS == 0:
+            self._battery_sample = encode_battery(truth)
+        if is_resend or stamp_ns % BATTERY_PERIOD_NS == 0:
+            self._send_battery(stamp_ns, self._battery_sample)
+        self.send_to_drivers(truth)
+        if self._wall_hit != wall_hit:
+            self._set_wall_hit(stamp_ns, wall_hit=wall_hit)
+
+    def _set_wall_hit(self, stamp_ns: int, *, wall_hit: bool) -> None:
+        self._wall_hit = wall_hit
+        self._send_wall_hit(stamp_ns, encode_wall_hit(wall_hit=wall_hit))
+
+    def send_to_drivers(self, truth: GroundTruth) -> None:
+        """Send the topics that the drivers answer."""
+        stamp_ns = truth.stamp_ns
+        self._send_body(stamp_ns, encode_body(truth))
+        self._send_motors(stamp_ns, encode_motors(truth))
+        self._send_odometry(stamp_ns, encode_odometry(truth, self.ball_radius))
+
+    def send_unrecorded(self, truth: GroundTruth) -> None:
+        """Send the topics that only drivers read.
+
+        They are the odometry at the sampling times of the slow ones, and the latest physics steps,
+        if samples have a dead time.
+        """
+        stamp_ns = truth.stamp_ns
+        if stamp_ns % SLOW_PERIOD_NS == 0:
+            self._send_slow_odometry(stamp_ns, encode_odometry(truth, self.ball_radius))
+        if truth.steps:
+            self._send_steps(stamp_ns, encode_steps(truth))
+
+    def stop_motors(self, last_ns: int) -> None:
+        """Publish that the motors are off from the tick after the last one."""
+        stamp_ns = last_ns + TICK_NS
+        self._send_duty(stamp_ns, encode_stop(stamp_ns))
+
+
+RUN_NAME = '1'
+"""Name of the run: without a graph there is one run, and no other plant."""
+
+
+class RunMessages:
+    """Creates the messages that the nodes would publish, in causal order."""
+
+    def __init__(self, make: MakeSend, parameters: ParameterSet) -> None:
+        self.plant = PlantMessages(make)
+        self.plant.ball_radius = parameters.of(PlantParameters).ball_radius
+        self._devices = []
+        for each in DEVICE_MESSAGES:
+            encode = each.encoder(parameters.of(each.device.parameters))
+            self._devices.append((attrgetter(each.device.field), encode, make(each.sample)))
+        self._send_sticks = make(GAMEPAD_JOY)
+        self._controller = ControllerMessages(make)
+
+    def begin(self, start_ns: int, world: World | None, pushes: Iterable[Push]) -> None:
+        """Create the messages at the start of a run."""
+        self.plant.announce(start_ns, RUN_NAME)
+        self.plant.begin(start_ns, world)
+        for number, push in enumerate(pushes, 1):
+            self.plant.push(push, number)
+
+    def retuned(self, now_ns: int, values: Mapping[str, Value]) -> None:
+        """Create the message of parameters that change before the tick at `now_ns` [ns]."""
+        self._controller.retuned(now_ns, values)
+
+    def tick(self, tick: Tick, program: Program, source: str = SCENARIO) -> None:
+        """Create the messages of a tick; `source` names the input in command."""
+        now_ns = tick.truth.stamp_ns
+        self.plant.truth(tick.truth, wall_hit=tick.wall_hit)
+        self._drivers(now_ns, tick.inputs, source)
+        self._controller.tick(now_ns, tick.outputs, program)
+
+    def _drivers(self, now_ns: int, inputs: DeviceInputs, source: str) -> None:
+        for reading_of, encode, send in self._devices:
+            reading = reading_of(inputs)
+            if reading is not None:
+                send(now_ns, encode(now_ns, reading))
+        if inputs.sticks is not None:
+            self._send_sticks(now_ns, encode_sticks(now_ns, inputs.sticks, source))

@@ -1,0 +1,149 @@
+"""The laws of a step that are no equations of motion: falls, pushes, gear play, walls."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple, Protocol
+
+from ballbot_ros.parameters.timing import STEP_NS
+from ballbot_ros.robot.numerics.elementary import sine_cosine
+from ballbot_ros.robot.plant.ground_truth import Pair
+from ballbot_ros.robot.plant.integration import PlaneState
+from ballbot_ros.robot.plant.model import MassMatrix, impulse_ratio
+
+
+def has_fallen(psi_x: float, psi_y: float, fall_angle: float) -> bool:
+    """Return whether a pitch [rad] is not within the fall angle [rad]; NaN is not."""
+    return not (-fall_angle < psi_x < fall_angle and -fall_angle < psi_y < fall_angle)
+
+
+def state_after_fall(state: PlaneState, fall_angle: float) -> PlaneState:
+    """Return the state of a fallen plane at rest, at a pitch of at most `fall_angle` [rad]."""
+    return state[0], max(-fall_angle, min(fall_angle, state[1])), 0.0, 0.0
+
+
+def wheel_angle(ratio: float, theta: float, psi: float, start_psi: float) -> float:
+    """Return the angle [rad] of a wheel since the start, from ball angle and pitch [rad]."""
+    return ratio * (theta - (psi - start_psi))
+
+
+def shaft_angle(shaft: float, wheel: float, half_play: float) -> float:
+    """Return the angle of the motor shaft, which the wheel drags along within the gear play.
+
+    The previous angle of the shaft, the wheel's angle and half of the play are in rad.
+    """
+    return min(wheel + half_play, max(wheel - half_play, shaft))
+
+
+def add_push_forces(
+    force_theta: float,
+    force_psi: float,
+    force: float,
+    torque: float,
+    psi: float,
+    ball_radius: float,
+    body_height: float,
+) -> Pair:
+    """Return the generalised forces [N·m] on theta and psi, with those of a push added.
+
+    Parameters
+    ----------
+    force_theta, force_psi : float
+        The other forces [N·m].
+    force, torque : float
+        Horizontal force at the body's centre [N] and torque [N·m] of the push.
+    psi : float
+        Pitch [rad].
+    ball_radius, body_height : float
+        Rs and L [m].
+    """
+    _, cosine = sine_cosine(psi)
+    force_theta += force * ball_radius
+    force_psi += force * body_height * cosine
+    force_psi += torque
+    return force_theta, force_psi
+
+
+def is_release(time_ns: int, hold_until: int) -> bool:
+    """Return whether the step that begins at a time [ns] is the first after the hold [ns]."""
+    return time_ns - STEP_NS < hold_until <= time_ns
+
+
+def released(state: PlaneState, pitch_rate: float) -> PlaneState:
+    """Return the state of a plane that is released with a rate of its pitch [rad/s]."""
+    return state[0], state[1], state[2], state[3] + pitch_rate
+
+
+Planes = tuple[PlaneState, PlaneState]
+
+
+class Floor(Protocol):
+    """The floor's free space; positions of the ball's centre [m] in plane signs."""
+
+    @property
+    def walls_as_numbers(self) -> tuple[Any, Any]:
+        """The walls as in :class:`~ballbot_ros.robot.world.world.Footprint`."""
+        ...
+
+    def touching(self, position: Pair) -> tuple[str, ...]:
+        """Return the parts of the body that would be in a wall."""
+        ...
+
+
+class WallHit(NamedTuple):
+    """The start of a contact with a wall, at a sim time [ns].
+
+    The ball's centre was stopped at `position` [m] in plane signs; `parts` of the body would have
+    been in the wall.
+    """
+
+    time_ns: int
+    position: Pair
+    parts: tuple[str, ...]
+
+    def __str__(self) -> str:
+        """Return one line for the log, in the axes of ``map``."""
+        x, y = round(self.position[0], 2) + 0.0, round(-self.position[1], 2) + 0.0
+        return (
+            f'wall hit at sim time {self.time_ns * 1e-9:.3f} s: ball at x {x:.2f} m, y {y:.2f} m '
+            f'(map), {", ".join(self.parts)}'
+        )
+
+
+def state_after_impact(
+    before: PlaneState, after: PlaneState, mass: MassMatrix, linear: bool
+) -> PlaneState:
+    """Return the state of a plane stopped by an inelastic impulse at the ball's centre.
+
+    The impulse acts on theta alone, so the second row of M Δ(theta', psi') = (impulse, 0) couples
+    the jump of psi' to that of theta'. A wall can't pull: a plane that has reversed within the step
+    keeps its velocity. The states are `before` the step, and `after` it if there were no wall.
+    """
+    theta, psi, theta_dot, psi_dot = after
+    if (theta > before[0]) == (theta_dot > 0.0):
+        psi_dot += theta_dot * impulse_ratio(mass, 0.0 if linear else psi)
+        theta_dot = 0.0
+    return before[0], psi, theta_dot, psi_dot
+
+
+def planes_at_wall(after: Planes, stopped: Planes, y_suffices: bool, x_suffices: bool) -> Planes:
+    """Return the planes at the end of a step that would end in a wall.
+
+    Parameters
+    ----------
+    after : tuple of PlaneState
+        The planes after the step if there were no walls.
+    stopped : tuple of PlaneState
+        The same planes, each stopped by :func:`state_after_impact`.
+    y_suffices, x_suffices : bool
+        Whether the body is free if this plane alone is stopped; y comes first.
+    """
+    if y_suffices:
+        return after[0], stopped[1]
+    if x_suffices:
+        return stopped[0], after[1]
+    return stopped
+
+
+def ball_position(start: Pair, radius: float, theta_x: float, theta_y: float) -> Pair:
+    """Return the position of the ball [m] for its angles [rad] from `start` [m]."""
+    return start[0] + radius * theta_x, start[1] + radius * theta_y

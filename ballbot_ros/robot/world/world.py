@@ -1,0 +1,258 @@
+"""The world of the plant: a map, the robot's body on it, and its distance to walls.
+
+numba can compile :func:`clearance` without changes.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from ballbot_ros.errors import WorldError
+from ballbot_ros.parameters import PlantParameters
+from ballbot_ros.robot.plant.ground_truth import Pair
+from ballbot_ros.robot.world.floor_map import CELL_M, CELLS_PER_METRE, FloorMap, load_map, map_point
+from ballbot_ros.robot.world.sonar_beam import wall_distance
+
+Floats = NDArray[np.float64]
+
+_ROUNDING = 1e-9
+"""More than the rounding of positions [cells]."""
+
+
+class Walls(NamedTuple):
+    """The distances to the walls of a map, for a body of one size; lengths in cells.
+
+    The upright body covers a rectangle of cells, some of them partly. Their number along an axis
+    differs with the position, but two blocks of a fixed number cover all of them: one begins with
+    the first cell, the other ends with the last.
+
+    Attributes
+    ----------
+    distance : ndarray, shape (rows + rows of a block - 1, columns + columns of a block - 1)
+        Distance from a block of cells to the edge of the nearest wall cell, 0 if a cell of the
+        block is a wall. The block of element (i, j) ends with row i and column j, and has only
+        cells of the map.
+    rows, columns : int
+        Size of the map.
+    half_u, half_v : float
+        Half of the body's depth and width.
+    """
+
+    distance: Floats
+    rows: int
+    columns: int
+    half_u: float
+    half_v: float
+
+
+NO_WALLS = Walls(np.zeros((0, 0)), 0, 0, 0.0, 0.0)
+"""No map, or a map without walls."""
+
+
+def walls_around(floor_map: FloorMap, half_u: float, half_v: float) -> Walls:
+    """Return the walls of a map for a body of these half sizes [cells].
+
+    They are :data:`NO_WALLS` if the map has none.
+    """
+    # Imported here, so that nodes without a map start faster.
+    from scipy.ndimage import distance_transform_edt
+
+    free = ~floor_map.walls
+    if free.all():
+        return NO_WALLS
+    # Subtract half a cell: the transform is the distance to the centre of the nearest wall cell,
+    # whose edge is nearer.
+    distance = np.maximum(distance_transform_edt(free) - 0.5, 0.0)
+    for axis, half in enumerate((half_v, half_u)):
+        # The body covers this number of cells or more, also after rounding.
+        block = max(math.ceil(2.0 * half - _ROUNDING), 1)
+        margin = [(0, 0), (0, 0)]
+        margin[axis] = (block - 1, block - 1)
+        padded = np.pad(distance, margin, constant_values=np.inf)
+        distance = sliding_window_view(padded, block, axis).min(axis=-1)
+    return Walls(distance, floor_map.rows, floor_map.columns, half_u, half_v)
+
+
+def clearance(walls: Walls, positions: Floats) -> Floats:
+    """Return the distances [m] from the outline to the nearest wall, (n,), at positions (n, 2).
+
+    Positions are those of the ball's centre [m] in plane signs. The distances are exact to about
+    1 cm: 0 if the body is in a wall, inf if there are no walls, a lower bound if the outline is
+    off the map, NaN at a position of NaN.
+    """
+    if walls.distance.size == 0:
+        return np.full(len(positions), np.inf)
+    u = positions[:, 0] * CELLS_PER_METRE + walls.columns / 2.0
+    v = positions[:, 1] * CELLS_PER_METRE + walls.rows / 2.0
+    left, right = u - walls.half_u, u + walls.half_u
+    top, bottom = v - walls.half_v, v + walls.half_v
+    height, width = walls.distance.shape
+    from_left = nearest_index(np.floor(left) + (width - walls.columns), width)
+    to_right = nearest_index(np.floor(right), width)
+    from_top = nearest_index(np.floor(top) + (height - walls.rows), height) * width
+    to_bottom = nearest_index(np.floor(bottom), height) * width
+    # Flat, because numba indexes with only one array.
+    distance = walls.distance.ravel()
+    upper = np.minimum(distance[from_top + from_left], distance[from_top + to_right])
+    lower = np.minimum(distance[to_bottom + from_left], distance[to_bottom + to_right])
+    on_map = np.minimum(upper, lower)
+    # For a body off the map, add the distances to the edge and from there to a wall as a right
+    # angle: the map is convex, so no wall is nearer.
+    off_u = np.maximum(np.maximum(left - walls.columns, -right), 0.0)
+    off_v = np.maximum(np.maximum(top - walls.rows, -bottom), 0.0)
+    nearest: Floats = np.sqrt(on_map * on_map + off_u * off_u + off_v * off_v) * CELL_M
+    return nearest
+
+
+def nearest_index(numbers: Floats, size: int) -> NDArray[np.int64]:
+    """Return the whole numbers as indices of an axis of this size, at its ends if beyond them."""
+    # Unlike maximum and minimum, fmax and fmin turn NaN into a number, which is a valid index.
+    return np.fmin(np.fmax(numbers, 0.0), size - 1.0).astype(np.int64)
+
+
+class Footprint(NamedTuple):
+    """The map's walls and the body's outline, for :func:`is_blocked`; lengths are in cells.
+
+    Attributes
+    ----------
+    sides : array of int32, shape (rows, columns)
+        Result of :func:`~ballbot_ros.robot.world.sonar_beam.wall_distance`.
+    walls_before : array of int32, shape (rows + 1, columns + 1)
+        Number of wall cells above and to the left of each corner of a cell.
+    half_u, half_v : float
+        Half of the body's depth and width.
+    """
+
+    sides: Any
+    walls_before: Any
+    half_u: float
+    half_v: float
+
+
+def half_cells(length: float) -> float:
+    """Return half of a length [m] in cells."""
+    return length * CELLS_PER_METRE / 2.0
+
+
+def is_blocked(footprint: Footprint, position: Pair) -> bool:
+    """Return whether any part of the body is in a wall; the position is the ball's centre [m].
+
+    Four prefix sums give the number of wall cells in a rectangle, so that no wall, however narrow,
+    can slip between the points of the outline.
+    """
+    sides, walls_before, half_u, half_v = footprint
+    rows, columns = sides.shape
+    u, v = map_point(columns, rows, position)
+    # Where the ball is far from all walls, the body can't reach one.
+    if 0.0 <= u < columns and 0.0 <= v < rows and sides[int(v), int(u)] > max(half_u, half_v) + 1.0:
+        return False
+    left = min(max(math.floor(u - half_u), 0), columns)
+    right = min(max(math.floor(u + half_u) + 1, 0), columns)
+    top = min(max(math.floor(v - half_v), 0), rows)
+    bottom = min(max(math.floor(v + half_v) + 1, 0), rows)
+    inside = (
+        walls_before[bottom, right] - walls_before[top, right]
+        - walls_before[bottom, left] + walls_before[top, left]
+    )  # fmt: skip
+    return bool(inside > 0)
+
+
+class World:
+    """A floor with walls, and the outline of the upright body: a rectangle around the ball.
+
+    Only walls block the robot; the floor off the map is free. Positions are those of the ball's
+    centre [m] in plane signs (docs/frames.md). The body's depth and width [m] are along x and y.
+
+    Attributes
+    ----------
+    map : FloorMap
+        The floor.
+    footprint : Footprint
+        Walls and outline as numbers.
+    """
+
+    def __init__(self, floor_map: FloorMap, body_depth: float, body_width: float) -> None:
+        self.map = floor_map
+        self._half_u, self._half_v = half_cells(body_depth), half_cells(body_width)
+        sums = np.zeros((floor_map.rows + 1, floor_map.columns + 1), dtype=np.int32)
+        np.cumsum(np.cumsum(floor_map.walls, axis=0, dtype=np.int32), axis=1, out=sums[1:, 1:])
+        sides = wall_distance(floor_map)
+        self.footprint = Footprint(sides, sums, self._half_u, self._half_v)
+        # Memory views give their elements faster than arrays do.
+        self._footprint = self.footprint._replace(sides=sides.data, walls_before=sums.data)
+        self._points = {
+            f'{end} {side}': (along * self._half_u, across * self._half_v)
+            for end, along in (('front', 1.0), ('rear', -1.0))
+            for side, across in (('left', -1.0), ('middle', 0.0), ('right', 1.0))
+        }
+
+    @classmethod
+    def of(cls, parameters: PlantParameters) -> World | None:
+        """Create the world described by the parameters of ``plant_sim``; None without a ``map``.
+
+        Raises
+        ------
+        WorldError
+            If the map can't be read, or the start position is blocked.
+        """
+        if not parameters.map:
+            return None
+        world = cls(load_map(parameters.map), parameters.body_depth, parameters.body_width)
+        world.check_start((parameters.start_position_x, parameters.start_position_y))
+        return world
+
+    @property
+    def walls_as_numbers(self) -> tuple[Any, Any]:
+        """The two tables of :class:`Footprint`, whose elements the interpreter gets quickly."""
+        return self._footprint.sides, self._footprint.walls_before
+
+    def check_start(self, position: Pair) -> None:
+        """Raise WorldError if a start position is off the map or puts the body in a wall."""
+        x, y = position[0], -position[1] + 0.0
+        where = f'the start position x {x:g} m, y {y:g} m (map)'
+        if not self.map.contains(self.map.point(position)):
+            x_end, y_end = self.map.columns * CELL_M / 2.0, self.map.rows * CELL_M / 2.0
+            raise WorldError(f'{where} is off the map, which spans x ±{x_end:g} m, y ±{y_end:g} m')
+        if self.blocked(position):
+            raise WorldError(
+                f'{where} puts the body in a wall: {", ".join(self.touching(position))}'
+            )
+
+    def blocked(self, position: Pair) -> bool:
+        """Return whether any part of the body is in a wall, see :func:`is_blocked`."""
+        return is_blocked(self._footprint, position)
+
+    def touching(self, position: Pair) -> tuple[str, ...]:
+        """Return which of the document's six points of the outline are in a wall (B.3).
+
+        They are such as 'front left'; 'between two points of the outline' if none of the points is
+        in the wall; empty if the body is not in a wall.
+        """
+        if not self.blocked(position):
+            return ()
+        u, v = self.map.point(position)
+        names = tuple(
+            name
+            for name, (along, across) in self._points.items()
+            if self.map.is_wall((u + along, v + across))
+        )
+        return names or ('between two points of the outline',)
+
+    @cached_property
+    def walls(self) -> Walls:
+        """The distances from the body to the walls."""
+        # Not computed for every run: a node needs no clearance.
+        return walls_around(self.map, self._half_u, self._half_v)
+
+    def clearance(self, positions: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the distances [m] from the outline to a wall, (n,), at positions (n, 2).
+
+        See :func:`ballbot_ros.robot.world.world.clearance`.
+        """
+        return clearance(self.walls, positions)
