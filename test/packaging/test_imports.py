@@ -55,7 +55,7 @@ def floor_of(module):
         return None
     packages = ROOMS[room]
     own = rest[0] if rest and rest[0] in packages else ''
-    return [*ROOMS].index(room), packages.index(own) if packages else 0
+    return [*ROOMS].index(room), packages.index(own) if own in packages else 0
 
 
 def test_every_package_has_a_place():
