@@ -15,7 +15,8 @@ from ballbot_ros.files import temporary_folder
 from ballbot_ros.lockstep.run_actions import Outcome
 from ballbot_ros.nodes.middleware import require_middleware
 from ballbot_ros.process import DeferredSignals
-from ballbot_ros.robot.world.world import NO_WALLS, World
+from ballbot_ros.robot.world.clearance import NO_WALLS
+from ballbot_ros.robot.world.world import World
 from ballbot_ros.run.node_process import ForkClient
 from ballbot_ros.run.observer import LogObserver, RunObserver
 from ballbot_ros.run.output_folder import output_files

@@ -239,6 +239,10 @@ def test_the_list_of_nodes_needs_no_dependency():
     assert done.returncode == 0, done.stderr
 
 
+def package_of(file):
+    return next(parent for parent in file.parents if (parent / '__init__.py').exists())
+
+
 def test_every_subpackage_is_installed(setup):
     folders = {
         '.'.join(file.relative_to(ROOT).parent.parts)
@@ -249,14 +253,16 @@ def test_every_subpackage_is_installed(setup):
 
 @pytest.mark.parametrize(
     ('package', 'more_than'),
-    [('analysis', 5), ('codegen', 10), ('controllers', 6), ('studies', 0)],
+    [('analysis', 5), ('controllers', 6), ('controllers.codegen', 10), ('lab.studies', 0)],
 )
 def test_every_template_is_installed(setup, package, more_than):
-    folder = ROOT / 'ballbot_ros' / package
+    folder = ROOT / 'ballbot_ros' / package.replace('.', '/')
     patterns = setup['package_data'][f'ballbot_ros.{package}']
     installed = {file for pattern in patterns for file in folder.glob(pattern)}
     there = {
-        file for file in folder.rglob('*') if file.is_file() and file.suffix not in ('.py', '.pyc')
+        file
+        for file in folder.rglob('*')
+        if file.is_file() and file.suffix not in ('.py', '.pyc') and package_of(file) == folder
     }
     assert there == installed
     assert len(there) > more_than

@@ -10,8 +10,9 @@ from laws import given
 
 from ballbot_ros.engine.compilation import compiled_and_kept
 from ballbot_ros.engine.scenario.metrics import METRICS, Motion
+from ballbot_ros.robot.world.clearance import NO_WALLS
 from ballbot_ros.robot.world.floor_map import load_map
-from ballbot_ros.robot.world.world import NO_WALLS, World
+from ballbot_ros.robot.world.world import World
 
 TICK = 0.004
 RECORDED = ('position', 'psi', 'duty')

@@ -251,7 +251,7 @@ def changed(folder):
     shutil.copytree(ROOT / 'ballbot_ros', folder / 'ballbot_ros')
     for name in ('config', 'package.xml'):
         (folder / name).symlink_to(ROOT / name)
-    with (folder / 'ballbot_ros/timing.py').open('a') as file:
+    with (folder / 'ballbot_ros/errors.py').open('a') as file:
         file.write('# changed\n')
 
 

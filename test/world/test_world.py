@@ -12,8 +12,9 @@ from robot import values_of
 from ballbot_ros.engine.compilation import compiled
 from ballbot_ros.errors import WorldError
 from ballbot_ros.parameters import PLANT
+from ballbot_ros.robot.world.clearance import clearance
 from ballbot_ros.robot.world.floor_map import load_map
-from ballbot_ros.robot.world.world import World, clearance
+from ballbot_ros.robot.world.world import World
 
 DEPTH, WIDTH = 0.14, 0.10
 NAMES = ['front left', 'front middle', 'front right', 'rear left', 'rear middle', 'rear right']

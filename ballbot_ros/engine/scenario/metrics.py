@@ -13,7 +13,7 @@ from typing import Generic, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.robot.world.world import Walls, clearance
+from ballbot_ros.robot.world.clearance import Walls, clearance
 
 Measured = TypeVar('Measured')
 """What a metric is computed from."""

@@ -37,14 +37,8 @@ from ballbot_ros.parameters import (
 )
 from ballbot_ros.parameters.files import assign_values, plain_values
 from ballbot_ros.parameters.timing import FIRST_TICK_NS, SECOND_NS, TICK_NS
-from ballbot_ros.robot.world.world import (
-    NO_WALLS,
-    Walls,
-    World,
-    half_cells,
-    is_blocked,
-    walls_around,
-)
+from ballbot_ros.robot.world.clearance import NO_WALLS, Walls, walls_around
+from ballbot_ros.robot.world.world import World, half_cells, is_blocked
 from ballbot_ros.run.spec import RunSpec
 from ballbot_ros.run.tick_timer import TickTimer
 
