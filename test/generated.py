@@ -4,7 +4,7 @@ import random
 import shutil
 
 import pytest
-from robot import values_of
+from parts import values_of
 
 from ballbot_ros.controllers.codegen.application import read_tasks, write_application
 from ballbot_ros.controllers.codegen.compiled_program import BrickProcess, CompiledProgram

@@ -9,8 +9,8 @@ from functools import cache
 from types import MappingProxyType
 
 import numpy as np
+from parts import steps
 from protocol_world import DRIVER_NODES, PERIODIC, Process, ProtocolWorld, RecorderNode
-from robot import steps
 
 from ballbot_ros.engine.closed_loop import ClosedLoop
 from ballbot_ros.engine.scenario.scenario import Scenario

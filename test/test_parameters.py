@@ -8,7 +8,7 @@ import laws
 import pytest
 from hypothesis import strategies as st
 from laws import given, is_read_or_refused_in_one_line
-from robot import physical
+from parts import physical
 
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.parameters import (

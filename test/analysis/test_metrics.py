@@ -7,7 +7,7 @@ import pytest
 from hypothesis import strategies as st
 from laws import given
 from maps import open_floor, with_walls
-from robot import values_of
+from parts import values_of
 
 from ballbot_ros.analysis.metrics import judge, measure, measure_one, measured_window
 from ballbot_ros.engine.compilation import compiled

@@ -5,7 +5,7 @@ import time
 import numpy as np
 import pytest
 from own_controllers import BALANCE, FAULTY, line_in_faulty
-from robot import AT_REST, values_of
+from parts import AT_REST, values_of
 
 from ballbot_ros.controllers import Controller
 from ballbot_ros.controllers.codegen.implementation import compose_controller, implementation_for

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from robot import physical
+from parts import physical
 from shipped_controllers import duties, exchanged, run_shipped
 
 from ballbot_ros.controllers.drift_filter import LeanObserver

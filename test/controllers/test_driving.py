@@ -3,7 +3,7 @@
 from itertools import pairwise
 
 import pytest
-from robot import AT_REST
+from parts import AT_REST
 
 from ballbot_ros.controllers import OperatingState, Readings
 from ballbot_ros.controllers.codegen.implementation import compose_controller, implementation_for

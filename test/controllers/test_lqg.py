@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 from laws import given
-from robot import physical
+from parts import physical
 from shipped_controllers import duties, exchanged, run_shipped
 
 from ballbot_ros.controllers.lqg import (

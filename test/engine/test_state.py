@@ -4,7 +4,7 @@ import pickle
 
 import numpy as np
 import pytest
-from robot import make_loop, run_loop, steps
+from parts import make_loop, run_loop, steps
 
 from ballbot_ros.controllers.document.axis import ProgramConstants
 from ballbot_ros.controllers.document.program import INITIAL_STATE, tick_constants

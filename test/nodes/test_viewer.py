@@ -4,7 +4,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
-from robot import DIMENSIONS
+from parts import DIMENSIONS
 
 pytest.importorskip('rclpy')
 

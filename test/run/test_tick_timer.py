@@ -5,7 +5,7 @@ import threading
 from types import SimpleNamespace
 
 import pytest
-from robot import AT_REST
+from parts import AT_REST
 
 from ballbot_ros.controllers.codegen.implementation import compose_controller, implementation_for
 from ballbot_ros.errors import ControllerError

@@ -2,7 +2,7 @@
 
 import pytest
 from browsing import StubRobot, receive
-from robot import DIMENSIONS
+from parts import DIMENSIONS
 
 from ballbot_ros.viewer.live_controls import LiveControls
 from ballbot_ros.viewer.page import Page

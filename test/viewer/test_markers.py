@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 from laws import given
-from robot import DIMENSIONS
+from parts import DIMENSIONS
 from trimesh import transformations
 
 from ballbot_ros.recording.messages.conversions import body_orientation

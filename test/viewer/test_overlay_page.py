@@ -9,7 +9,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.usefixtures('needs_browser')]
 
 from browsing import browsing, wait_until  # noqa: E402
 from graph import wait_for  # noqa: E402
-from robot import DIMENSIONS  # noqa: E402
+from parts import DIMENSIONS  # noqa: E402
 from websockets.sync.client import connect  # noqa: E402
 
 from ballbot_ros.viewer.overlay import (  # noqa: E402

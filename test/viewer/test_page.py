@@ -17,7 +17,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.usefixtures('needs_browser')]
 
 from browsing import StubRobot, another, browsing, running, serving, wait_until  # noqa: E402
 from graph import LAST_RESORT_S, wait_for  # noqa: E402
-from robot import DIMENSIONS  # noqa: E402
+from parts import DIMENSIONS  # noqa: E402
 from ros_client import Client  # noqa: E402
 from scipy import ndimage  # noqa: E402
 from std_srvs.srv import SetBool  # noqa: E402

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from robot import DIMENSIONS
+from parts import DIMENSIONS
 
 from ballbot_ros.recording.messages.conversions import pitch_angles
 from ballbot_ros.viewer.floor import Area

@@ -2,7 +2,7 @@
 
 from browsing import receive
 from graph import wait_for
-from robot import DIMENSIONS
+from parts import DIMENSIONS
 
 from ballbot_ros.errors import RecordingError
 from ballbot_ros.viewer.page import Page

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 from browsing import receive
-from robot import DIMENSIONS
+from parts import DIMENSIONS
 
 from ballbot_ros.viewer.page import Page
 from ballbot_ros.viewer.tunable import Tunable

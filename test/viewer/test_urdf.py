@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 from laws import given
-from robot import DIMENSIONS
+from parts import DIMENSIONS
 
 yourdfpy = pytest.importorskip('yourdfpy')
 

@@ -1,0 +1,162 @@
+"""The compiled runs are the ordinary ones, to the last bit."""
+
+import hashlib
+import json
+import os
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from drawn_runs import drawn_run
+
+from ballbot_ros.engine.closed_loop import ClosedLoop
+from ballbot_ros.engine.compilation import compiled_and_kept
+from ballbot_ros.engine.golden import load_golden
+from ballbot_ros.engine.run import END, RunLog
+from ballbot_ros.engine.scenario.library import load_scenario, scenario_names
+from ballbot_ros.lab.studies.rows import RobotRows, program_rows
+from ballbot_ros.lab.studies.runs import events_of, floor_of, simulate_runs
+from ballbot_ros.parameters import (
+    ControllerParameters,
+    EncoderParameters,
+    GyroParameters,
+    PlantParameters,
+    SonarParameters,
+)
+from ballbot_ros.parameters.timing import SECOND_NS, TICK_NS
+from ballbot_ros.robot.world.world import World
+
+ROOT = Path(__file__).resolve().parents[3]
+RANDOM_RUNS = 500
+CORE_TYPES = ('Nehalem', 'Sandybridge', 'Haswell', 'SkylakeX')
+
+
+def simulate(parameters, scenario, simulate_many=None):
+    """Return the log and the end of a run by the compiled function, or another one."""
+    rows = RobotRows(parameters, {}, 1)
+    plant = parameters.of(PlantParameters)
+    ticks = round(plant.duration * SECOND_NS) // TICK_NS
+    log = RunLog(np.zeros((1, ticks, 2)), np.zeros((1, ticks, 2)), np.zeros((1, ticks, 2), np.int8))
+    ends = np.zeros(1, END)
+    tables = [
+        rows[cls] for cls in (PlantParameters, GyroParameters, EncoderParameters, SonarParameters)
+    ]
+    tables.append(program_rows(rows[ControllerParameters]))
+    if simulate_many:  # plain Python reads the names of a row in a record array only
+        tables = [each.view(np.recarray) for each in tables]
+        ends = ends.view(np.recarray)
+    run = simulate_many or compiled_and_kept(simulate_runs)
+    run(*tables, floor_of(World.of(plant)), events_of([scenario]), log, ends)
+    return log, ends[0]
+
+
+def assert_equal_runs(parameters, scenario, simulate_many=None):
+    """Compare each tick's motion and duties, and the final state, bit for bit."""
+    log, end = simulate(parameters, scenario, simulate_many)
+    loop = ClosedLoop(parameters, scenario)
+    ticks = list(loop.ticks(parameters.of(PlantParameters).duration))
+    assert end['ticks'] == len(ticks)
+    expected = (
+        np.array([each.truth.position for each in ticks]),
+        np.array([each.truth.psi for each in ticks]),
+        np.array([each.outputs.duty for each in ticks], np.int8),
+    )
+    for found, other in zip(log, expected, strict=True):
+        assert found[0, : len(ticks)].tobytes() == other.tobytes()
+    state = loop.plant.state
+    numbers = (*end['planes'].ravel(), *end['shaft'], *end['voltage'])
+    numbers += (end['charge'], end['battery_voltage'])
+    expected = (
+        *state.x, *state.y, state.shaft_x, state.shaft_y, state.voltage_x, state.voltage_y,
+        state.charge, state.volts,
+    )  # fmt: skip
+    assert np.array(numbers).tobytes() == np.array(expected, float).tobytes()
+    assert (end['fallen'], end['stopped']) == (state.is_fallen, state.is_stopped)
+    assert end['in_contact'] == state.in_contact
+
+
+@pytest.fixture(autouse=True)
+def _quiet():
+    """Parameters over their full ranges sometimes overflow."""
+    with warnings.catch_warnings(), np.errstate(all='ignore'):
+        warnings.simplefilter('ignore')
+        yield
+
+
+@pytest.mark.parametrize('name', scenario_names())
+def test_every_shipped_scenario(name):
+    scenario = load_scenario(name)
+    assert_equal_runs(scenario.parameters, scenario)
+
+
+@pytest.mark.parametrize('part', range(5))
+def test_random_runs_over_the_bounds_of_all_parameters(part):
+    count = RANDOM_RUNS // 5
+    for seed in range(part * count, (part + 1) * count):
+        try:
+            assert_equal_runs(*drawn_run(seed))
+        except AssertionError as error:
+            raise AssertionError(f'run {seed} differs') from error
+
+
+def test_random_runs_move_fall_hit_walls_and_use_all_devices():
+    """The comparison is worth something only if much happens in the runs."""
+    seen = dict.fromkeys(('fallen', 'stopped', 'contact', 'moving', 'pushed', 'delayed'), 0)
+    for seed in range(200):
+        parameters, scenario = drawn_run(seed)
+        log, end = simulate(parameters, scenario)
+        seen['fallen'] += end['fallen']
+        seen['stopped'] += end['stopped']
+        seen['contact'] += end['in_contact']
+        seen['moving'] += not end['fallen'] and bool(log.duty.any())
+        seen['pushed'] += bool(scenario.pushes)
+        seen['delayed'] += parameters.of(GyroParameters).delay > 0
+    assert min(seen.values()) >= 5, seen
+    assert all(30 <= seen[name] <= 170 for name in ('fallen', 'moving', 'pushed', 'delayed')), seen
+
+
+@pytest.mark.parametrize('seed', [0, 1, 5, 14])
+def test_the_same_function_in_plain_python(seed):
+    assert_equal_runs(*drawn_run(seed, duration=0.2), simulate_runs)
+
+
+HASHES = """
+import hashlib, json, sys
+sys.path.insert(0, 'test/lab/studies')
+from test_equality import scenario_hashes
+print(json.dumps(scenario_hashes()))
+"""
+
+
+def scenario_hashes():
+    """Return the hashes of the shipped scenarios' duties by compiled runs."""
+    hashes = {}
+    for name in scenario_names():
+        scenario = load_scenario(name)
+        log, end = simulate(scenario.parameters, scenario)
+        hashes[name] = hashlib.sha256(log.duty[0, : end['ticks']]).hexdigest()
+    return hashes
+
+
+def hashes_with(**settings):
+    done = subprocess.run(
+        [sys.executable, '-c', HASHES],
+        env={**os.environ, 'PYTHONPATH': f'{ROOT}:{ROOT / "test"}', **settings},
+        cwd=ROOT, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    return json.loads(done.stdout)
+
+
+@pytest.mark.parametrize('core_type', CORE_TYPES)
+def test_any_kernel_of_openblas(core_type):
+    assert hashes_with(OPENBLAS_CORETYPE=core_type) == load_golden().scenarios
+
+
+@pytest.mark.slow
+def test_code_for_any_processor(tmp_path):
+    """Without the vector and fused instructions of this processor the code is another one."""
+    found = hashes_with(NUMBA_CPU_NAME='generic', XDG_CACHE_HOME=str(tmp_path))
+    assert found == load_golden().scenarios
