@@ -126,8 +126,13 @@ def _wait_for_lock(file: IO[str]) -> None:
 
 def is_kept(function: Function) -> bool:
     """Return whether the machine code of a function is on disk, so that it need not be compiled."""
+    return has_kept_code(function.__qualname__)
+
+
+def has_kept_code(name: str = '*') -> bool:
+    """Return whether machine code of a function, or of any, is on disk."""
     folder = _folder()
-    return folder is not None and any(folder.rglob(f'*.{function.__qualname__}-*.nbi'))
+    return folder is not None and any(folder.rglob(f'*.{name}-*.nbi'))
 
 
 @cache

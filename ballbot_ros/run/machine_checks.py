@@ -14,6 +14,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from ballbot_ros.controllers.codegen.toolchain import ARM, HOST, Target, missing_tool
+from ballbot_ros.engine.compilation import REMEDY, can_compile, has_kept_code
 from ballbot_ros.engine.golden import arithmetic_sha256, duty_sha256, load_golden
 from ballbot_ros.engine.scenario.library import load_scenario
 from ballbot_ros.errors import BallbotError
@@ -195,12 +196,20 @@ def _compiler(target: Target) -> str:
     return ' and '.join(dict.fromkeys(tool.command for tool in target.tools))
 
 
+def _compiled_code() -> str:
+    if not can_compile():
+        raise BallbotError(f'numba not found: {REMEDY}')
+    state = 'ready' if has_kept_code() else 'compiled at their first use, in about 20 s'
+    return f'compiled runs by numba: {state}'
+
+
 OPTIONAL_CHECKS: Mapping[str, Callable[[], str]] = {
     'viewer': _viewer,
     'browser': browser_program,
     'gamepads': _gamepads,
     'C': lambda: _compiler(HOST),
     'ARM': lambda: _compiler(ARM),
+    'compiled': _compiled_code,
 }
 """Checks by name. Each returns its findings, or raises BallbotError with what to do."""
 
@@ -210,5 +219,6 @@ NEEDED_FOR: Mapping[str, str] = {
     'gamepads': 'drive',
     'C': 'codegen --check, --controller c',
     'ARM': 'codegen --check, --controller arm',
+    'compiled': 'study',
 }
 """The commands that need what a check finds."""

@@ -58,6 +58,21 @@ def test_what_is_missing_for_some_commands_is_named(monkeypatch, name, path, fai
         optional_checks.OPTIONAL_CHECKS[name]()
 
 
+@pytest.mark.parametrize(
+    ('kept', 'told'), [(True, ': ready'), (False, ': compiled at their first use, in about 20 s')]
+)
+def test_it_says_whether_compiled_code_is_ready(monkeypatch, kept, told):
+    pytest.importorskip('numba')
+    monkeypatch.setattr(machine_checks, 'has_kept_code', lambda: kept)
+    assert optional_checks.OPTIONAL_CHECKS['compiled']() == 'compiled runs by numba' + told
+
+
+def test_without_numba_it_says_how_to_install_it(monkeypatch):
+    monkeypatch.setattr(machine_checks, 'can_compile', lambda: False)
+    with pytest.raises(BallbotError, match='numba not found: pip install'):
+        optional_checks.OPTIONAL_CHECKS['compiled']()
+
+
 def test_a_taken_port_of_the_viewer_is_named(monkeypatch):
     with socket.create_server(('127.0.0.1', 0)) as taken:
         parameters = ViewerParameters(port=taken.getsockname()[1])
