@@ -19,7 +19,6 @@ from ballbot_ros.errors import BallbotError
 from ballbot_ros.files import share_directory
 from ballbot_ros.parameters import ViewerParameters
 from ballbot_ros.run import machine_checks
-from ballbot_ros.run import machine_checks as optional_checks
 
 
 def refuse(text, error=BallbotError):
@@ -55,7 +54,7 @@ def test_what_only_some_commands_need_is_a_note(monkeypatch, capsys):
 def test_what_is_missing_for_some_commands_is_named(monkeypatch, name, path, failure):
     monkeypatch.setenv('PATH', path)
     with pytest.raises(BallbotError, match=failure):
-        optional_checks.OPTIONAL_CHECKS[name]()
+        machine_checks.OPTIONAL_CHECKS[name]()
 
 
 @pytest.mark.parametrize(
@@ -64,28 +63,28 @@ def test_what_is_missing_for_some_commands_is_named(monkeypatch, name, path, fai
 def test_it_says_whether_compiled_code_is_ready(monkeypatch, kept, told):
     pytest.importorskip('numba')
     monkeypatch.setattr(machine_checks, 'has_kept_code', lambda: kept)
-    assert optional_checks.OPTIONAL_CHECKS['compiled']() == 'compiled runs by numba' + told
+    assert machine_checks.OPTIONAL_CHECKS['compiled']() == 'compiled runs by numba' + told
 
 
 def test_without_numba_it_says_how_to_install_it(monkeypatch):
     monkeypatch.setattr(machine_checks, 'can_compile', lambda: False)
     with pytest.raises(BallbotError, match='numba not found: pip install'):
-        optional_checks.OPTIONAL_CHECKS['compiled']()
+        machine_checks.OPTIONAL_CHECKS['compiled']()
 
 
 def test_a_taken_port_of_the_viewer_is_named(monkeypatch):
     with socket.create_server(('127.0.0.1', 0)) as taken:
         parameters = ViewerParameters(port=taken.getsockname()[1])
         monkeypatch.setattr(
-            optional_checks, 'ParameterSet', lambda: SimpleNamespace(of=lambda _: parameters)
+            machine_checks, 'ParameterSet', lambda: SimpleNamespace(of=lambda _: parameters)
         )
         with pytest.raises(BallbotError, match=f'{parameters.port}: Address already in use'):
-            optional_checks.OPTIONAL_CHECKS['viewer']()
+            machine_checks.OPTIONAL_CHECKS['viewer']()
 
 
 def test_every_optional_check_names_the_commands():
-    assert optional_checks.OPTIONAL_CHECKS.keys() == optional_checks.NEEDED_FOR.keys()
-    for line in optional_checks.NEEDED_FOR.values():
+    assert machine_checks.OPTIONAL_CHECKS.keys() == machine_checks.NEEDED_FOR.keys()
+    for line in machine_checks.NEEDED_FOR.values():
         for words in line.split(', '):
             assert words.split()[0] in COMMANDS or words.startswith('--controller')
 
@@ -303,6 +302,6 @@ def test_the_command_makes_every_check(domain):
         capture_output=True, text=True, env=environment(domain), check=False,
     )  # fmt: skip
     lines = done.stdout.splitlines()
-    names = [*doctor.CHECKS, *optional_checks.OPTIONAL_CHECKS]
+    names = [*doctor.CHECKS, *machine_checks.OPTIONAL_CHECKS]
     assert [line.split()[1] for line in lines] == names, done.stdout + done.stderr
     assert done.returncode == 0, done.stdout
