@@ -16,7 +16,8 @@ from ballbot_ros.errors import BallbotError, TeleopError, one_line
 from ballbot_ros.lockstep.lockstep import RunIdentity
 from ballbot_ros.nodes.base import BallbotNode, run_node
 from ballbot_ros.nodes.participation import Participation
-from ballbot_ros.nodes.teleop import sticks as arbiter
+from ballbot_ros.nodes.teleop import arbiter
+from ballbot_ros.nodes.teleop.arbiter import Arbiter, Command, GivenAnswers
 from ballbot_ros.nodes.teleop.gamepad import (
     ANY,
     Gamepad,
@@ -25,13 +26,7 @@ from ballbot_ros.nodes.teleop.gamepad import (
     SdlBackend,
     list_devices,
 )
-from ballbot_ros.nodes.teleop.sticks import (
-    Arbiter,
-    Command,
-    GivenAnswers,
-    JoyMapping,
-    VelocityMapping,
-)
+from ballbot_ros.nodes.teleop.sticks import JoyMapping, VelocityMapping
 from ballbot_ros.nodes.teleop.terminal import keyboard_unavailable_reason
 from ballbot_ros.nodes.teleop_terminal import TeleopTerminal
 from ballbot_ros.parameters import GamepadParameters

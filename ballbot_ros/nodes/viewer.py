@@ -98,7 +98,7 @@ class Viewer(BallbotNode[ViewerParameters]):
         from ballbot_ros.viewer.page import UPDATE_S, Page
         from ballbot_ros.viewer.panel import PERIOD, ScenePanel
         from ballbot_ros.viewer.plots import Plots
-        from ballbot_ros.viewer.scene_objects import ForceArrow
+        from ballbot_ros.viewer.shapes import ForceArrow
         from ballbot_ros.viewer.tuning_sliders import TuningSliders
 
         host, port = self.parameters.host, self.parameters.port

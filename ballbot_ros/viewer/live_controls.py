@@ -14,7 +14,7 @@ from viser import SceneNodeDragEvent
 from ballbot_ros.robot.plant.ground_truth import Pair
 from ballbot_ros.viewer.overlay import MAX_HELD, ChooseRate, Hold, Press, Request
 from ballbot_ros.viewer.run_activity import PAUSE, RATES, RESET, STEP, RunActivity
-from ballbot_ros.viewer.scene_objects import NEWTONS_PER_METRE, ForceArrow, Point
+from ballbot_ros.viewer.shapes import NEWTONS_PER_METRE, ForceArrow, Point
 
 MIN_FORCE, MAX_FORCE = 0.1, 3.0
 """Smallest and largest force that a page can apply [N]."""

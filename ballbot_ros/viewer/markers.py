@@ -22,7 +22,7 @@ from ballbot_ros.recording.messages.tool_messages import (
 )
 from ballbot_ros.robot.world.exports import WALL_HEIGHT_CM
 from ballbot_ros.robot.world.floor_map import FloorMap
-from ballbot_ros.viewer import robot as colours
+from ballbot_ros.viewer import colours
 from ballbot_ros.viewer.floor import walls
 from ballbot_ros.viewer.robot import BODY, LINKS, TRAIL_STEP, Vector, cone_slope, parts
 from ballbot_ros.viewer.snapshot import Snapshot

@@ -14,9 +14,8 @@ from ballbot_ros.parameters import Dimensions
 from ballbot_ros.recording.messages.conversions import body_orientation
 from ballbot_ros.robot.world.exports import WALL_HEIGHT_CM
 from ballbot_ros.robot.world.floor_map import FloorMap
-from ballbot_ros.viewer import floor
-from ballbot_ros.viewer import robot as colours
-from ballbot_ros.viewer import scene_objects as shapes
+from ballbot_ros.viewer import colours, floor, shapes
+from ballbot_ros.viewer.colours import WHITE, Colour
 from ballbot_ros.viewer.panel import lcd_image
 from ballbot_ros.viewer.robot import (
     BALL,
@@ -25,8 +24,6 @@ from ballbot_ros.viewer.robot import (
     LINKS,
     WHEEL_X,
     WHEEL_Y,
-    WHITE,
-    Colour,
     cone_slope,
     grip,
     lcd_position,
@@ -35,7 +32,7 @@ from ballbot_ros.viewer.robot import (
     wheel_centres,
 )
 from ballbot_ros.viewer.rotations import RollingOrientation, body_rotation
-from ballbot_ros.viewer.scene_objects import Arrow, Points, Trail, force_vector, line_mesh
+from ballbot_ros.viewer.shapes import Arrow, Points, Trail, force_vector, line_mesh
 from ballbot_ros.viewer.snapshot import Snapshot
 from ballbot_ros.viewer.transforms import wxyz
 

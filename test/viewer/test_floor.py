@@ -7,7 +7,7 @@ from laws import given
 
 from ballbot_ros.robot.world.floor_map import CELL_M, FLOOR, LINE, WALL, FloorMap
 from ballbot_ros.viewer.floor import walls
-from ballbot_ros.viewer.scene_objects import line_mesh
+from ballbot_ros.viewer.shapes import line_mesh
 
 maps = arrays.arrays(
     np.uint8, st.tuples(st.integers(1, 12), st.integers(1, 12)), elements=st.sampled_from(

@@ -22,7 +22,7 @@ from ballbot_ros.recording.messages.tool_messages import (
 )
 from ballbot_ros.recording.schemas import encoder, new_message
 from ballbot_ros.robot.world.floor_map import FLOOR, WALL, FloorMap
-from ballbot_ros.viewer import robot as colours
+from ballbot_ros.viewer import colours
 from ballbot_ros.viewer.floor import walls
 from ballbot_ros.viewer.markers import TRAIL_POINTS, RobotMarkers
 from ballbot_ros.viewer.robot import (

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ballbot_ros.viewer.scene_objects import Trail
+from ballbot_ros.viewer.shapes import Trail
 from ballbot_ros.viewer.snapshot import TRAIL_PIECE
 
 POINTS = [(0.01 * number, -0.02 * number) for number in range(4 * TRAIL_PIECE)]
