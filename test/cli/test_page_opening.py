@@ -2,7 +2,7 @@
 
 import pytest
 
-from ballbot_ros.cli import web_page as page_opening
+from ballbot_ros.cli import web_page
 from ballbot_ros.cli.web_page import PageObserver, PageOpening, PageOptions
 from ballbot_ros.viewer.address import address_in, address_line
 
@@ -12,7 +12,7 @@ ADDRESS = 'http://127.0.0.1:8080/?token=a'
 @pytest.fixture
 def opened(monkeypatch):
     addresses = []
-    monkeypatch.setattr(page_opening, 'open_browser', addresses.append)
+    monkeypatch.setattr(web_page, 'open_browser', addresses.append)
     return addresses
 
 

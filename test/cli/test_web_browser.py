@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from graph import wait_for
 
-from ballbot_ros.cli import web_page as web_browser
+from ballbot_ros.cli import web_page
 from ballbot_ros.cli.web_page import has_browser, open_browser
 
 ADDRESS = 'http://127.0.0.1:1/?token=a-b_c'
@@ -53,12 +53,12 @@ def test_without_a_desktop_nothing_is_started(monkeypatch):
     for name in ('BROWSER', 'DISPLAY', 'WAYLAND_DISPLAY'):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr(sys, 'platform', 'linux')
-    monkeypatch.setattr(web_browser, 'Thread', None)
+    monkeypatch.setattr(web_page, 'Thread', None)
     open_browser(ADDRESS)
 
 
 def test_a_browser_that_can_not_be_started_is_no_error(monkeypatch, capfd):
     monkeypatch.setenv('BROWSER', str(Path(os.devnull) / 'none'))
     monkeypatch.setattr(sys, 'executable', '/nonexistent/python')
-    web_browser._open(ADDRESS)
+    web_page._open(ADDRESS)
     assert capfd.readouterr() == ('', '')

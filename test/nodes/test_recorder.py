@@ -13,8 +13,7 @@ from stubs import bare  # noqa: E402
 
 from ballbot_ros.errors import RecordingError  # noqa: E402
 from ballbot_ros.lockstep.lockstep import RunIdentity, SampleStatus  # noqa: E402
-from ballbot_ros.nodes import recorder as recorder_channels  # noqa: E402
-from ballbot_ros.nodes import recorder as recorder_node  # noqa: E402
+from ballbot_ros.nodes import recorder  # noqa: E402
 from ballbot_ros.nodes.recorder import (  # noqa: E402
     RecordedChannel,
     RecordedChannels,
@@ -159,7 +158,7 @@ def test_a_topic_is_recorded_as_its_publishers_use_it():
 
 def test_messages_are_read_from_the_history_once_there_is_one(monkeypatch):
     waiting, publishers = {}, 0
-    monkeypatch.setattr(recorder_channels, 'drain', lambda source: waiting[source.topic_name])
+    monkeypatch.setattr(recorder, 'drain', lambda source: waiting[source.topic_name])
     history = SimpleNamespace(topic_name='/lcd/_history', get_publisher_count=lambda: publishers)
     channel = channel_of(LCD, history=history)
     assert channel.topic_names == ['/lcd', '/lcd/_history']
@@ -390,7 +389,7 @@ def test_a_recorder_that_is_stopped_with_its_run_awaits_the_end(monkeypatch):
     """It waits at most a second, and only for a run that is under way."""
     now_s = [0.0]
     monkeypatch.setattr(
-        recorder_node,
+        recorder,
         'time',
         SimpleNamespace(
             monotonic=lambda: now_s[0],
@@ -398,7 +397,7 @@ def test_a_recorder_that_is_stopped_with_its_run_awaits_the_end(monkeypatch):
         ),
     )
     for is_under_way, status, ends_s, waited_s in (
-        (True, 0, 9.0, recorder_node.END_S),
+        (True, 0, 9.0, recorder.END_S),
         (True, 0, 0.2, 0.2),
         (True, 0, 0.0, 0.0),
         (False, 0, 9.0, 0.0),

@@ -17,7 +17,7 @@ from rclpy.qos import (
 )
 
 from ballbot_ros.errors import TeleopError
-from ballbot_ros.nodes import gamepad_teleop as teleop_inputs
+from ballbot_ros.nodes import gamepad_teleop
 from ballbot_ros.nodes.gamepad_teleop import TeleopInputs
 from ballbot_ros.nodes.teleop.arbiter import Arbiter
 from ballbot_ros.nodes.teleop.gamepad import ANY, GamepadState, InputErrors
@@ -122,7 +122,7 @@ def test_the_sticks_of_the_page_reach_the_allowed_maximum():
 def test_an_input_is_read_whatever_its_publisher_offers():
     for reliability in (ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT):
         offered = QoSProfile(depth=1, reliability=reliability)
-        _, reason = qos_check_compatible(offered, teleop_inputs.NEWEST)
+        _, reason = qos_check_compatible(offered, gamepad_teleop.NEWEST)
         assert 'reliab' not in reason.lower()
 
 
@@ -200,8 +200,8 @@ def gamepads(monkeypatch):
     """The gamepads that have been opened."""
     opened = []
     monkeypatch.setattr(StubGamepad, 'opened', opened)
-    monkeypatch.setattr(teleop_inputs, 'Gamepad', StubGamepad)
-    monkeypatch.setattr(teleop_inputs, 'SdlBackend', lambda: None)
+    monkeypatch.setattr(gamepad_teleop, 'Gamepad', StubGamepad)
+    monkeypatch.setattr(gamepad_teleop, 'SdlBackend', lambda: None)
     return opened
 
 
@@ -247,7 +247,7 @@ def test_without_sdl_only_a_gamepad_that_was_asked_for_is_missed(monkeypatch):
     def fail():
         raise TeleopError('pygame not found')
 
-    monkeypatch.setattr(teleop_inputs, 'SdlBackend', fail)
+    monkeypatch.setattr(gamepad_teleop, 'SdlBackend', fail)
     for device, informed in (('', []), (ANY, ['no gamepad: pygame not found'])):
         inputs = Inputs(device=device)
         assert inputs.inputs.gamepad == ''

@@ -12,7 +12,7 @@ import pytest
 from recorded_bytes import UNCOMPRESSED, flip, write_foreign
 
 from ballbot_ros.errors import RecordingError
-from ballbot_ros.recording import columns as tables
+from ballbot_ros.recording import columns
 from ballbot_ros.recording.columns import ColumnHints, ComputedColumn, TopicColumns
 from ballbot_ros.recording.export import Exporter
 from ballbot_ros.recording.reader import RecordingReader
@@ -225,7 +225,7 @@ def test_lists_are_json(recording):
 
 def test_a_closed_table_is_on_disk(tmp_path):
     path = tmp_path / 'table.csv'
-    table = tables.CsvTable(path, [('a', int), ('b', float)])
+    table = columns.CsvTable(path, [('a', int), ('b', float)])
     table.add([1, None])
     table.close()
     assert rows(path) == [{'a': '1', 'b': ''}]
@@ -280,7 +280,7 @@ def test_no_file_is_overwritten(recording):
 
 def test_parquet_has_the_same_values(recording, monkeypatch):
     parquet = pytest.importorskip('pyarrow.parquet')
-    monkeypatch.setattr(tables, 'CELLS_AT_ONCE', 24)  # two rows of each topic
+    monkeypatch.setattr(columns, 'CELLS_AT_ONCE', 24)  # two rows of each topic
     for tick in range(3):
         recording.add('/sonar', RANGE, 10**9 + tick * TICK_NS, range=0.5 * tick)
     recording.add('/text', STRING, 10**9, data='a')
@@ -294,7 +294,7 @@ def test_parquet_has_the_same_values(recording, monkeypatch):
 
 def test_a_parquet_column_without_values_keeps_its_type(recording, monkeypatch):
     parquet = pytest.importorskip('pyarrow.parquet')
-    monkeypatch.setattr(tables, 'CELLS_AT_ONCE', 26)  # two rows
+    monkeypatch.setattr(columns, 'CELLS_AT_ONCE', 26)  # two rows
     for tick in range(5):
         recording.add('/fast', RANGE, 10**9 + tick * TICK_NS, range=0.5 * tick)
     recording.add('/slow', RANGE, 10**9 + 3 * TICK_NS, range=7.0)

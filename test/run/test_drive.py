@@ -26,8 +26,7 @@ from ballbot_ros.parameters import (
     GamepadParameters,
     PlantParameters,
 )
-from ballbot_ros.run import drive
-from ballbot_ros.run import one_process as node_thread
+from ballbot_ros.run import drive, one_process
 from ballbot_ros.run.drive import DriveOptions, DriveResult, drive_spec
 from ballbot_ros.run.one_process import NodeThread
 
@@ -175,8 +174,8 @@ def test_the_gamepad_is_closed_and_its_error_is_raised(monkeypatch, tmp_path):
 def test_a_node_on_a_thread_has_more_time_if_it_lacks_a_processor(is_starved, monkeypatch):
     """If its thread still runs at the end of the interpreter, Python may abort."""
     returns = threading.Event()
-    monkeypatch.setattr(node_thread, 'END_S', 0.2)
-    monkeypatch.setattr(node_thread, 'spin', lambda nodes, end: returns.wait(LAST_RESORT_S))
+    monkeypatch.setattr(one_process, 'END_S', 0.2)
+    monkeypatch.setattr(one_process, 'spin', lambda nodes, end: returns.wait(LAST_RESORT_S))
     node = SimpleNamespace(get_name=lambda: 'pad', close=list, destroy_node=list)
     thread, looks = NodeThread(node), []
 
@@ -214,7 +213,7 @@ def test_a_node_on_a_thread_ends_in_order_and_stores_its_error(monkeypatch):
                 for name in ('finish', 'close', 'destroy_node')
             },
         )
-        monkeypatch.setattr(node_thread, 'spin', spin)
+        monkeypatch.setattr(one_process, 'spin', spin)
         thread = NodeThread(node)
         if error:
             assert ended.wait(LAST_RESORT_S)

@@ -9,7 +9,7 @@ import pytest
 
 from ballbot_ros.lockstep.liveness import ThreadTime
 from ballbot_ros.nodes.heartbeat import HEARTBEAT_FD_ENV, Heartbeat, HeartbeatSender
-from ballbot_ros.run import separate_processes as plant_monitor
+from ballbot_ros.run import separate_processes
 from ballbot_ros.run.separate_processes import (
     PLANT_BUSY_S,
     PLANT_SILENCE_S,
@@ -29,9 +29,13 @@ IDLE = {1: ThreadTime(cpu_s=1.0, queued_s=0.0, is_runnable=False)}
 
 def test_a_plant_that_never_reports_hangs(monitor, monkeypatch):
     times_s = count(time.monotonic(), 0.1)
-    monkeypatch.setattr(plant_monitor, 'time', SimpleNamespace(monotonic=lambda: next(times_s)))
+    monkeypatch.setattr(
+        separate_processes, 'time', SimpleNamespace(monotonic=lambda: next(times_s))
+    )
     # Replace the plant's processor time, which would not match the simulated clock.
-    monkeypatch.setattr(plant_monitor, 'threads_by_process', lambda pids: dict.fromkeys(pids, IDLE))
+    monkeypatch.setattr(
+        separate_processes, 'threads_by_process', lambda pids: dict.fromkeys(pids, IDLE)
+    )
     looks = next(look for look in count() if monitor.plant_hangs(1))
     assert 0.1 * looks == pytest.approx(PLANT_BUSY_S, abs=0.35)
 
@@ -115,8 +119,10 @@ def test_a_heartbeat_is_a_sign_of_life_and_the_last_one_gives_the_plant_time_to_
     monitor, beat, monkeypatch, has_ended, patience_s
 ):
     now_s = time.monotonic()
-    monkeypatch.setattr(plant_monitor, 'time', SimpleNamespace(monotonic=lambda: now_s))
-    monkeypatch.setattr(plant_monitor, 'threads_by_process', lambda pids: dict.fromkeys(pids, IDLE))
+    monkeypatch.setattr(separate_processes, 'time', SimpleNamespace(monotonic=lambda: now_s))
+    monkeypatch.setattr(
+        separate_processes, 'threads_by_process', lambda pids: dict.fromkeys(pids, IDLE)
+    )
     beat(Heartbeat(1, has_ended))
     monitor.poll()
     begun_s = now_s

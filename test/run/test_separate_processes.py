@@ -20,8 +20,7 @@ from ballbot_ros.nodes.middleware import DISCOVERY_RANGE
 from ballbot_ros.nodes.presence import DomainLock
 from ballbot_ros.parameters import GYRO, NODES, PLANT, RECORDER, VIEWER, ParameterSet
 from ballbot_ros.parameters.timing import FIRST_TICK_NS, TICK_NS
-from ballbot_ros.run import node_process, separate_processes
-from ballbot_ros.run import one_process as ros_context
+from ballbot_ros.run import node_process, one_process, separate_processes
 from ballbot_ros.run.node_process import (
     GRACE_S,
     LAST_GRACE_S,
@@ -326,7 +325,7 @@ def test_ros_ends_with_its_block(monkeypatch, raised):
     monkeypatch.setattr('rclpy.ok', lambda: False)
     monkeypatch.setattr('rclpy.init', lambda **options: events.append('init'))
     monkeypatch.setattr('rclpy.try_shutdown', lambda: events.append('shutdown'))
-    monkeypatch.setattr(ros_context, 'prepare_middleware', lambda: events.append('prepare'))
+    monkeypatch.setattr(one_process, 'prepare_middleware', lambda: events.append('prepare'))
     with pytest.raises(BallbotError, match='peer') if raised else nullcontext(), ros():
         events.append('block')
         if raised:

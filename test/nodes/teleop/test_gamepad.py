@@ -8,7 +8,7 @@ import pytest
 from graph import wait_for
 
 from ballbot_ros.errors import TeleopError
-from ballbot_ros.nodes.teleop import gamepad as device_list
+from ballbot_ros.nodes.teleop import gamepad
 from ballbot_ros.nodes.teleop.gamepad import NO_MAPPING, Gamepad, GamepadDevice, GamepadState
 
 PAD = GamepadDevice(0, 'Fancy Pad', True)
@@ -141,15 +141,15 @@ def test_an_unusable_pad_is_reported_once_and_another_is_opened(
 
 
 def test_the_list_shows_number_name_and_mapping():
-    assert device_list.describe([]) == ['no gamepad found']
-    assert device_list.describe([UNKNOWN, OTHER]) == [
+    assert gamepad.describe([]) == ['no gamepad found']
+    assert gamepad.describe([UNKNOWN, OTHER]) == [
         f'0  Strange Thing  {NO_MAPPING}',
         '1  Plain Joystick  mapping known',
     ]
     backend = FakeBackend(PAD)
-    line = device_list.input_line(PAD, FakePad(backend, PAD))
+    line = gamepad.input_line(PAD, FakePad(backend, PAD))
     assert line == '0  axes +0.00 +1.00 +0.00 +0.00 +0.00 +0.00  buttons -'
-    assert device_list.wait_for_devices(backend) == [PAD]
+    assert gamepad.wait_for_devices(backend) == [PAD]
 
 
 def test_sdl_starts_and_stops_on_a_thread_without_a_display(open_gamepad, listener):

@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 from laws import given
 
 from ballbot_ros.recording.messages import conversions, devices
-from ballbot_ros.recording.messages import conversions as motor_stop
 from ballbot_ros.recording.messages.raw import MessageLayout, decoder, elements, stamp_of
 from ballbot_ros.recording.messages.topics import TOPICS, message_class
 from ballbot_ros.recording.schemas import encoder, new_message
@@ -16,7 +15,7 @@ from ballbot_ros.recording.schemas import encoder, new_message
 JOINTS = 'sensor_msgs/msg/JointState'
 LAYOUTS = [
     each
-    for module in (conversions, devices, motor_stop)
+    for module in (conversions, devices)
     for each in vars(module).values()
     if isinstance(each, MessageLayout)
 ] + [conversions._sticks('scenario')]
