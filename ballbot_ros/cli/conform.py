@@ -17,7 +17,7 @@ from ballbot_ros.parameters import ROLES
 from ballbot_ros.process import stdout_to_stderr
 
 if TYPE_CHECKING:  # importing it takes a while
-    from ballbot_ros.nodes.conformance.examination import TestedRequirement
+    from ballbot_ros.nodes.conformance.examination import RequirementResult
 
 
 @click.command('conform')
@@ -42,7 +42,7 @@ def command(role: str, command_line: tuple[str, ...], as_json: bool) -> int:
 
     if not command_line:
         click.echo(call_for([role], START_S), err=True)
-    rows: list[TestedRequirement] = []
+    rows: list[RequirementResult] = []
     console = Console(highlight=False, markup=False)
     colours = {
         RequirementVerdict.MET: 'green',
@@ -68,7 +68,7 @@ def command(role: str, command_line: tuple[str, ...], as_json: bool) -> int:
     return int(any(row.verdict is RequirementVerdict.FAILED for row in rows))
 
 
-def _next(examination: Iterator[TestedRequirement]) -> TestedRequirement | None:
+def _next(examination: Iterator[RequirementResult]) -> RequirementResult | None:
     """Return the next row, None after the last; the middleware may print in the meantime."""
     with stdout_to_stderr():
         return next(examination, None)

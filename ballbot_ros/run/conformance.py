@@ -7,7 +7,7 @@ from contextlib import closing
 from uuid import uuid4
 
 from ballbot_ros.nodes.conformance import examination
-from ballbot_ros.nodes.conformance.examination import TestedRequirement
+from ballbot_ros.nodes.conformance.examination import RequirementResult
 from ballbot_ros.nodes.conformance_bench import ConformanceBench
 from ballbot_ros.nodes.middleware import require_discovery, ros_domain
 from ballbot_ros.nodes.presence import DomainLock
@@ -15,7 +15,7 @@ from ballbot_ros.process import StopRequest
 from ballbot_ros.run.one_process import ros
 
 
-def examine_node(role: str, command: Sequence[str] = ()) -> Iterator[TestedRequirement]:
+def examine_node(role: str, command: Sequence[str] = ()) -> Iterator[RequirementResult]:
     """Test the node of a role; yield a row for each requirement of its contract.
 
     Parameters

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from graph import BALLBOT, LAST_RESORT_S, call, environment
 
-from ballbot_ros.nodes.conformance.examination import RequirementVerdict, TestedRequirement
+from ballbot_ros.nodes.conformance.examination import RequirementVerdict, RequirementResult
 from ballbot_ros.nodes.presence import DomainLock
 from ballbot_ros.parameters import GYRO, ROLES
 
@@ -51,9 +51,9 @@ def verdicts(output):
 
 def test_the_table_has_a_line_for_each_requirement(command, monkeypatch):
     rows = [
-        TestedRequirement('late start', 'joins', RequirementVerdict.NOT_TESTED, 'give the COMMAND'),
-        TestedRequirement('values', 'sends values', RequirementVerdict.MET),
-        TestedRequirement(
+        RequirementResult('late start', 'joins', RequirementVerdict.NOT_TESTED, 'give the COMMAND'),
+        RequirementResult('values', 'sends values', RequirementVerdict.MET),
+        RequirementResult(
             'restart', 'takes part', RequirementVerdict.FAILED, 'no answer to 1.140 s'
         ),
     ]

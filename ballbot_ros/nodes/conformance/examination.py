@@ -50,7 +50,7 @@ class RequirementVerdict(Enum):
 
 
 @dataclass(frozen=True)
-class TestedRequirement:
+class RequirementResult:
     """A requirement, the verdict, and the reason unless it is met."""
 
     name: str
@@ -78,7 +78,7 @@ class Requirement:
     restarts: bool = False
 
 
-def examine(role: str, bench: Bench, token: str) -> Iterator[TestedRequirement]:
+def examine(role: str, bench: Bench, token: str) -> Iterator[RequirementResult]:
     """Test the node of a role; yield a row for each requirement.
 
     Parameters
@@ -96,7 +96,7 @@ def examine(role: str, bench: Bench, token: str) -> Iterator[TestedRequirement]:
         _require_absence(node)
     for each in REQUIREMENTS:
         if role in each.roles:
-            yield TestedRequirement(each.name, each.text, *_verdict(each, node))
+            yield RequirementResult(each.name, each.text, *_verdict(each, node))
 
 
 def _require_absence(node: NodeUnderTest) -> None:
