@@ -90,6 +90,9 @@ def index(title: str) -> Content:
     return Content(gzip.compress(page.encode()), _TYPES['.html'], 'gzip')
 
 
+ANSWER_S = 600.0
+"""Time limit for a request and its answer [s]: the report of a long run takes some time."""
+
 LINK = '/link'
 """Path of the overlay's connection."""
 
@@ -211,7 +214,8 @@ class GuardedServer(viser.ViserServer):
                 await handler(connection)
 
         self._is_guarded = True
-        return serve(handle, *arguments, process_request=answer, logger=_log, **options)
+        options |= {'process_request': answer, 'open_timeout': ANSWER_S, 'logger': _log}
+        return serve(handle, *arguments, **options)
 
     def _answer(
         self, connection: ServerConnection, request: Request

@@ -4,9 +4,11 @@ import collections
 import contextlib
 import dataclasses
 import http.client
+import inspect
 import itertools
 import json
 import threading
+import time
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from types import SimpleNamespace
 from urllib.parse import urlsplit
@@ -19,6 +21,7 @@ from browsing import FOREIGN, SIZE, StubRobot, another, browsing, shared_page, w
 from graph import LAST_RESORT_S, wait_for
 from viser import _messages
 from viser.infra import _infra
+from websockets.asyncio.server import serve
 from websockets.exceptions import ConnectionClosedError, InvalidStatus
 from websockets.sync.client import connect
 
@@ -218,6 +221,14 @@ def test_a_document_is_made_for_each_request(served):
             assert answer.headers['Content-Type'] == 'text/html; charset=utf-8'
     for path in ('/assets/none.js', '/assets/../page.py', '/none'):
         assert served.status(path) == 404
+
+
+def test_a_document_may_take_longer_than_the_library_s_limit(served):
+    limit = inspect.signature(serve).parameters['open_timeout'].default
+    assert limit == 10
+    served.server.serve_document('/slow', lambda: time.sleep(limit + 0.5) or b'slow')
+    with urlopen(f'http://{served.place}/slow') as answer:
+        assert answer.read() == b'slow'
 
 
 @pytest.mark.filterwarnings('ignore:.*does not match annotation')
