@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from graph import BALLBOT, LAST_RESORT_S, call, environment
 
-from ballbot_ros.nodes.conformance.examination import RequirementVerdict, RequirementResult
+from ballbot_ros.nodes.conformance.examination import RequirementResult, RequirementVerdict
 from ballbot_ros.nodes.presence import DomainLock
 from ballbot_ros.parameters import GYRO, ROLES
 
