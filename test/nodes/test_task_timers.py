@@ -190,7 +190,7 @@ def expected_sha256():
 )
 def test_the_duties_do_not_depend_on_the_timers(domain, monkeypatch, expected_sha256, kind, forced):
     monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
-    monkeypatch.setattr(one_process, 'Controller', kind)
+    monkeypatch.setattr(one_process, 'ControllerNode', kind)
     if kind is Late:
         # On a busy machine the callback may come later than any limit. The plant would then ask
         # again, and the controller rightly make the release good.

@@ -41,7 +41,7 @@ def test_released_sticks_are_published_as_neutral_once():
 
 def test_only_a_new_tone_is_played(monkeypatch):
     monkeypatch.setattr(viewer, 'stamp_ns', lambda message: message)
-    monkeypatch.setattr(viewer, 'tone_of', lambda message: message)
+    monkeypatch.setattr(viewer, 'sound_tone', lambda message: message)
     played = []
     for stamp_ns in (SECOND_NS, SECOND_NS - 499 * MILLISECOND_NS, SECOND_NS // 2):
         node = bare(

@@ -260,7 +260,7 @@ _TYPES: Mapping[str, type | tuple[type, ...]] = {
     'int': int,
     'float | None': (float, int, type(None)),
     'ColumnKind': str,
-    'tuple[Column, ...]': tuple,
+    'tuple[ResultColumn, ...]': tuple,
     'tuple[MeasureColumn, ...]': tuple,
     'Versions': Versions,
 }

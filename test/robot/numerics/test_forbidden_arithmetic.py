@@ -16,6 +16,7 @@ FILES = {
     PACKAGE / 'recording' / 'messages' / 'conversions.py',
 } - {
     PACKAGE / 'engine' / 'scenario' / 'metrics.py',
+    PACKAGE / 'robot' / 'world' / 'clearance.py',
     PACKAGE / 'controllers' / 'mpc.py',
     PACKAGE / 'engine' / 'compilation.py',
 }
