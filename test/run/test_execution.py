@@ -335,7 +335,7 @@ class OneProcess:
             ('PlantSim', lambda parameters: self.plant),
             ('Recorder', lambda parameters: self.node(RECORDER, failure=failure)),
             ('make_node', lambda parameters: self.node(parameters.node)),
-            ('Controller', lambda parameters, _: self.node(parameters.node)),
+            ('ControllerNode', lambda parameters, _: self.node(parameters.node)),
             ('spin', self.spin),
         ):
             monkeypatch.setattr(one_process, name, stub)
