@@ -124,6 +124,6 @@ def test_an_option_that_takes_a_number_refuses_nan(words, capsys, monkeypatch):
 
 def test_no_call_of_the_middleware_can_hold_a_run():
     code = (
-        'from ballbot_ros.cli import scenario_run; from ballbot_ros.run import separate_processes'
+        'from ballbot_ros.cli import result; from ballbot_ros.run import separate_processes'
     )
     assert 'rclpy' not in imported_by(code)

@@ -58,7 +58,7 @@ def test_the_table_has_a_line_for_each_requirement(command, monkeypatch):
         ),
     ]
     monkeypatch.setattr(
-        conformance, 'examine', lambda role, words: iter(rows[not words : 3 if words else 2])
+        conformance, 'examine_node', lambda role, words: iter(rows[not words : 3 if words else 2])
     )
     status, output, errors = command('conform', GYRO, '--', 'mine', '--option')
     assert (status, errors) == (1, '')
