@@ -1,10 +1,13 @@
-"""Access to files, and to those of the package; every error fits on one line."""
+"""Access to files, those of the package, and commands to paste; errors fit on one line."""
 
 from __future__ import annotations
 
 import errno
 import os
+import shlex
+import shutil
 import stat
+import sys
 from io import BufferedReader, FileIO, TextIOWrapper
 from pathlib import Path
 from tempfile import TemporaryDirectory, TemporaryFile
@@ -110,3 +113,31 @@ def share_directory() -> Path:
             if (candidate / 'package.xml').is_file() and (candidate / 'config').is_dir():
                 return candidate
     raise BallbotError('share/ballbot_ros/config not found in the installation of ballbot_ros')
+
+
+COMMAND_ENV = 'BALLBOT_COMMAND'
+"""Environment variable with the words that call the command ``ballbot``, such as scripts/run."""
+
+
+def program(name: str = 'ballbot', folder: Path | None = None) -> str:
+    """Return the words that call a program of this environment here, or in another folder."""
+    path = Path(sys.executable).with_name(name)
+    found = shutil.which(name) == str(path) or not path.exists()
+    words = shlex.quote(name if found else shown_path(path))
+    if name == 'ballbot':
+        words = os.environ.get(COMMAND_ENV) or words
+    first, *others = shlex.split(words)
+    if folder and '/' in first and not first.startswith('/'):
+        first = os.path.relpath(first, os.path.realpath(folder))
+    return shlex.join([first, *others])
+
+
+def own_command(*words: object) -> str:
+    """Return a command of ``ballbot``."""
+    return f'{program()} {shlex.join(map(str, words))}'
+
+
+def next_steps(recording: Path) -> list[str]:
+    """Return the lines that name the commands for a recording."""
+    report, view = (own_command(each, recording) for each in ('report', 'view'))
+    return [f'report it  {report}', f'watch it   {view}']

@@ -14,8 +14,8 @@ from graph import Node, Run, call, free_domain
 from ballbot_ros.cli import progress
 from ballbot_ros.controllers import controller_program
 from ballbot_ros.errors import ViewerError
+from ballbot_ros.files import COMMAND_ENV
 from ballbot_ros.nodes.middleware import prepare_middleware
-from ballbot_ros.process import COMMAND_ENV
 from ballbot_ros.run.node_process import ForkClient
 from ballbot_ros.viewer.browser import browser_program
 

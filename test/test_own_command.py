@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from ballbot_ros.process import COMMAND_ENV, next_steps, own_command, program
+from ballbot_ros.files import COMMAND_ENV, next_steps, own_command, program
 
 HERE = Path(sys.executable).with_name('ballbot')
 

@@ -32,10 +32,9 @@ from ballbot_ros.controllers.codegen.toolchain import ARM, HOST, missing_tool
 from ballbot_ros.controllers.document.axis import TS1_MS
 from ballbot_ros.engine.scenario_steps import check_sequences
 from ballbot_ros.errors import CodegenError, RecordingError
-from ballbot_ros.files import temporary_folder
+from ballbot_ros.files import own_command, temporary_folder
 from ballbot_ros.parameters import CONTROLLER, ControllerParameters, ParameterSet
 from ballbot_ros.parameters.files import read_parameter_file
-from ballbot_ros.process import own_command
 
 
 def generate(folder: Path, parameter_file: Path | None, mode: str | None) -> None:

@@ -8,7 +8,7 @@ import click
 
 from ballbot_ros import __version__
 from ballbot_ros.errors import similar
-from ballbot_ros.process import program
+from ballbot_ros.files import program
 
 COMMANDS = {
     'run': 'Run a scenario and judge it by its expectations.',

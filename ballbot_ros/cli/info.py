@@ -16,8 +16,9 @@ from ballbot_ros.analysis.recorded_scenario import external_push, outside_pushes
 from ballbot_ros.cli.options import RECORDING
 from ballbot_ros.cli.recordings import file_progress
 from ballbot_ros.errors import printable
+from ballbot_ros.files import own_command
 from ballbot_ros.parameters.yaml_document import parse_data
-from ballbot_ros.process import ProgressCallback, own_command
+from ballbot_ros.process import ProgressCallback
 from ballbot_ros.recording.messages.topics import RUN
 from ballbot_ros.recording.overview import read_topics
 from ballbot_ros.recording.reader import AttachedFile, RecordingReader

@@ -9,7 +9,7 @@ import click
 
 from ballbot_ros.cli.options import PATH
 from ballbot_ros.controllers.new_package import SCENARIO, write_package
-from ballbot_ros.process import own_command, program
+from ballbot_ros.files import own_command, program
 
 
 @click.group('new')

@@ -16,8 +16,9 @@ from ballbot_ros.analysis.recorded_scenario import RecordedPush, outside_pushes
 from ballbot_ros.cli.progress import Progress
 from ballbot_ros.engine.scenario.metrics import label as metric_label
 from ballbot_ros.errors import short_text
+from ballbot_ros.files import next_steps
 from ballbot_ros.parameters import ControllerParameters, GyroParameters
-from ballbot_ros.process import next_steps, stdout_to_stderr
+from ballbot_ros.process import stdout_to_stderr
 from ballbot_ros.run.execution import execute
 from ballbot_ros.run.node_process import ForkClient
 from ballbot_ros.run.result import RunResult

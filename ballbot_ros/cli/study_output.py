@@ -16,10 +16,11 @@ from ballbot_ros.analysis.metrics import number
 from ballbot_ros.analysis.proportion import wilson_interval
 from ballbot_ros.cli.progress import ProgressLines, stderr_console
 from ballbot_ros.engine.scenario.scenario import bounds_text
+from ballbot_ros.files import own_command
 from ballbot_ros.lab.studies.columns import MeasureColumn
 from ballbot_ros.lab.studies.manifest import PartSummary
 from ballbot_ros.lab.studies.study_data import QUANTILES, MeasureSummary, StudyData, StudySummary
-from ballbot_ros.process import PROGRESS_PERIOD_S, own_command
+from ballbot_ros.process import PROGRESS_PERIOD_S
 
 _WITH_BAR = 110
 """Width of the terminal from which on there is room for the bar itself."""

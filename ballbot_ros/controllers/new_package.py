@@ -15,8 +15,8 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from ballbot_ros.controllers.loading import GROUP, installed_controllers
 from ballbot_ros.errors import ControllerError
+from ballbot_ros.files import program
 from ballbot_ros.parameters import DOCUMENTS_PROGRAM
-from ballbot_ros.process import program
 
 MAX_NAME = 30
 """Longest name, so that the generated lines keep to 100 columns."""

@@ -123,7 +123,5 @@ def test_an_option_that_takes_a_number_refuses_nan(words, capsys, monkeypatch):
 
 
 def test_no_call_of_the_middleware_can_hold_a_run():
-    code = (
-        'from ballbot_ros.cli import result; from ballbot_ros.run import separate_processes'
-    )
+    code = 'from ballbot_ros.cli import result; from ballbot_ros.run import separate_processes'
     assert 'rclpy' not in imported_by(code)

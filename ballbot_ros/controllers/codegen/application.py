@@ -16,9 +16,8 @@ from ballbot_ros.controllers.codegen.state_variables import PLANE_VARIABLES, PRO
 from ballbot_ros.controllers.document.axis import PROGRAM_NAME, TS1_MS, ProgramConstants, Single
 from ballbot_ros.controllers.document.program import LOWEST_TONE_HZ, VOLTAGE_OFFSET, VOLTAGE_SLOPE
 from ballbot_ros.errors import CodegenError
-from ballbot_ros.files import read_bytes, read_text
+from ballbot_ros.files import program, read_bytes, read_text
 from ballbot_ros.parameters import CONTROLLER, ControllerParameters, Parameter, parameters_of
-from ballbot_ros.process import program
 from ballbot_ros.robot.brick.bluetooth import PACKET_SIZE
 from ballbot_ros.robot.brick.schedule import TaskTiming
 from ballbot_ros.robot.brick.sensors import NO_ECHO_CM

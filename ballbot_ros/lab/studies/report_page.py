@@ -27,6 +27,7 @@ from ballbot_ros.analysis.style import png_of
 from ballbot_ros.analysis.table import Table, csv_of
 from ballbot_ros.engine.scenario.scenario import bounds_text
 from ballbot_ros.errors import BallbotError, one_line
+from ballbot_ros.files import own_command
 from ballbot_ros.lab.studies.axes import Axis
 from ballbot_ros.lab.studies.charts import (
     Histogram,
@@ -44,7 +45,6 @@ from ballbot_ros.lab.studies.sensitivity import MIN_SAMPLE, SLICES, Sensitivity
 from ballbot_ros.lab.studies.study import StudyText
 from ballbot_ros.lab.studies.study_data import QUANTILES, RunResults, StudyData, StudySummary
 from ballbot_ros.lab.studies.survey import Survey, Tallies
-from ballbot_ros.process import own_command
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
