@@ -114,7 +114,7 @@ class Motion(NamedTuple):
     start : ndarray, shape (2,)
         Ball centre at the start of the run [m].
     walls : Walls
-        :data:`~ballbot_ros.robot.world.world.NO_WALLS` if there are none.
+        :data:`~ballbot_ros.robot.world.clearance.NO_WALLS` if there are none.
     """
 
     time: Floats
