@@ -14,7 +14,7 @@ from ballbot_ros.controllers.codegen.implementation import implementation_for
 from ballbot_ros.controllers.interface import Program
 from ballbot_ros.engine.devices import numbers_of
 from ballbot_ros.engine.plant import Plant
-from ballbot_ros.engine.run import longest_age, robot_constants, sample, tick_under
+from ballbot_ros.engine.run import longest_age, robot_constants, sample
 from ballbot_ros.engine.scenario.scenario import Scenario
 from ballbot_ros.parameters import (
     DEVICES,
@@ -30,8 +30,8 @@ from ballbot_ros.parameters.timing import (
     SLOW_PERIOD_NS,
     TICK_NS,
 )
-from ballbot_ros.robot.brick.bluetooth import NEUTRAL, Sticks
-from ballbot_ros.robot.brick.brick import DeviceInputs, DeviceOutputs, Inputs, from_numbers
+from ballbot_ros.robot.brick.bluetooth import NEUTRAL
+from ballbot_ros.robot.brick.brick import DeviceInputs, DeviceOutputs, from_numbers
 from ballbot_ros.robot.plant.ground_truth import GroundTruth, Push
 from ballbot_ros.robot.world.sonar_beam import check_rays
 from ballbot_ros.robot.world.world import World
@@ -96,30 +96,20 @@ class Robot:
         for push in self.pushes:
             self.plant.push(push)
 
-    @property
-    def sticks(self) -> Sticks:
-        """The sticks now; they are only read when they are due."""
-        now_ns = self.plant.time_ns
-        if now_ns % SLOW_PERIOD_NS:
-            return NEUTRAL
-        return self._scenario.sticks_at((now_ns - self.start_ns) * 1e-9)
-
     def sample(self) -> DeviceInputs:
         """Return the samples of the devices and sticks that are due now."""
-        plant = self.plant
-        return self._inputs_of(
-            sample(self._constants, plant.state, *self.sticks, plant.kept_steps, plant.sides)
+        plant, now_ns, sticks = self.plant, self.plant.time_ns, NEUTRAL
+        if now_ns % SLOW_PERIOD_NS == 0:
+            sticks = self._scenario.sticks_at((now_ns - self.start_ns) * 1e-9)
+        inputs = from_numbers(
+            sample(self._constants, plant.state, *sticks, plant.kept_steps, plant.sides)
         )
-
-    def _inputs_of(self, samples: Inputs) -> DeviceInputs:
-        """Return samples of this tick as inputs, with the recorded ones in the place of others."""
-        inputs, now_ns = from_numbers(samples), self.plant.time_ns
         if self._recorded:
             inputs = inputs._replace(
                 **{
-                    name: recorded[now_ns]
-                    for name, recorded in self._recorded.items()
-                    if now_ns in recorded
+                    name: samples[now_ns]
+                    for name, samples in self._recorded.items()
+                    if now_ns in samples
                 }
             )
         return inputs
@@ -160,7 +150,6 @@ class ClosedLoop(Robot):
     ) -> None:
         super().__init__(parameters, scenario, start_ns, recorded)
         self.program = program or implementation_for(parameters.of(ControllerParameters)).make()
-        self._tick = tick_under(self._act)
 
     def ticks(self, duration: float) -> Iterator[Tick]:
         """Run for `duration` [s], or until a wall hit ends the run; yield each tick."""
@@ -171,16 +160,10 @@ class ClosedLoop(Robot):
 
     def tick(self) -> Tick:
         """Run one tick: sample the devices, run the due tasks, advance the plant by 4 ms."""
-        plant = self.plant
-        truth, wall_hit = plant.truth(), plant.wall_hit
-        elapsed_ms = (truth.stamp_ns - self.start_ns) // MILLISECOND_NS
-        plant.state, outputs = self._tick(
-            self._constants, None, plant.state, None, elapsed_ms, *self.sticks, *plant.buffers
-        )
-        return Tick(truth, wall_hit, self._inputs, outputs)
-
-    def _act(
-        self, law: None, brick: None, samples: Inputs, elapsed_ms: int, systick_ms: int
-    ) -> DeviceOutputs:
-        self._inputs = self._inputs_of(samples)
-        return self.program.tick(elapsed_ms, systick_ms, self._inputs)
+        truth, wall_hit = self.plant.truth(), self.plant.wall_hit
+        now_ns = truth.stamp_ns
+        inputs = self.sample()
+        elapsed_ms = (now_ns - self.start_ns) // MILLISECOND_NS
+        outputs = self.program.tick(elapsed_ms, now_ns // MILLISECOND_NS, inputs)
+        self.plant.tick(*outputs.duty)
+        return Tick(truth, wall_hit, inputs, outputs)

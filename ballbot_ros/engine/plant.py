@@ -122,17 +122,12 @@ class Plant:
         self._push_forces += (*push.force, *push.torque)
         self.state = self.state._replace(pushes=self.pushes + 1)
 
-    @property
-    def buffers(self) -> tuple[Any, ...]:
-        """The last arguments of :func:`~ballbot_ros.engine.plant_tick.plant_tick`."""
-        return (
-            self._push_times, self._push_forces, self._effects_ns, self._waiting_duties,
-            self.kept_steps, self.sides, self._walls_before,
-        )  # fmt: skip
-
     def tick(self, duty_x: int, duty_y: int) -> None:
         """Advance by one tick of 4 ms under integer duties within -100 ... 100 %."""
-        self.state = plant_tick(self.constants, self.state, duty_x, duty_y, *self.buffers)
+        self.state = plant_tick(
+            self.constants, self.state, duty_x, duty_y, self._push_times, self._push_forces,
+            self._effects_ns, self._waiting_duties, self.kept_steps, self.sides, self._walls_before,
+        )  # fmt: skip
 
     @property
     def wall_hit(self) -> bool:

@@ -1,9 +1,11 @@
-"""A tick of the robot, and a whole run of the document's program as one loop over ticks."""
+"""The samples of a tick, and a whole run of the document's program as one loop over ticks.
+
+After the samples the controller acts, and then the plant moves: the lockstep imposes this order on
+the graph, too.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from types import FunctionType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -145,61 +147,6 @@ def kept_step(
     return (stamp_ns // STEP_NS - age) % (len(steps) // STEP_VALUES) * STEP_VALUES
 
 
-act = program_tick
-"""The controller of :func:`robot_tick`; :func:`tick_under` puts another in its place."""
-
-
-@inlined
-def robot_tick(
-    constants: RobotConstants,
-    law: Any,
-    plant: PlantState,
-    brick: Any,
-    due: int,
-    vertical: int,
-    horizontal: int,
-    push_times: Any,
-    push_forces: Any,
-    effects_ns: Any,
-    waiting_duties: Any,
-    steps: Any,
-    sides: Any,
-    walls_before: Any,
-) -> tuple[PlantState, Any]:
-    """Return the states of plant and brick after a tick.
-
-    This is the order of a tick: the devices are sampled, the controller acts on the samples, and
-    the plant moves under its duties. The lockstep imposes it on the graph, too.
-
-    Parameters
-    ----------
-    law : TickConstants
-        Of the controller, as its function takes them; likewise its state, `brick`, which has the
-        duties `duty_x` and `duty_y` [%], and what is `due` of it.
-    vertical, horizontal : int
-        The sticks.
-    push_times, push_forces, effects_ns, waiting_duties, steps, sides, walls_before
-        As in :func:`~ballbot_ros.engine.plant_tick.plant_tick`.
-    """
-    inputs = sample(constants, plant, vertical, horizontal, steps, sides)
-    brick = act(law, brick, inputs, due, plant.time_ns // MILLISECOND_NS)
-    plant = plant_tick(
-        constants.plant, plant, brick.duty_x, brick.duty_y,
-        push_times, push_forces, effects_ns, waiting_duties, steps, sides, walls_before,
-    )  # fmt: skip
-    return plant, brick
-
-
-def tick_under(controller: Callable[..., Any]) -> Callable[..., tuple[PlantState, Any]]:
-    """Return :func:`robot_tick` with another function as its controller.
-
-    A function among the arguments would keep the compiler from storing its code.
-    """
-    assert isinstance(robot_tick, FunctionType)
-    names = {**robot_tick.__globals__, 'act': controller}
-    return FunctionType(robot_tick.__code__, names, robot_tick.__name__)
-
-
 class FloorTables(NamedTuple):
     """The walls of all runs; empty tables without a map.
 
@@ -322,6 +269,7 @@ def simulate_run(
             elapsed_s = (now_ns - start_ns) * 1e-9
             vertical = signal_value(vertical_times, vertical_values, elapsed_s)
             horizontal = signal_value(horizontal_times, horizontal_values, elapsed_s)
+        inputs = sample(constants, state, vertical, horizontal, steps, sides)
         elapsed_ms = (now_ns - start_ns) // MILLISECOND_NS
         # As `tasks_due` says, but for the display; comparisons are faster than remainders.
         tasks = TS1 | INIT if done == 0 else TS1
@@ -331,12 +279,14 @@ def simulate_run(
         if elapsed_ms == ts3_ms:
             tasks |= TS3
             ts3_ms += ts3_period
-        state, brick = robot_tick(
-            constants, law, state, brick, tasks, vertical, horizontal, push_times, push_forces,
-            effects_ns, waiting_duties, steps, sides, walls_before,
-        )  # fmt: skip
+        brick = program_tick(law, brick, inputs, tasks, now_ns // MILLISECOND_NS)
         duties[done, 0], duties[done, 1] = brick.duty_x, brick.duty_y
         done += 1
+        state = plant_tick(
+            constants.plant, state, brick.duty_x, brick.duty_y,
+            push_times, push_forces,
+            effects_ns, waiting_duties, steps, sides, walls_before,
+        )  # fmt: skip
     end.ticks = done
     for each in range(4):
         end.planes[0, each], end.planes[1, each] = state.x[each], state.y[each]

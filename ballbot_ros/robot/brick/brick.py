@@ -131,16 +131,6 @@ class DeviceOutputs:
     tones: list[Tone] = field(default_factory=list)
     pages: list[str] = field(default_factory=list)
 
-    @property
-    def duty_x(self) -> int:
-        """The duty of plane x."""
-        return self.duty[0]
-
-    @property
-    def duty_y(self) -> int:
-        """The duty of plane y."""
-        return self.duty[1]
-
 
 class Brick:
     """Ports and actuators of the brick, and the order of a tick: inputs, tasks, outputs.
