@@ -1,8 +1,8 @@
 """What a run shows, in sentences: its limit cycles, and why the estimated pitch is off.
 
-The pitch that the document's program estimates is off because it integrates the gyro's reading
-minus an offset. It measures the offset in the calibration, and moves it to later readings by a low
-pass with the coefficient a = a_gd. With o_hat as the result of the calibration, its estimate is
+The document's program integrates the gyro's reading minus an offset, so its estimate of the pitch
+is off on average. It measures the offset in the calibration, and moves it to later readings by a
+low pass with the coefficient a = a_gd. With o_hat as the result of the calibration, its estimate is
 psi_hat[k+1] = a psi_hat[k] + T a (reading[k] - o_hat). For the true offset o[k] of the gyro, the
 error of the estimate follows
 
@@ -10,8 +10,8 @@ error of the estimate follows
              - (1 - a) psi[k],
 
 apart from the steps of the integration. It is linear, so each term has its own share in the mean
-error, and so has the error at the first tick. An error of the calibration stays; 1 deg/s becomes T
-a / (1 - a) = 4 degrees of pitch.
+error, and so has the error at the first tick. An error of the calibration stays;
+1 deg/s becomes T a / (1 - a) = 4 degrees of pitch.
 """
 
 from __future__ import annotations
