@@ -263,7 +263,8 @@ def stick_drives_it(browser, truth):
     wait_until(lambda: truth.newest_axes() == diagonal, browser)
     before = truth.position()
     wait_until(lambda: truth.position() > before + 0.05, browser)
-    assert truth.newest_axes() == diagonal
+    # A page that had no processor for a moment counts as silent until its next report.
+    wait_until(lambda: truth.newest_axes() == diagonal, browser)
     browser.let_go()
     wait_until(lambda: not truth.is_driven(), browser)
 

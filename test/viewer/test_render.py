@@ -58,6 +58,18 @@ def test_each_frame_of_a_film_shows_its_own_time(run, frames):
 
 
 @pytest.mark.slow
+def test_a_page_that_connects_before_it_has_drawn_has_its_shadows(run, frames, monkeypatch):
+    def client_without_a_frame(browser, server):
+        while not server.get_clients():
+            browser.wait_for_timeout(10)
+        return server.get_clients()[0]
+
+    monkeypatch.setattr('ballbot_ros.viewer.offscreen._client', client_without_a_frame)
+    first, second = frames(run, [('chaser2', 6.0)] * 2, size=SIZE)
+    assert moved(first, second) == 0
+
+
+@pytest.mark.slow
 def test_a_ghost_and_a_camera_of_ones_own_are_seen(run, frames, tmp_path, command):
     above = FreeView((0.0, 0.0, 4.0), (0.0, 0.0, 0.0))
     alone, top = frames(run, [(above, 9.0), ('top', 9.0)], size=SIZE)

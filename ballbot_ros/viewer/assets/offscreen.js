@@ -46,6 +46,9 @@ async function until(condition, deadline) {
   }
 }
 
+// viser fits the shadows to the camera's place in the last frame, which the first one lacks.
+let isFirst = true;
+
 /** Return the scene after the message with this frame number, as the data URL of a PNG. */
 window.takePicture = async (number, seconds) => {
   const deadline = performance.now() + 1e3 * seconds;
@@ -54,6 +57,8 @@ window.takePicture = async (number, seconds) => {
     await until(() => loading.size === 0, deadline);
     await idle();
   } while (loading.size > 0);
+  if (isFirst) window.drawFrame();
+  isFirst = false;
   window.drawFrame();
   const canvas = document.querySelector('canvas[data-engine]');
   const blob = await new Promise((resolve) => canvas.toBlob(resolve, 'image/png'));
