@@ -35,6 +35,7 @@ def result_json(spec: RunSpec, result: RunResult) -> dict[str, object]:
     return {
         'scenario': spec.name,
         'processes': spec.processes.value,
+        'engine': result.engine.value,
         'seed': _seed(spec),
         'controller': _controller(spec),
         'external': list(spec.external),

@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import cache
+from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
 from types import CodeType, FunctionType, MappingProxyType
@@ -124,6 +125,11 @@ def _wait_for_lock(file: IO[str]) -> None:
         time.sleep(_POLL_S)
 
 
+def is_loaded(function: Function) -> bool:
+    """Return whether the machine code of a function is in this process."""
+    return (function, '') in _kept_functions
+
+
 def is_kept(function: Function) -> bool:
     """Return whether the machine code of a function is on disk, so that it need not be compiled."""
     return has_kept_code(function.__qualname__)
@@ -184,8 +190,7 @@ def _numba() -> Any:
 @cache
 def _folder() -> Path | None:
     """Return the folder of the machine code of exactly this code; None if it can't be written."""
-    numba = _numba()
-    releases = platform.python_version(), np.__version__, numba.__version__
+    releases = platform.python_version(), np.__version__, version('numba')
     identity = hashlib.sha256(repr((code_sha256(), releases)).encode()).hexdigest()[:32]
     base = os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache'
     folder = Path(base) / _PACKAGE / 'compiled' / identity

@@ -10,14 +10,19 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ballbot_ros.controllers.document.axis import LCD_MS
 from ballbot_ros.controllers.document.program import (
     INIT,
     INITIAL_STATE,
+    LCD,
     TS1,
     TS2,
     TS3,
+    ProgramState,
     program_tick,
+    read_program_state,
     tick_constants,
+    write_program_state,
 )
 from ballbot_ros.engine.devices import (
     ENCODER_DELAY,
@@ -44,8 +49,10 @@ from ballbot_ros.engine.plant_tick import (
     plant_constants,
     plant_tick,
     position,
-    waiting_count,
+    read_plant_state,
+    write_plant_state,
 )
+from ballbot_ros.engine.rows import state_type
 from ballbot_ros.engine.scenario.scenario import signal_value
 from ballbot_ros.parameters.timing import (
     BATTERY_PERIOD_NS,
@@ -54,9 +61,10 @@ from ballbot_ros.parameters.timing import (
     SECOND_NS,
     SLOW_PERIOD_NS,
     STEP_NS,
+    TICK_MS,
     TICK_NS,
 )
-from ballbot_ros.robot.brick.brick import NO_SAMPLE, Inputs
+from ballbot_ros.robot.brick.brick import NO_SAMPLE, UINT32_MASK, Inputs
 from ballbot_ros.robot.brick.sensors import battery_mv
 from ballbot_ros.robot.numerics.compiler_hints import inlined
 
@@ -161,15 +169,17 @@ class FloorTables(NamedTuple):
 
 
 class Events(NamedTuple):
-    """Pushes and stick signals of a run.
+    """Pushes and stick signals of runs; the first axis is that of the runs.
+
+    If it has a length of one, all runs have the same events.
 
     Attributes
     ----------
-    push_times : ndarray of int64, shape (2 p,)
+    push_times : ndarray of int64, shape (r, 2 p)
         Start and end of each push [ns].
-    push_forces : ndarray of float64, shape (4 p,)
+    push_forces : ndarray of float64, shape (r, 4 p)
         Forces [N] and torques [N·m] of each push on planes x and y.
-    vertical, horizontal : ndarray of float64, shape (k, 2)
+    vertical, horizontal : ndarray of float64, shape (r, k, 2)
         Times [s] and values of the points of both stick signals, see
         :func:`~ballbot_ros.engine.scenario.scenario.signal_value`.
     """
@@ -180,16 +190,28 @@ class Events(NamedTuple):
     horizontal: Any
 
 
+class Rings(NamedTuple):
+    """What the plants of runs still know of earlier ticks; the first axis is that of the runs.
+
+    Their size suffices for the longest dead times of all runs; the arguments of
+    :func:`~ballbot_ros.engine.plant_tick.plant_tick` with these names are a row.
+    """
+
+    effects_ns: Any
+    waiting_duties: Any
+    steps: Any
+
+
 class RunLog(NamedTuple):
-    """Where a run is written, tick by tick; the columns are planes x and y.
+    """Where runs are written, tick by tick; the columns are planes x and y.
 
     Attributes
     ----------
-    position : ndarray of float64, shape (n, 2)
+    position : ndarray of float64, shape (r, n, 2)
         Ball centre [m].
-    psi : ndarray of float64, shape (n, 2)
+    psi : ndarray of float64, shape (r, n, 2)
         Body pitch [rad].
-    duty : ndarray of int8, shape (n, 2)
+    duty : ndarray of int8, shape (r, n, 2)
         Duty [%].
     """
 
@@ -198,18 +220,56 @@ class RunLog(NamedTuple):
     duty: Any
 
 
-END = np.dtype([
+ROBOT_STATE = np.dtype([
     ('ticks', 'i8'),
-    ('planes', 'f8', (2, 4)),
-    ('shaft', 'f8', (2,)),
-    ('voltage', 'f8', (2,)),
-    ('charge', 'f8'),
-    ('battery_voltage', 'f8'),
-    ('fallen', '?'),
-    ('stopped', '?'),
-    ('in_contact', '?'),
+    ('plant', state_type(PlantState)),
+    ('program', state_type(ProgramState)),
 ])  # fmt: skip
-"""The state at the end of a run: number of ticks, then as in `PlantState`."""
+"""The number of ticks that a robot has made, and its state after them; zeros before the first."""
+
+
+def simulate_runs(
+    plants: Any,
+    gyros: Any,
+    encoders: Any,
+    sonars: Any,
+    programs: Any,
+    floor: FloorTables,
+    events: Events,
+    rings: Rings,
+    log: RunLog,
+    robots: Any,
+    most: int,
+) -> None:
+    """Run robots under the document's control program, each to its end or for some ticks.
+
+    Parameters
+    ----------
+    plants, gyros, encoders, sonars : rows
+        The parameters of the nodes.
+    programs : rows
+        The constants of the programs.
+    floor : FloorTables
+        The walls of all runs.
+    rings : Rings
+        They are changed.
+    log : RunLog
+        Where the ticks are written.
+    robots : rows of ROBOT_STATE
+        Where the runs begin, and where they end.
+    most : int
+        Greatest number of ticks.
+    """
+    for run in range(len(plants)):
+        own = run if len(events.vertical) > 1 else 0
+        simulate_run(
+            plants[run], gyros[run], encoders[run], sonars[run], programs[run],
+            floor.sides, floor.walls_before,
+            events.push_times[own].copy(), events.push_forces[own].copy(),
+            events.vertical[own], events.horizontal[own],
+            rings.effects_ns[run], rings.waiting_duties[run], rings.steps[run],
+            log.position[run], log.psi[run], log.duty[run], robots[run], most,
+        )  # fmt: skip
 
 
 def simulate_run(
@@ -218,49 +278,49 @@ def simulate_run(
     encoder: Any,
     sonar: Any,
     program: Any,
-    floor: Any,
-    events: Any,
-    log: Any,
-    end: Any,
+    sides: Any,
+    walls_before: Any,
+    push_times: Any,
+    push_forces: Any,
+    vertical_points: Any,
+    horizontal_points: Any,
+    effects_ns: Any,
+    waiting_duties: Any,
+    steps: Any,
+    positions: Any,
+    pitches: Any,
+    duties: Any,
+    robot: Any,
+    most: int,
 ) -> None:
-    """Run a robot under the document's control program to its end.
-
-    Parameters
-    ----------
-    plant, gyro, encoder, sonar : row
-        The parameters of the nodes.
-    program : row
-        The constants of the program.
-    floor : Floor
-        The walls.
-    events : Events
-        Pushes and sticks; those of the pushes are changed.
-    log : Log
-        Where the run is written; long enough.
-    end : row of END
-        Where its end is written.
-    """
+    """Run one of the robots of :func:`simulate_runs`; the pushes are changed."""
     start_ns = FIRST_TICK_NS
-    # In the loop, a field that is an array would be taken out of its tuple in every tick.
-    push_times, push_forces, vertical_points, horizontal_points = events
-    positions, pitches, duties = log
-    sides, walls_before = floor
     vertical_times, vertical_values = vertical_points[:, 0], vertical_points[:, 1]
     horizontal_times, horizontal_values = horizontal_points[:, 0], horizontal_points[:, 1]
     ts2_period, ts3_period = program.ts2_period, program.ts3_period
     constants = robot_constants(plant_constants(plant, start_ns), gyro, encoder, sonar)
     law = tick_constants(program)
-    state = initial_state(constants.plant, start_ns, len(push_times) // 2)
-    brick = INITIAL_STATE
-    waiting = waiting_count(constants.plant.actuator_delay + constants.plant.actuator_jitter)
-    effects_ns, waiting_duties = np.full(waiting, NEVER_NS), np.zeros(2 * waiting, np.int64)
-    longest = longest_age(constants)
-    steps = np.zeros(STEP_VALUES * (longest + 1) if longest else 0)
-    for each in range(len(steps) // STEP_VALUES):
-        steps[STEP_VALUES * each + 4] = constants.plant.start_x
-        steps[STEP_VALUES * each + 5] = constants.plant.start_y
-    ticks = round(plant.duration * SECOND_NS) // TICK_NS
-    done = vertical = horizontal = ts2_ms = ts3_ms = 0
+    pushes = len(push_times) // 2
+    first = robot.ticks
+    if first == 0:
+        state = initial_state(constants.plant, start_ns, pushes)
+        brick = INITIAL_STATE
+        effects_ns[:] = NEVER_NS
+        for each in range(len(steps) // STEP_VALUES):
+            steps[STEP_VALUES * each + 4] = constants.plant.start_x
+            steps[STEP_VALUES * each + 5] = constants.plant.start_y
+    else:
+        state = read_plant_state(robot.plant, pushes)
+        brick = read_program_state(robot.program)
+    ticks = min(round(plant.duration * SECOND_NS) // TICK_NS - first, most)
+    begun_ms = first * TICK_MS
+    # The next time of each task is one to compare with: remainders take longer.
+    ts2_ms, ts3_ms, lcd_ms = (
+        -(-begun_ms // ts2_period) * ts2_period,
+        -(-begun_ms // ts3_period) * ts3_period,
+        -(-begun_ms // LCD_MS) * LCD_MS,
+    )
+    done = vertical = horizontal = 0
     while done < ticks and not state.is_stopped:
         now_ns = state.time_ns
         positions[done, 0], positions[done, 1] = position(constants.plant, state)
@@ -271,15 +331,18 @@ def simulate_run(
             horizontal = signal_value(horizontal_times, horizontal_values, elapsed_s)
         inputs = sample(constants, state, vertical, horizontal, steps, sides)
         elapsed_ms = (now_ns - start_ns) // MILLISECOND_NS
-        # As `tasks_due` says, but for the display; comparisons are faster than remainders.
-        tasks = TS1 | INIT if done == 0 else TS1
+        tasks = TS1 if elapsed_ms else TS1 | INIT
         if elapsed_ms == ts2_ms:
             tasks |= TS2
             ts2_ms += ts2_period
         if elapsed_ms == ts3_ms:
             tasks |= TS3
             ts3_ms += ts3_period
-        brick = program_tick(law, brick, inputs, tasks, now_ns // MILLISECOND_NS)
+        if elapsed_ms == lcd_ms:
+            tasks |= LCD
+            lcd_ms += LCD_MS
+        systick_ms = now_ns // MILLISECOND_NS & UINT32_MASK
+        brick = program_tick(law, brick, inputs, tasks, systick_ms)
         duties[done, 0], duties[done, 1] = brick.duty_x, brick.duty_y
         done += 1
         state = plant_tick(
@@ -287,11 +350,6 @@ def simulate_run(
             push_times, push_forces,
             effects_ns, waiting_duties, steps, sides, walls_before,
         )  # fmt: skip
-    end.ticks = done
-    for each in range(4):
-        end.planes[0, each], end.planes[1, each] = state.x[each], state.y[each]
-    end.shaft[0], end.shaft[1] = state.shaft_x, state.shaft_y
-    end.voltage[0], end.voltage[1] = state.voltage_x, state.voltage_y
-    end.charge, end.battery_voltage = state.charge, state.volts
-    end.fallen, end.stopped = state.is_fallen, state.is_stopped
-    end.in_contact = state.in_contact
+    robot.ticks = first + done
+    write_plant_state(robot.plant, state)
+    write_program_state(robot.program, brick)

@@ -17,6 +17,8 @@ from ballbot_ros.robot.plant.ground_truth import GroundTruth
 
 _INT8 = 0xFF
 
+Floats = NDArray[np.float64]
+
 
 @dataclass(frozen=True)
 class Trajectory:
@@ -34,9 +36,9 @@ class Trajectory:
         Duty [%].
     """
 
-    time: NDArray[np.float64]
-    position: NDArray[np.float64]
-    psi: NDArray[np.float64]
+    time: Floats
+    position: Floats
+    psi: Floats
     duty: NDArray[np.int8]
 
 
@@ -61,6 +63,17 @@ class TrajectoryLog:
         if self._keep:
             self._numbers.extend((truth.stamp_ns * 1e-9, *truth.position, *truth.psi))
             self._duties += duties
+
+    def extend(
+        self, stamps_ns: NDArray[np.int64], position: Floats, psi: Floats, duty: NDArray[np.int8]
+    ) -> None:
+        """Add ticks; the arrays are as in :class:`Trajectory`, but for the stamps."""
+        self._hash.update(duty.tobytes())
+        self.ticks += len(duty)
+        if self._keep:
+            table = np.column_stack([stamps_ns * 1e-9, position, psi])
+            self._numbers.frombytes(table.tobytes())
+            self._duties += duty.tobytes()
 
     @property
     def duty_sha256(self) -> str:

@@ -11,6 +11,7 @@ from ballbot_ros.analysis.metrics import Judgement, Verdict
 from ballbot_ros.analysis.recorded_scenario import RecordedPush, external_push
 from ballbot_ros.engine.trajectory import Trajectory
 from ballbot_ros.lockstep.run_actions import Outcome, ParameterChange, changes_text
+from ballbot_ros.parameters.text_enum import TextEnum
 
 
 class RoundTrip(NamedTuple):
@@ -19,6 +20,13 @@ class RoundTrip(NamedTuple):
     p50: float
     p99: float
     max: float
+
+
+class Engine(TextEnum):
+    """What computes the ticks of a run, with the same bits."""
+
+    INTERPRETED = 'interpreted'
+    COMPILED = 'compiled'
 
 
 @dataclass(frozen=True)
@@ -58,6 +66,8 @@ class RunResult:
         The pushes that came from outside, not from the scenario.
     parameter_changes : tuple of ParameterChange
         The parameters that somebody set during the run.
+    engine : Engine
+        What computed its ticks.
     """
 
     outcome: Outcome
@@ -78,6 +88,7 @@ class RunResult:
     figure_failure: str = ''
     external_pushes: tuple[RecordedPush, ...] = ()
     parameter_changes: tuple[ParameterChange, ...] = ()
+    engine: Engine = Engine.INTERPRETED
 
     @classmethod
     def from_summary(cls, summary: Mapping[str, Any], trajectory: Trajectory) -> RunResult:

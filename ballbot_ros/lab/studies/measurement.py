@@ -33,9 +33,9 @@ def measure_runs(
         The parameters of ``plant_sim``.
     starts : ndarray, shape (r, 2)
         Start positions [m].
-    ends : rows of END
+    ends : rows of ROBOT_STATE
         How the runs ended.
-    log : Log
+    log : RunLog
         The runs.
     time : ndarray, shape (n,)
         Time of each tick since the first [s].

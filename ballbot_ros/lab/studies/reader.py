@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from ballbot_ros.controllers.loading import resolve_reference
+from ballbot_ros.engine.rows import robot_parameter
 from ballbot_ros.engine.scenario.library import load_profile, load_scenario, scenario_names
 from ballbot_ros.engine.scenario.metrics import METRICS
 from ballbot_ros.engine.scenario.reader import window_fault
@@ -17,7 +18,6 @@ from ballbot_ros.errors import BallbotError, StudyError, did_you_mean, short_rep
 from ballbot_ros.files import read_text, share_directory
 from ballbot_ros.lab.studies.distributions import GRID, LIST, DistributionReader, Levels
 from ballbot_ros.lab.studies.events import check_extremes
-from ballbot_ros.lab.studies.rows import robot_parameter
 from ballbot_ros.lab.studies.study import MAX_RUNS, Sampling, Study, grid_shape, nearest_grid
 from ballbot_ros.lab.studies.variables import (
     CONE_RAYS,

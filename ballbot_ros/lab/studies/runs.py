@@ -17,14 +17,15 @@ from ballbot_ros.analysis.metrics import measure_one
 from ballbot_ros.controllers.codegen.implementation import compose_controller, implementation_for
 from ballbot_ros.engine.closed_loop import ClosedLoop
 from ballbot_ros.engine.compilation import can_compile, compiled_and_kept
-from ballbot_ros.engine.run import END, Events, FloorTables, RunLog, simulate_run
+from ballbot_ros.engine.compiled_loop import events_of, floor_of, rings_of
+from ballbot_ros.engine.rows import RobotRows, Rows, program_rows, whole_values
+from ballbot_ros.engine.run import ROBOT_STATE, Events, RunLog, simulate_runs
 from ballbot_ros.engine.scenario.metrics import METRICS, wall_clearance_m
-from ballbot_ros.engine.scenario.scenario import Measure, Scenario, StickSignal
+from ballbot_ros.engine.scenario.scenario import Measure, Scenario
 from ballbot_ros.engine.trajectory import TrajectoryLog
 from ballbot_ros.errors import ControllerError, StudyError, WorldError
 from ballbot_ros.lab.studies.events import event_part, scenarios_of
 from ballbot_ros.lab.studies.measurement import measure_runs
-from ballbot_ros.lab.studies.rows import RobotRows, Rows, program_rows, whole_values
 from ballbot_ros.lab.studies.variables import DURATION
 from ballbot_ros.parameters import (
     PLANT,
@@ -41,36 +42,6 @@ from ballbot_ros.robot.world.clearance import NO_WALLS, Walls, walls_around
 from ballbot_ros.robot.world.world import World, half_cells, is_blocked
 from ballbot_ros.run.spec import RunSpec
 from ballbot_ros.run.tick_timer import TickTimer
-
-
-def simulate_runs(
-    plants: Any,
-    gyros: Any,
-    encoders: Any,
-    sonars: Any,
-    programs: Any,
-    floor: Any,
-    events: Any,
-    log: Any,
-    ends: Any,
-) -> None:
-    """Simulate a run for each row of the tables.
-
-    The arrays of `events` and `log` have one dimension more, the first: that of the runs. If it
-    has a length of one, all runs have the same events.
-    """
-    for run in range(len(plants)):
-        own = run if len(events.vertical) > 1 else 0
-        at = Events(
-            events.push_times[own].copy(), events.push_forces[own].copy(),
-            events.vertical[own], events.horizontal[own],
-        )  # fmt: skip
-        to = RunLog(log.position[run], log.psi[run], log.duty[run])
-        simulate_run(
-            plants[run], gyros[run], encoders[run], sonars[run], programs[run], floor, at, to,
-            ends[run],
-        )  # fmt: skip
-
 
 _LOG_BYTES = 2**20
 """Size of the log of the runs that are simulated together: it stays in the processor's cache."""
@@ -337,14 +308,15 @@ class CompiledSimulator:
         results: Results,
     ) -> None:
         plants = rows[PlantParameters]
-        ends = np.zeros(len(plants), END)
+        ends = np.zeros(len(plants), ROBOT_STATE)
+        ticks = log.duty.shape[1]
         self._run(
             plants, rows[GyroParameters], rows[EncoderParameters], rows[SonarParameters],
-            programs, self._floor, events, log, ends,
+            programs, self._floor, events, rings_of(rows), log, ends, ticks,
         )  # fmt: skip
         results.ticks[:] = ends['ticks']
-        results.failed[:] = ends['stopped']
-        results.fallen[:] = ends['fallen']
+        results.failed[:] = ends['plant']['is_stopped']
+        results.fallen[:] = ends['plant']['is_fallen']
         for run, ticks in enumerate(ends['ticks'].tolist()):
             digest = hashlib.sha256(log.duty[run, :ticks]).digest()
             results.duty_sha256[run] = np.frombuffer(digest, np.uint8)
@@ -408,39 +380,3 @@ def time_of(ticks: int) -> Floats:
     """Return the time of each tick since the first [s], as a trajectory has it."""
     stamps = (FIRST_TICK_NS + TICK_NS * np.arange(ticks)) * 1e-9
     return stamps - stamps[:1]
-
-
-def floor_of(world: World | None) -> FloorTables:
-    """Return the walls for the compiled code."""
-    if world is None:
-        nothing = np.zeros((0, 0), np.int32)
-        return FloorTables(nothing, nothing)
-    return FloorTables(world.footprint.sides, world.footprint.walls_before)
-
-
-def events_of(scenarios: Sequence[Scenario]) -> Events:
-    """Return pushes and sticks for the compiled code; the first axis is that of the scenarios."""
-    pushes = [each.pushes_from(FIRST_TICK_NS) for each in scenarios]
-    most = max(map(len, pushes))
-    # What is missing begins and ends at time 0, before the run.
-    times, forces = np.zeros((len(pushes), most, 2), np.int64), np.zeros((len(pushes), most, 4))
-    for run, each in enumerate(pushes):
-        for number, push in enumerate(each):
-            times[run, number] = push.start_ns, push.end_ns
-            forces[run, number] = (*push.force, *push.torque)
-    return Events(
-        times.reshape(len(pushes), 2 * most),
-        forces.reshape(len(pushes), 4 * most),
-        _points_of([each.vertical for each in scenarios]),
-        _points_of([each.horizontal for each in scenarios]),
-    )
-
-
-def _points_of(signals: Sequence[StickSignal]) -> Floats:
-    points = [np.transpose(each.points) for each in signals]
-    table = np.zeros((len(points), max(map(len, points)), 2))
-    # What is missing is neutral, after the last point.
-    table[:, :, 0] = math.inf
-    for run, each in enumerate(points):
-        table[run, : len(each)] = each
-    return table

@@ -6,10 +6,10 @@ from collections.abc import Hashable
 from dataclasses import dataclass, replace
 
 from ballbot_ros.controllers.own_parameters import own_rows
+from ballbot_ros.engine.rows import ROBOT_CLASSES, robot_parameter
 from ballbot_ros.errors import StudyError
 from ballbot_ros.lab.studies.distributions import Distribution
 from ballbot_ros.lab.studies.events import EventPart, event_parameter, event_part, is_event
-from ballbot_ros.lab.studies.rows import ROBOT_CLASSES, robot_parameter
 from ballbot_ros.parameters import (
     CONTROLLER,
     PLANT,

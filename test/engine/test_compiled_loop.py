@@ -10,15 +10,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
+pytest.importorskip('numba')
+
 from drawn_runs import drawn_run
 
 from ballbot_ros.engine.closed_loop import ClosedLoop
 from ballbot_ros.engine.compilation import compiled_and_kept
+from ballbot_ros.engine.compiled_loop import CompiledLoop, events_of, floor_of, rings_of
 from ballbot_ros.engine.golden import load_golden
-from ballbot_ros.engine.run import END, RunLog
+from ballbot_ros.engine.rows import RobotRows, program_rows
+from ballbot_ros.engine.run import ROBOT_STATE, RunLog, simulate_runs
 from ballbot_ros.engine.scenario.library import load_scenario, scenario_names
-from ballbot_ros.lab.studies.rows import RobotRows, program_rows
-from ballbot_ros.lab.studies.runs import events_of, floor_of, simulate_runs
 from ballbot_ros.parameters import (
     ControllerParameters,
     EncoderParameters,
@@ -29,7 +32,7 @@ from ballbot_ros.parameters import (
 from ballbot_ros.parameters.timing import SECOND_NS, TICK_NS
 from ballbot_ros.robot.world.world import World
 
-ROOT = Path(__file__).resolve().parents[3]
+ROOT = Path(__file__).resolve().parents[2]
 RANDOM_RUNS = 500
 CORE_TYPES = ('Nehalem', 'Sandybridge', 'Haswell', 'SkylakeX')
 
@@ -40,16 +43,17 @@ def simulate(parameters, scenario, simulate_many=None):
     plant = parameters.of(PlantParameters)
     ticks = round(plant.duration * SECOND_NS) // TICK_NS
     log = RunLog(np.zeros((1, ticks, 2)), np.zeros((1, ticks, 2)), np.zeros((1, ticks, 2), np.int8))
-    ends = np.zeros(1, END)
+    ends = np.zeros(1, ROBOT_STATE)
     tables = [
         rows[cls] for cls in (PlantParameters, GyroParameters, EncoderParameters, SonarParameters)
     ]
     tables.append(program_rows(rows[ControllerParameters]))
+    events = events_of([scenario])
     if simulate_many:  # plain Python reads the names of a row in a record array only
         tables = [each.view(np.recarray) for each in tables]
         ends = ends.view(np.recarray)
     run = simulate_many or compiled_and_kept(simulate_runs)
-    run(*tables, floor_of(World.of(plant)), events_of([scenario]), log, ends)
+    run(*tables, floor_of(World.of(plant)), events, rings_of(rows), log, ends, ticks)
     return log, ends[0]
 
 
@@ -66,16 +70,14 @@ def assert_equal_runs(parameters, scenario, simulate_many=None):
     )
     for found, other in zip(log, expected, strict=True):
         assert found[0, : len(ticks)].tobytes() == other.tobytes()
-    state = loop.plant.state
-    numbers = (*end['planes'].ravel(), *end['shaft'], *end['voltage'])
-    numbers += (end['charge'], end['battery_voltage'])
-    expected = (
-        *state.x, *state.y, state.shaft_x, state.shaft_y, state.voltage_x, state.voltage_y,
-        state.charge, state.volts,
-    )  # fmt: skip
-    assert np.array(numbers).tobytes() == np.array(expected, float).tobytes()
-    assert (end['fallen'], end['stopped']) == (state.is_fallen, state.is_stopped)
-    assert end['in_contact'] == state.in_contact
+    assert_equal_states(end['plant'], loop.plant.state)
+    assert_equal_states(end['program'], loop.program.state)
+
+
+def assert_equal_states(row, state):
+    assert row.dtype.names == state._fields
+    for name, value in state._asdict().items():
+        assert row[name].tobytes() == np.array(value, row.dtype[name].base).tobytes(), name
 
 
 @pytest.fixture(autouse=True)
@@ -108,10 +110,10 @@ def test_random_runs_move_fall_hit_walls_and_use_all_devices():
     for seed in range(200):
         parameters, scenario = drawn_run(seed)
         log, end = simulate(parameters, scenario)
-        seen['fallen'] += end['fallen']
-        seen['stopped'] += end['stopped']
-        seen['contact'] += end['in_contact']
-        seen['moving'] += not end['fallen'] and bool(log.duty.any())
+        seen['fallen'] += end['plant']['is_fallen']
+        seen['stopped'] += end['plant']['is_stopped']
+        seen['contact'] += end['plant']['in_contact']
+        seen['moving'] += not end['plant']['is_fallen'] and bool(log.duty.any())
         seen['pushed'] += bool(scenario.pushes)
         seen['delayed'] += parameters.of(GyroParameters).delay > 0
     assert min(seen.values()) >= 5, seen
@@ -123,10 +125,29 @@ def test_the_same_function_in_plain_python(seed):
     assert_equal_runs(*drawn_run(seed, duration=0.2), simulate_runs)
 
 
+def test_a_loop_goes_on_where_compiled_code_has_left_it():
+    """Compiled and interpreted ticks, in any order, are those of the interpreter alone."""
+    for seed in range(40):
+        parameters, scenario = drawn_run(seed)
+        one, other = ClosedLoop(parameters, scenario), ClosedLoop(parameters, scenario)
+        fast = CompiledLoop(one, parameters, scenario)
+        ticks = round(parameters.of(PlantParameters).duration * SECOND_NS) // TICK_NS
+        parts = [0, 1, 3, ticks // 3]
+        duties = [pair for part in parts for pair in fast.advance(part).duty.tolist()]
+        duties += [
+            list(one.tick().outputs.duty) for _ in range(ticks // 3) if not one.plant.stopped
+        ]
+        for duty in duties:
+            assert list(other.tick().outputs.duty) == duty
+        assert one.program.state == other.program.state
+        assert one.plant.truth() == other.plant.truth()
+        assert one.plant.newest_hit == other.plant.newest_hit
+
+
 HASHES = """
 import hashlib, json, sys
-sys.path.insert(0, 'test/lab/studies')
-from test_equality import scenario_hashes
+sys.path.insert(0, 'test/engine')
+from test_compiled_loop import scenario_hashes
 print(json.dumps(scenario_hashes()))
 """
 

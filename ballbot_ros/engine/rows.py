@@ -1,12 +1,12 @@
-"""Parameters of many robots as rows of tables, one table for each node."""
+"""Parameters and states of many robots as rows of tables, one table for each node."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import fields, replace
 from functools import cache
-from typing import Any, Literal, cast, get_args, get_origin, get_type_hints
+from typing import Any, Literal, TypeVar, cast, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +40,9 @@ ROBOT_CLASSES: tuple[type[NodeParameters], ...] = (
 )
 """The nodes whose parameters the motion of a robot depends on."""
 
+State = TypeVar('State', bound=tuple[Any, ...])
+"""A named tuple of numbers."""
+
 _NUMBERS: dict[Any, str] = {float: 'f8', int: 'i8', bool: '?', Single: 'f4'}
 
 
@@ -62,6 +65,30 @@ def row_type(cls: type) -> np.dtype[np.void]:
         elif get_origin(kind) is Literal:
             columns.append((each.name, 'i1'))
     return np.dtype(columns)
+
+
+@cache
+def state_type(cls: type) -> np.dtype[np.void]:
+    """Return the type of a row for a named tuple of numbers, switches and tuples of numbers."""
+    columns: list[Any] = []
+    for name, kind in get_type_hints(cls).items():
+        if kind in _NUMBERS:
+            columns.append((name, _NUMBERS[kind]))
+        else:
+            columns.append((name, _NUMBERS[get_args(kind)[0]], (len(get_args(kind)),)))
+    return np.dtype(columns)
+
+
+def state_of(cls: Callable[..., State], row: np.void) -> State:
+    """Return the state in a row, with the types that it has in the interpreter."""
+    values = []
+    for kind, value in zip(get_type_hints(cls).values(), row.item(), strict=True):
+        single = Single in (kind, *get_args(kind))
+        if get_args(kind):
+            values.append(tuple(value) if single else tuple(value.tolist()))
+        else:
+            values.append(Single(value) if single else value)
+    return cls(*values)
 
 
 def program_rows(controllers: Rows) -> Rows:

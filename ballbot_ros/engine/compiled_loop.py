@@ -1,0 +1,163 @@
+"""Runs of the document's program by compiled code, and the tables that it works on."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot_ros.controllers.document.program import ControlProgram, ProgramState
+from ballbot_ros.engine.closed_loop import ClosedLoop
+from ballbot_ros.engine.compilation import (
+    can_compile,
+    compiled_and_kept,
+    is_kept,
+    is_loaded,
+)
+from ballbot_ros.engine.plant import SavedPlant
+from ballbot_ros.engine.plant_tick import STEP_VALUES, PlantState, waiting_count
+from ballbot_ros.engine.rows import RobotRows, program_rows, state_of
+from ballbot_ros.engine.run import (
+    ROBOT_STATE,
+    Events,
+    FloorTables,
+    Rings,
+    RunLog,
+    simulate_runs,
+)
+from ballbot_ros.engine.scenario.scenario import Scenario, StickSignal
+from ballbot_ros.parameters import (
+    DEVICES,
+    ControllerParameters,
+    EncoderParameters,
+    GyroParameters,
+    ParameterSet,
+    PlantParameters,
+    SonarParameters,
+)
+from ballbot_ros.parameters.timing import FIRST_TICK_NS
+from ballbot_ros.robot.world.world import World
+
+MIN_TICKS = 25_000
+"""The interpreter ends a shorter run before the compiled code is loaded."""
+
+
+def is_made_by_compiled_code(parameters: ParameterSet, ticks: int) -> bool:
+    """Return whether a run of the document's program is to be made by compiled code.
+
+    The code must be there, in this process or, for a run that is worth loading it, on disk.
+    """
+    if parameters.of(ControllerParameters).implementation != 'python' or not can_compile():
+        return False
+    return is_loaded(simulate_runs) or (ticks >= MIN_TICKS and is_kept(simulate_runs))
+
+
+class CompiledLoop:
+    """Moves a closed loop of the document's program by compiled code, from its first tick on.
+
+    Parameters
+    ----------
+    loop : ClosedLoop
+        A loop that nothing else moves.
+    parameters : ParameterSet
+    scenario : Scenario
+        Its sticks and pushes.
+
+    Raises
+    ------
+    CompilationError
+        If numba is not installed.
+    """
+
+    def __init__(self, loop: ClosedLoop, parameters: ParameterSet, scenario: Scenario) -> None:
+        assert isinstance(loop.program, ControlProgram)
+        self._plant, self._program = loop.plant, loop.program
+        self._run = compiled_and_kept(simulate_runs)
+        rows = RobotRows(parameters, {}, 1)
+        self._tables = (
+            rows[PlantParameters], rows[GyroParameters], rows[EncoderParameters],
+            rows[SonarParameters], program_rows(rows[ControllerParameters]),
+            floor_of(loop.world), events_of([scenario]),
+        )  # fmt: skip
+        self._rings = rings_of(rows)
+        self._robots = np.zeros(1, ROBOT_STATE)
+
+    def advance(self, ticks: int) -> RunLog:
+        """Make up to some ticks, fewer if the run ends; return what they were."""
+        log = RunLog(
+            np.zeros((1, ticks, 2)), np.zeros((1, ticks, 2)), np.zeros((1, ticks, 2), np.int8)
+        )
+        before = int(self._robots['ticks'][0])
+        self._run(*self._tables, self._rings, log, self._robots, ticks)
+        done = int(self._robots['ticks'][0]) - before
+        self._update_loop()
+        return RunLog(*(each[0, :done] for each in log))
+
+    def _update_loop(self) -> None:
+        robot = self._robots[0]
+        saved = self._plant.save_state()
+        state = state_of(PlantState, robot['plant'])
+        self._plant.restore_state(
+            SavedPlant(
+                # All pushes are in its table again; the next tick removes those that have ended.
+                state._replace(pushes=len(saved.push_times) // 2),
+                saved.push_times,
+                saved.push_forces,
+                *(tuple(each[0].tolist()) for each in self._rings),
+            )
+        )
+        self._program.state = state_of(ProgramState, robot['program'])
+
+
+def floor_of(world: World | None) -> FloorTables:
+    """Return the walls for the compiled code."""
+    if world is None:
+        nothing = np.zeros((0, 0), np.int32)
+        return FloorTables(nothing, nothing)
+    return FloorTables(world.footprint.sides, world.footprint.walls_before)
+
+
+def rings_of(rows: RobotRows) -> Rings:
+    """Return the empty rings of robots."""
+    plants = rows[PlantParameters]
+    delays = plants['actuator_delay'] + plants['actuator_delay_jitter']
+    waiting = waiting_count(int(delays.max(initial=0)))
+    ages = [rows[each]['delay'] + rows[each]['delay_jitter'] for each in DEVICES]
+    longest = max(int(each.max(initial=0)) for each in ages)
+    kept = STEP_VALUES * (longest + 1) if longest else 0
+    count = len(plants)
+    return Rings(
+        np.zeros((count, waiting), np.int64),
+        np.zeros((count, 2 * waiting), np.int64),
+        np.zeros((count, kept)),
+    )
+
+
+def events_of(scenarios: Sequence[Scenario]) -> Events:
+    """Return pushes and sticks for the compiled code; the first axis is that of the scenarios."""
+    pushes = [each.pushes_from(FIRST_TICK_NS) for each in scenarios]
+    most = max(map(len, pushes))
+    # What is missing begins and ends at time 0, before the run.
+    times, forces = np.zeros((len(pushes), most, 2), np.int64), np.zeros((len(pushes), most, 4))
+    for run, each in enumerate(pushes):
+        for number, push in enumerate(each):
+            times[run, number] = push.start_ns, push.end_ns
+            forces[run, number] = (*push.force, *push.torque)
+    return Events(
+        times.reshape(len(pushes), 2 * most),
+        forces.reshape(len(pushes), 4 * most),
+        _points_of([each.vertical for each in scenarios]),
+        _points_of([each.horizontal for each in scenarios]),
+    )
+
+
+def _points_of(signals: Sequence[StickSignal]) -> NDArray[np.float64]:
+    points = [np.transpose(each.points) for each in signals]
+    table = np.zeros((len(points), max(map(len, points)), 2))
+    # What is missing is neutral, after the last point.
+    table[:, :, 0] = math.inf
+    for run, each in enumerate(points):
+        table[run, : len(each)] = each
+    return table

@@ -1,0 +1,109 @@
+"""Runs in this process: by compiled code if that pays, with the same result."""
+
+import dataclasses
+import signal
+
+import pytest
+
+pytest.importorskip('numba')
+
+from ballbot_ros.engine import compiled_loop
+from ballbot_ros.engine.compiled_loop import is_made_by_compiled_code
+from ballbot_ros.lockstep.run_actions import Outcome
+from ballbot_ros.run import offline
+from ballbot_ros.run.observer import LogObserver
+from ballbot_ros.run.offline import run_offline
+from ballbot_ros.run.processes import Processes
+from ballbot_ros.run.result import Engine
+from ballbot_ros.run.spec import RunOptions, RunSpec
+
+
+@pytest.fixture
+def always(monkeypatch):
+    """Use compiled code for runs of any length."""
+    monkeypatch.setattr(compiled_loop, 'MIN_TICKS', 0)
+    monkeypatch.setattr(compiled_loop, 'is_kept', lambda function: True)
+
+
+def spec_of(name, *words, **options):
+    return RunSpec.of_scenario(
+        name, RunOptions(processes=Processes.NONE, assignments=words, **options)
+    )
+
+
+def run(spec, recording=None):
+    return run_offline(spec, recording, LogObserver())
+
+
+def assert_same(one, other):
+    for field in dataclasses.fields(one):
+        mine, its = (getattr(each, field.name) for each in (one, other))
+        if field.name == 'trajectory':
+            for key, column in vars(mine).items():
+                assert column.tobytes() == vars(its)[key].tobytes(), key
+                assert column.dtype == vars(its)[key].dtype
+        elif field.name not in ('real_time_factor', 'engine'):
+            assert mine == its, field.name
+
+
+@pytest.mark.parametrize(
+    'words',
+    [
+        ('stationary',),
+        ('hardware_autonomous', 'plant_sim.duration=8'),
+        ('push', 'plant_sim.seed=3', 'gyro_driver.delay=3'),
+        ('stationary', 'plant_sim.start_pitch_x=0.3'),
+        ('stationary', 'plant_sim.duration=0.004'),
+    ],
+)
+def test_compiled_and_interpreted_runs_have_the_same_result(words, always, monkeypatch):
+    monkeypatch.setattr(offline, '_TICKS_AT_ONCE', 600)
+    spec = spec_of(*words)
+    fast = run(spec)
+    assert fast.engine is Engine.COMPILED
+    monkeypatch.setattr(offline, 'is_made_by_compiled_code', lambda *_: False)
+    slow = run(spec)
+    assert slow.engine is Engine.INTERPRETED
+    assert_same(fast, slow)
+
+
+def test_a_wall_hit_ends_a_compiled_run_with_its_description(always, monkeypatch):
+    spec = spec_of('remote_wall', 'plant_sim.on_wall_hit=stop', 'controller.dst_thr=1')
+    fast = run(spec)
+    monkeypatch.setattr(offline, 'is_made_by_compiled_code', lambda *_: False)
+    slow = run(spec)
+    assert fast.engine is Engine.COMPILED
+    assert fast.outcome is Outcome.FAILED
+    assert fast.failure.startswith('wall hit at sim time')
+    assert_same(fast, slow)
+
+
+def test_recorded_paced_and_other_runs_are_interpreted(always, tmp_path):
+    words = ('stationary', 'plant_sim.duration=0.1')
+    assert run(spec_of(*words), tmp_path / 'run.mcap').engine is Engine.INTERPRETED
+    assert run(spec_of(*words, real_time_factor=20.0)).engine is Engine.INTERPRETED
+    assert run(spec_of(*words, controller='pid')).engine is Engine.INTERPRETED
+
+
+def test_a_short_run_does_not_load_the_compiler(monkeypatch):
+    parameters = spec_of('stationary').parameters
+    monkeypatch.setattr(compiled_loop, 'is_loaded', lambda function: False)
+    monkeypatch.setattr(compiled_loop, 'is_kept', lambda function: True)
+    assert not is_made_by_compiled_code(parameters, compiled_loop.MIN_TICKS - 1)
+    assert is_made_by_compiled_code(parameters, compiled_loop.MIN_TICKS)
+    monkeypatch.setattr(compiled_loop, 'is_kept', lambda function: False)
+    assert not is_made_by_compiled_code(parameters, compiled_loop.MIN_TICKS)
+    monkeypatch.setattr(compiled_loop, 'is_loaded', lambda function: True)
+    assert is_made_by_compiled_code(parameters, 1)
+
+
+def test_a_signal_ends_a_long_compiled_run(always):
+    class Interrupting(LogObserver):
+        def update(self, elapsed_s):
+            if elapsed_s > 1000.0:
+                signal.raise_signal(signal.SIGTERM)
+
+    result = run_offline(spec_of('stationary', 'plant_sim.duration=1e6'), None, Interrupting())
+    assert result.outcome is Outcome.STOPPED
+    assert result.failure_status == 128 + signal.SIGTERM
+    assert 1000.0 < result.ticks * 4e-3 < 1200.0
