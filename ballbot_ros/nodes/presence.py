@@ -73,10 +73,27 @@ DISCOVERY_PORT, USER_PORT = 10, 11
 """Offsets of a participant's own ports from the base port of its domain."""
 
 
+_READING_SIZES = 31 * 128, 29 * 128, 23 * 128
+
+
+def _sockets(table: str) -> set[str]:
+    """Return the lines of a table of the system: ``udp`` or ``unix``.
+
+    The system counts off the sockets for each part that is read, so one that is closed meanwhile
+    hides that with which the next part begins. Other sizes of the parts show the hidden one.
+    """
+    return {line for size in _READING_SIZES for line in _read_sockets(table, size)}
+
+
+def _read_sockets(table: str, size: int) -> list[str]:
+    """Return the lines of a table, read in parts of a size [byte]."""
+    with Path('/proc/net', table).open('rb', buffering=0) as file:
+        return b''.join(iter(lambda: file.read(size), b'')).decode(errors='replace').splitlines()[1:]
+
+
 def bound_udp_ports() -> set[int]:
     """Return the UDP ports (IPv4) that processes on this machine have bound."""
-    lines = Path('/proc/net/udp').read_text().splitlines()[1:]
-    return {int(line.split()[1].rpartition(':')[2], 16) for line in lines}
+    return {int(line.split()[1].rpartition(':')[2], 16) for line in _sockets('udp')}
 
 
 def living_participants(domain: int) -> list[int]:
@@ -113,8 +130,8 @@ class Presence:
 def present_nodes(domain: int, namespace: str) -> dict[str, LocalNode]:
     """Return the participants on this machine in a domain and namespace, by their instances."""
     pattern = f'@{_name(domain, namespace, "([a-z_]+)", "([0-9]+)", "([0-9a-f]+)")}$'
-    found = re.findall(pattern, Path('/proc/net/unix').read_text(), re.MULTILINE)
-    return {instance: LocalNode(role, int(process)) for role, process, instance in found}
+    found = (re.search(pattern, line) for line in _sockets('unix'))
+    return {each[3]: LocalNode(each[1], int(each[2])) for each in found if each}
 
 
 def _name(domain: int, namespace: str, role: str, process: str, instance: str) -> str:

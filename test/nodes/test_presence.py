@@ -1,7 +1,9 @@
 """The participants that processes of this machine see before discovery."""
 
+import contextlib
 import itertools
 import os
+import socket
 import subprocess
 import sys
 
@@ -55,3 +57,9 @@ def test_a_long_namespace_is_possible(domain):
     assert present_nodes(domain, namespace) == {'0' * 32: HERE}
     assert present_nodes(domain, namespace[:-1]) == {}
     presence.close()
+
+
+def test_a_foreign_socket_may_have_any_name(domain):
+    with contextlib.closing(socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)) as foreign:
+        foreign.bind(f'\0{domain}'.encode() + b'\xff')
+        assert present_nodes(domain, '/') == {}
