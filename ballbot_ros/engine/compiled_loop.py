@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +19,10 @@ from ballbot_ros.engine.compilation import (
 )
 from ballbot_ros.engine.plant import SavedPlant
 from ballbot_ros.engine.plant_tick import STEP_VALUES, PlantState, waiting_count
-from ballbot_ros.engine.rows import RobotRows, program_rows, state_of
+from ballbot_ros.engine.rows import RobotRows, Rows, columns_of, program_rows, state_of
 from ballbot_ros.engine.run import (
     ROBOT_STATE,
+    TICK,
     Events,
     FloorTables,
     Rings,
@@ -38,20 +40,43 @@ from ballbot_ros.parameters import (
     SonarParameters,
 )
 from ballbot_ros.parameters.timing import FIRST_TICK_NS
+from ballbot_ros.robot.brick.brick import Inputs
+from ballbot_ros.robot.plant.ground_truth import GroundTruth
 from ballbot_ros.robot.world.world import World
 
 MIN_TICKS = 25_000
 """The interpreter ends a shorter run before the compiled code is loaded."""
 
 
-def is_made_by_compiled_code(parameters: ParameterSet, ticks: int) -> bool:
-    """Return whether a run of the document's program is to be made by compiled code.
+def pays(ticks: int) -> bool:
+    """Return whether a run of the document's program ends sooner with compiled code.
 
     The code must be there, in this process or, for a run that is worth loading it, on disk.
     """
-    if parameters.of(ControllerParameters).implementation != 'python' or not can_compile():
+    if not can_compile():
         return False
     return is_loaded(simulate_runs) or (ticks >= MIN_TICKS and is_kept(simulate_runs))
+
+
+class TickColumns(NamedTuple):
+    """Ticks of a run; what is a number of a tick is a column here.
+
+    Attributes
+    ----------
+    truth : GroundTruth
+        The true state before each tick.
+    wall_hit : ndarray of bool
+        As in :class:`~ballbot_ros.engine.closed_loop.Tick`.
+    inputs : Inputs
+        The samples.
+    program : rows
+        The states of the program after each tick.
+    """
+
+    truth: GroundTruth
+    wall_hit: NDArray[np.bool_]
+    inputs: Inputs
+    program: Rows
 
 
 class CompiledLoop:
@@ -61,6 +86,8 @@ class CompiledLoop:
     ----------
     loop : ClosedLoop
         A loop that nothing else moves.
+    program : ControlProgram
+        Its program.
     parameters : ParameterSet
     scenario : Scenario
         Its sticks and pushes.
@@ -71,9 +98,14 @@ class CompiledLoop:
         If numba is not installed.
     """
 
-    def __init__(self, loop: ClosedLoop, parameters: ParameterSet, scenario: Scenario) -> None:
-        assert isinstance(loop.program, ControlProgram)
-        self._plant, self._program = loop.plant, loop.program
+    def __init__(
+        self,
+        loop: ClosedLoop,
+        program: ControlProgram,
+        parameters: ParameterSet,
+        scenario: Scenario,
+    ) -> None:
+        self._plant, self._program = loop.plant, program
         self._run = compiled_and_kept(simulate_runs)
         rows = RobotRows(parameters, {}, 1)
         self._tables = (
@@ -86,14 +118,31 @@ class CompiledLoop:
 
     def advance(self, ticks: int) -> RunLog:
         """Make up to some ticks, fewer if the run ends; return what they were."""
+        log, _ = self._advance(ticks, 0)
+        return log
+
+    def trace(self, ticks: int) -> tuple[RunLog, TickColumns]:
+        """Make ticks as :meth:`advance` does; return also everything in them."""
+        log, rows = self._advance(ticks, ticks)
+        plant = columns_of(PlantState, rows['plant'])
+        volts = plant.volts.astype(np.float32).astype(np.float64)
+        return log, TickColumns(
+            self._plant.truth_of(plant, volts),
+            plant.in_contact,
+            columns_of(Inputs, rows['inputs']),
+            rows['program'],
+        )
+
+    def _advance(self, ticks: int, traced: int) -> tuple[RunLog, Rows]:
         log = RunLog(
             np.zeros((1, ticks, 2)), np.zeros((1, ticks, 2)), np.zeros((1, ticks, 2), np.int8)
         )
+        traces = np.zeros((1, traced), TICK)
         before = int(self._robots['ticks'][0])
-        self._run(*self._tables, self._rings, log, self._robots, ticks)
+        self._run(*self._tables, self._rings, log, traces, self._robots, ticks)
         done = int(self._robots['ticks'][0]) - before
         self._update_loop()
-        return RunLog(*(each[0, :done] for each in log))
+        return RunLog(*(each[0, :done] for each in log)), traces[0, :done]
 
     def _update_loop(self) -> None:
         robot = self._robots[0]

@@ -159,11 +159,23 @@ class Plant:
 
     def truth(self) -> GroundTruth:
         """Return the current state of the robot."""
-        c, s = self.constants, self.state
+        volts: float = _FLOAT32.unpack(_FLOAT32.pack(self.state.volts))[0]
+        return self.truth_of(self.state, volts, self.steps if self.kept_steps else ())
+
+    def truth_of(
+        self, state: PlantState, volts: float, steps: tuple[MeasuredState, ...] = ()
+    ) -> GroundTruth:
+        """Return what a state is of the robot; the numbers may be columns.
+
+        Parameters
+        ----------
+        volts : float
+            The battery's voltage in single precision [V].
+        """
+        c, s = self.constants, state
         _, psi_x, theta_dot_x, psi_dot_x = s.x
         _, psi_y, theta_dot_y, psi_dot_y = s.y
         ratio, radius, kt = c.ratio, c.radius, self._torque_constant
-        volts: float = _FLOAT32.unpack(_FLOAT32.pack(s.volts))[0]
         return GroundTruth(
             s.time_ns,
             motor_angles(c, s),
@@ -177,7 +189,7 @@ class Plant:
             position(c, s),
             (radius * theta_dot_x, radius * theta_dot_y),
             volts,
-            self.steps if self.kept_steps else (),
+            steps,
         )
 
     def _measured_state(self) -> MeasuredState:

@@ -67,11 +67,14 @@ def row_type(cls: type) -> np.dtype[np.void]:
     return np.dtype(columns)
 
 
+_hints = cache(get_type_hints)
+
+
 @cache
 def state_type(cls: type) -> np.dtype[np.void]:
     """Return the type of a row for a named tuple of numbers, switches and tuples of numbers."""
     columns: list[Any] = []
-    for name, kind in get_type_hints(cls).items():
+    for name, kind in _hints(cls).items():
         if kind in _NUMBERS:
             columns.append((name, _NUMBERS[kind]))
         else:
@@ -82,13 +85,21 @@ def state_type(cls: type) -> np.dtype[np.void]:
 def state_of(cls: Callable[..., State], row: np.void) -> State:
     """Return the state in a row, with the types that it has in the interpreter."""
     values = []
-    for kind, value in zip(get_type_hints(cls).values(), row.item(), strict=True):
+    for kind, value in zip(_hints(cls).values(), row.item(), strict=True):
         single = Single in (kind, *get_args(kind))
         if get_args(kind):
             values.append(tuple(value) if single else tuple(value.tolist()))
         else:
             values.append(Single(value) if single else value)
     return cls(*values)
+
+
+def columns_of(cls: Callable[..., State], rows: Rows) -> State:
+    """Return a state whose numbers are columns: those of all rows."""
+    hints = _hints(cls)
+    return cls(*(
+        tuple(rows[name].T) if get_args(kind) else rows[name] for name, kind in hints.items()
+    ))  # fmt: skip
 
 
 def program_rows(controllers: Rows) -> Rows:

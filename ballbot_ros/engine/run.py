@@ -147,6 +147,14 @@ def sample(
     )
 
 
+def write_inputs(row: Any, inputs: Inputs) -> None:
+    """Write the samples of a tick into a row of their table."""
+    row.gyro_x, row.gyro_y = inputs.gyro_x, inputs.gyro_y
+    row.revolution_x, row.revolution_y = inputs.revolution_x, inputs.revolution_y
+    row.sonar_cm, row.battery_mv = inputs.sonar_cm, inputs.battery_mv
+    row.vertical, row.horizontal = inputs.vertical, inputs.horizontal
+
+
 def kept_step(
     delay: int, jitter: int, key: Any, device: Any, period_ns: int, stamp_ns: int, steps: Any
 ) -> int:
@@ -227,6 +235,13 @@ ROBOT_STATE = np.dtype([
 ])  # fmt: skip
 """The number of ticks that a robot has made, and its state after them; zeros before the first."""
 
+TICK = np.dtype([
+    ('plant', state_type(PlantState)),
+    ('inputs', state_type(Inputs)),
+    ('program', state_type(ProgramState)),
+])  # fmt: skip
+"""A tick: the plant before it, the samples, and the program after it."""
+
 
 def simulate_runs(
     plants: Any,
@@ -238,6 +253,7 @@ def simulate_runs(
     events: Events,
     rings: Rings,
     log: RunLog,
+    traces: Any,
     robots: Any,
     most: int,
 ) -> None:
@@ -254,7 +270,9 @@ def simulate_runs(
     rings : Rings
         They are changed.
     log : RunLog
-        Where the ticks are written.
+        Where the motion is written.
+    traces : ndarray of TICK, shape (r, n) or (r, 0)
+        Where everything in the ticks is written, unless it has no room for any.
     robots : rows of ROBOT_STATE
         Where the runs begin, and where they end.
     most : int
@@ -268,7 +286,7 @@ def simulate_runs(
             events.push_times[own].copy(), events.push_forces[own].copy(),
             events.vertical[own], events.horizontal[own],
             rings.effects_ns[run], rings.waiting_duties[run], rings.steps[run],
-            log.position[run], log.psi[run], log.duty[run], robots[run], most,
+            log.position[run], log.psi[run], log.duty[run], traces[run], robots[run], most,
         )  # fmt: skip
 
 
@@ -290,6 +308,7 @@ def simulate_run(
     positions: Any,
     pitches: Any,
     duties: Any,
+    trace: Any,
     robot: Any,
     most: int,
 ) -> None:
@@ -320,6 +339,7 @@ def simulate_run(
         -(-begun_ms // ts3_period) * ts3_period,
         -(-begun_ms // LCD_MS) * LCD_MS,
     )
+    is_traced = len(trace) > 0
     done = vertical = horizontal = 0
     while done < ticks and not state.is_stopped:
         now_ns = state.time_ns
@@ -344,6 +364,10 @@ def simulate_run(
         systick_ms = now_ns // MILLISECOND_NS & UINT32_MASK
         brick = program_tick(law, brick, inputs, tasks, systick_ms)
         duties[done, 0], duties[done, 1] = brick.duty_x, brick.duty_y
+        if is_traced:
+            write_plant_state(trace[done].plant, state)
+            write_inputs(trace[done].inputs, inputs)
+            write_program_state(trace[done].program, brick)
         done += 1
         state = plant_tick(
             constants.plant, state, brick.duty_x, brick.duty_y,

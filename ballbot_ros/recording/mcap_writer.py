@@ -10,6 +10,7 @@ from __future__ import annotations
 import struct
 import zlib
 from collections import Counter
+from collections.abc import Sequence
 from typing import BinaryIO
 
 import numpy as np
@@ -33,6 +34,7 @@ from mcap.records import (
     SummaryOffset,
 )
 from mcap.writer import MCAP0_MAGIC
+from numpy.typing import NDArray
 
 from ballbot_ros.recording.batch import MESSAGE_HEADER, read_structs
 
@@ -132,6 +134,33 @@ class McapWriter:
         self._size = size = size + length + _HEADER
         if size > self._chunk_size:
             self._end_chunk()
+
+    def add_messages(
+        self,
+        channels: NDArray[np.integer],
+        log_ns: NDArray[np.integer],
+        messages: Sequence[bytes],
+        sequences: NDArray[np.integer],
+    ) -> None:
+        """Add messages whose publish times are their log times, as :meth:`add_message` does."""
+        headers = np.zeros(len(messages), MESSAGE_HEADER)
+        lengths = np.fromiter(map(len, messages), np.int64, len(messages))
+        ends = self._size + np.cumsum(lengths + _HEADER)
+        if not len(ends) or ends[-1] > self._chunk_size:  # a chunk ends among them
+            numbers = zip(channels.tolist(), log_ns.tolist(), sequences.tolist(), strict=True)
+            for message, (channel, time_ns, sequence) in zip(messages, numbers, strict=True):
+                self.add_message(channel, time_ns, message, time_ns, sequence)
+            return
+        headers['opcode'], headers['length'] = _MESSAGE, lengths + _FIELDS
+        headers['channel'], headers['sequence'] = channels, sequences
+        headers['log_ns'] = headers['publish_ns'] = log_ns
+        data = headers.tobytes()
+        parts = [b''] * (2 * len(messages))
+        parts[::2] = [data[at : at + _HEADER] for at in range(0, len(data), _HEADER)]
+        parts[1::2] = messages
+        self._parts += parts
+        self._offsets += [self._size, *ends[:-1].tolist()]
+        self._size = int(ends[-1])
 
     def add_attachment(
         self, create_ns: int, log_ns: int, name: str, media_type: str, data: bytes

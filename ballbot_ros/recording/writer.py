@@ -8,8 +8,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+import numpy as np
 from mcap.records import Channel, Schema
 from mcap.well_known import MessageEncoding, Profile, SchemaEncoding
+from numpy.typing import NDArray
 
 from ballbot_ros.errors import RecordingError
 from ballbot_ros.recording.mcap_writer import McapWriter
@@ -230,6 +232,31 @@ class RecordingWriter:
         except OSError as error:
             raise self._failure(error) from None
         topic.count += 1
+
+    def write_all(
+        self,
+        topics: Sequence[RecordedTopic],
+        stamps_ns: NDArray[np.int64],
+        messages: Sequence[bytes],
+    ) -> None:
+        """Record messages in this order, as :meth:`write` does.
+
+        Parameters
+        ----------
+        topics : sequence of RecordedTopic
+            The topic of each message; its sequence number is one more than that of the last one.
+        stamps_ns : ndarray of int64
+            Log times, which are in range [ns].
+        messages : sequence of bytes
+        """
+        channels = np.array([each.channel for each in topics])
+        sequences = np.zeros(len(topics), np.int64)
+        for topic in dict.fromkeys(topics):
+            mine = np.flatnonzero(channels == topic.channel)
+            sequences[mine] = topic.count + 1 + np.arange(len(mine))
+            topic.count += len(mine)
+        with self._writing():
+            self._writer.add_messages(channels, stamps_ns, messages, sequences)
 
     def flush(self) -> None:
         """Pass all messages to the operating system, so that killing this process loses none."""

@@ -3,89 +3,32 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 
 import numpy as np
 
 from ballbot_ros.controllers.codegen.implementation import implementation_for
-from ballbot_ros.controllers.interface import Program
-from ballbot_ros.engine.closed_loop import ClosedLoop, Tick
-from ballbot_ros.engine.compiled_loop import CompiledLoop, is_made_by_compiled_code
+from ballbot_ros.controllers.document.program import ControlProgram
+from ballbot_ros.engine.closed_loop import ClosedLoop
+from ballbot_ros.engine.compiled_loop import CompiledLoop, pays
 from ballbot_ros.engine.pacer import Pacer
 from ballbot_ros.engine.trajectory import TrajectoryLog
 from ballbot_ros.errors import ControllerError, RecordingError
 from ballbot_ros.lockstep.run_actions import Outcome, RunSummary
-from ballbot_ros.parameters import CONTROLLER, ControllerParameters, ParameterSet, PlantParameters
+from ballbot_ros.parameters import CONTROLLER, ControllerParameters
 from ballbot_ros.parameters.timing import FIRST_TICK_NS, SECOND_NS, TICK_NS
 from ballbot_ros.process import StopRequest
-from ballbot_ros.recording.messages.run_messages import RunMessages, Send
 from ballbot_ros.recording.messages.run_reports import summary_json
-from ballbot_ros.recording.messages.topics import Topic
-from ballbot_ros.recording.rosbag2 import OUTCOME_KEYS, RecordedTopic, media_type
-from ballbot_ros.recording.writer import RecordingWriter
-from ballbot_ros.robot.plant.ground_truth import Push
-from ballbot_ros.robot.world.world import World
 from ballbot_ros.run.graph import attachments_of
 from ballbot_ros.run.observer import RunObserver
 from ballbot_ros.run.result import Engine, RunResult
+from ballbot_ros.run.simulated_recording import SimulatedRecording
 from ballbot_ros.run.spec import RunSpec
 from ballbot_ros.run.tick_timer import TickTimer
-from ballbot_ros.viewer.derived_messages import DerivedChannels, DerivedMessages
 
-_TICKS_AT_ONCE = 25_000
+_TICKS_AT_ONCE, _RECORDED_TICKS_AT_ONCE = 25_000, 2_500
 """Compiled code makes them in a tenth of a second, after which a signal takes effect."""
-
-
-class SimulatedRecording:
-    """Writes the messages that the nodes would have published, and those derived from them."""
-
-    def __init__(
-        self, path: Path, attachments: Mapping[str, bytes], parameters: ParameterSet
-    ) -> None:
-        self._writer = RecordingWriter(path)
-        for name, data in attachments.items():
-            self._writer.add_attachment(name, media_type(name), data)
-        self._derived = DerivedChannels(self._writer, parameters.of(PlantParameters))
-        # Cached, because plant and controller share the topic of the duties.
-        self._messages = RunMessages(cache(self._make_send), parameters)
-        self.plant = self._messages.plant
-        self._flushed_ns = 0
-
-    def _make_send(self, topic: Topic) -> Send:
-        recorded: RecordedTopic | None = None
-
-        def send(stamp_ns: int, data: bytes) -> None:
-            nonlocal recorded
-            if recorded is None:
-                recorded = self._writer.add_topic(topic.resolved(), topic.type_name)
-            self._writer.write(recorded, stamp_ns, data, recorded.count + 1)
-
-        def send_source(stamp_ns: int, data: bytes) -> None:
-            send(stamp_ns, data)
-            self._derived.add(topic, stamp_ns, data)
-
-        return send_source if topic in DerivedMessages.INPUTS else send
-
-    def begin(self, start_ns: int, world: World | None, pushes: Iterable[Push]) -> None:
-        """Write the messages at the start of a run."""
-        self._messages.begin(start_ns, world, pushes)
-        self._flushed_ns = start_ns
-
-    def add(self, tick: Tick, program: Program) -> None:
-        """Write the messages of a tick."""
-        self._messages.tick(tick, program)
-        now = tick.truth.stamp_ns
-        if now - self._flushed_ns >= SECOND_NS:
-            self._writer.flush()
-            self._flushed_ns = now
-
-    def close(self, summary: RunSummary) -> None:
-        """Write how the run ended, and finish the file."""
-        self._writer.add_outcome({key: str(getattr(summary, key)) for key in OUTCOME_KEYS})
-        self._writer.close()
 
 
 def run_offline(spec: RunSpec, recording: Path | None, observer: RunObserver) -> RunResult:
@@ -123,10 +66,11 @@ class _OfflineRun:
         self._loop = ClosedLoop(spec.parameters, spec.scenario, program=self._implementation.make())
         self._plant_parameters = spec.plant
         self._ticks = round(spec.plant.duration * SECOND_NS) // TICK_NS
-        self._compiled: CompiledLoop | None = None
-        is_plain = not recording and not spec.plant.real_time_factor
-        if is_plain and is_made_by_compiled_code(spec.parameters, self._ticks):
-            self._compiled = CompiledLoop(self._loop, spec.parameters, spec.scenario)
+        self._compiled: tuple[CompiledLoop, ControlProgram] | None = None
+        program, is_paced = self._loop.program, spec.plant.real_time_factor > 0.0
+        if isinstance(program, ControlProgram) and not is_paced and pays(self._ticks):
+            compiled = CompiledLoop(self._loop, program, spec.parameters, spec.scenario)
+            self._compiled = compiled, program
         self._stop = stop
         self._pacer = Pacer()
         self._writer: SimulatedRecording | None = None
@@ -158,14 +102,19 @@ class _OfflineRun:
         plant = self._loop.plant
         while self.log.ticks < self._ticks and not plant.stopped and not self._stop.signal:
             if self._compiled:
-                self._advance(self._compiled)
+                self._advance(*self._compiled)
             else:
                 self._tick()
             observer.update(self.log.ticks * TICK_NS / SECOND_NS)
 
-    def _advance(self, loop: CompiledLoop) -> None:
+    def _advance(self, loop: CompiledLoop, program: ControlProgram) -> None:
         begun_ns = self._loop.plant.time_ns
-        part = loop.advance(min(_TICKS_AT_ONCE, self._ticks - self.log.ticks))
+        left = self._ticks - self.log.ticks
+        if self._writer:
+            part, ticks = loop.trace(min(_RECORDED_TICKS_AT_ONCE, left))
+            self._writer.add_all(ticks, program)
+        else:
+            part = loop.advance(min(_TICKS_AT_ONCE, left))
         stamps_ns = begun_ns + TICK_NS * np.arange(len(part.duty))
         self.log.extend(stamps_ns, part.position, part.psi, part.duty)
 

@@ -20,7 +20,7 @@ from ballbot_ros.engine.compilation import compiled_and_kept
 from ballbot_ros.engine.compiled_loop import CompiledLoop, events_of, floor_of, rings_of
 from ballbot_ros.engine.golden import load_golden
 from ballbot_ros.engine.rows import RobotRows, program_rows
-from ballbot_ros.engine.run import ROBOT_STATE, RunLog, simulate_runs
+from ballbot_ros.engine.run import ROBOT_STATE, TICK, RunLog, simulate_runs
 from ballbot_ros.engine.scenario.library import load_scenario, scenario_names
 from ballbot_ros.parameters import (
     ControllerParameters,
@@ -48,12 +48,12 @@ def simulate(parameters, scenario, simulate_many=None):
         rows[cls] for cls in (PlantParameters, GyroParameters, EncoderParameters, SonarParameters)
     ]
     tables.append(program_rows(rows[ControllerParameters]))
-    events = events_of([scenario])
+    events, nothing = events_of([scenario]), np.zeros((1, 0), TICK)
     if simulate_many:  # plain Python reads the names of a row in a record array only
         tables = [each.view(np.recarray) for each in tables]
         ends = ends.view(np.recarray)
     run = simulate_many or compiled_and_kept(simulate_runs)
-    run(*tables, floor_of(World.of(plant)), events, rings_of(rows), log, ends, ticks)
+    run(*tables, floor_of(World.of(plant)), events, rings_of(rows), log, nothing, ends, ticks)
     return log, ends[0]
 
 
@@ -130,7 +130,7 @@ def test_a_loop_goes_on_where_compiled_code_has_left_it():
     for seed in range(40):
         parameters, scenario = drawn_run(seed)
         one, other = ClosedLoop(parameters, scenario), ClosedLoop(parameters, scenario)
-        fast = CompiledLoop(one, parameters, scenario)
+        fast = CompiledLoop(one, one.program, parameters, scenario)
         ticks = round(parameters.of(PlantParameters).duration * SECOND_NS) // TICK_NS
         parts = [0, 1, 3, ticks // 3]
         duties = [pair for part in parts for pair in fast.advance(part).duty.tolist()]

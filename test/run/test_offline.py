@@ -8,7 +8,7 @@ import pytest
 pytest.importorskip('numba')
 
 from ballbot_ros.engine import compiled_loop
-from ballbot_ros.engine.compiled_loop import is_made_by_compiled_code
+from ballbot_ros.engine.compiled_loop import pays
 from ballbot_ros.lockstep.run_actions import Outcome
 from ballbot_ros.run import offline
 from ballbot_ros.run.observer import LogObserver
@@ -61,7 +61,7 @@ def test_compiled_and_interpreted_runs_have_the_same_result(words, always, monke
     spec = spec_of(*words)
     fast = run(spec)
     assert fast.engine is Engine.COMPILED
-    monkeypatch.setattr(offline, 'is_made_by_compiled_code', lambda *_: False)
+    monkeypatch.setattr(offline, 'pays', lambda ticks: False)
     slow = run(spec)
     assert slow.engine is Engine.INTERPRETED
     assert_same(fast, slow)
@@ -70,7 +70,7 @@ def test_compiled_and_interpreted_runs_have_the_same_result(words, always, monke
 def test_a_wall_hit_ends_a_compiled_run_with_its_description(always, monkeypatch):
     spec = spec_of('remote_wall', 'plant_sim.on_wall_hit=stop', 'controller.dst_thr=1')
     fast = run(spec)
-    monkeypatch.setattr(offline, 'is_made_by_compiled_code', lambda *_: False)
+    monkeypatch.setattr(offline, 'pays', lambda ticks: False)
     slow = run(spec)
     assert fast.engine is Engine.COMPILED
     assert fast.outcome is Outcome.FAILED
@@ -86,15 +86,14 @@ def test_recorded_paced_and_other_runs_are_interpreted(always, tmp_path):
 
 
 def test_a_short_run_does_not_load_the_compiler(monkeypatch):
-    parameters = spec_of('stationary').parameters
     monkeypatch.setattr(compiled_loop, 'is_loaded', lambda function: False)
     monkeypatch.setattr(compiled_loop, 'is_kept', lambda function: True)
-    assert not is_made_by_compiled_code(parameters, compiled_loop.MIN_TICKS - 1)
-    assert is_made_by_compiled_code(parameters, compiled_loop.MIN_TICKS)
+    assert not pays(compiled_loop.MIN_TICKS - 1)
+    assert pays(compiled_loop.MIN_TICKS)
     monkeypatch.setattr(compiled_loop, 'is_kept', lambda function: False)
-    assert not is_made_by_compiled_code(parameters, compiled_loop.MIN_TICKS)
+    assert not pays(compiled_loop.MIN_TICKS)
     monkeypatch.setattr(compiled_loop, 'is_loaded', lambda function: True)
-    assert is_made_by_compiled_code(parameters, 1)
+    assert pays(1)
 
 
 def test_a_signal_ends_a_long_compiled_run(always):

@@ -467,9 +467,10 @@ class ControlProgram:
         self.state = program_tick(
             self._constants, self.state, as_numbers(inputs), tasks, systick_ms & UINT32_MASK
         )
-        return self._outputs(self.state)
+        return self.outputs_of(self.state)
 
-    def _outputs(self, state: ProgramState) -> DeviceOutputs:
+    def outputs_of(self, state: ProgramState) -> DeviceOutputs:
+        """Return the outputs of the tick after which the program has a state."""
         p, outputs = self._p, DeviceOutputs((state.duty_x, state.duty_y))
         if state.has_logged:
             outputs.log.append(
@@ -512,7 +513,10 @@ class ControlProgram:
     @property
     def operating_state(self) -> OperatingState:
         """The state of figure 7-1, as published."""
-        state = self.state
+        return self.operating_state_of(self.state)
+
+    def operating_state_of(self, state: ProgramState) -> OperatingState:
+        """Return the operating state in another state."""
         return operating_state(
             state.control_mode, self._p.autonomous, state.flag_avoid, state.flag_auto
         )

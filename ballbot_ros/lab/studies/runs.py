@@ -19,7 +19,7 @@ from ballbot_ros.engine.closed_loop import ClosedLoop
 from ballbot_ros.engine.compilation import can_compile, compiled_and_kept
 from ballbot_ros.engine.compiled_loop import events_of, floor_of, rings_of
 from ballbot_ros.engine.rows import RobotRows, Rows, program_rows, whole_values
-from ballbot_ros.engine.run import ROBOT_STATE, Events, RunLog, simulate_runs
+from ballbot_ros.engine.run import ROBOT_STATE, TICK, Events, RunLog, simulate_runs
 from ballbot_ros.engine.scenario.metrics import METRICS, wall_clearance_m
 from ballbot_ros.engine.scenario.scenario import Measure, Scenario
 from ballbot_ros.engine.trajectory import TrajectoryLog
@@ -309,10 +309,11 @@ class CompiledSimulator:
     ) -> None:
         plants = rows[PlantParameters]
         ends = np.zeros(len(plants), ROBOT_STATE)
-        ticks = log.duty.shape[1]
+        runs, ticks, _ = log.duty.shape
+        nothing = np.zeros((runs, 0), TICK)
         self._run(
             plants, rows[GyroParameters], rows[EncoderParameters], rows[SonarParameters],
-            programs, self._floor, events, rings_of(rows), log, ends, ticks,
+            programs, self._floor, events, rings_of(rows), log, nothing, ends, ticks,
         )  # fmt: skip
         results.ticks[:] = ends['ticks']
         results.failed[:] = ends['plant']['is_stopped']

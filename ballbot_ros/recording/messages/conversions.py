@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 import struct
 from functools import cache, lru_cache
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +36,7 @@ from ballbot_ros.recording.messages.message_types import (
     Vector3Stamped,
     WrenchStamped,
 )
-from ballbot_ros.recording.messages.raw import MessageLayout, elements
+from ballbot_ros.recording.messages.raw import MessageLayout, Stamps, elements
 from ballbot_ros.recording.messages.topics import (
     BATTERY_STATE,
     BLUETOOTH_TX,
@@ -59,11 +59,13 @@ from ballbot_ros.recording.schemas import encoder, new_message
 from ballbot_ros.robot.brick.bluetooth import LogPacket
 from ballbot_ros.robot.brick.brick import Tone
 from ballbot_ros.robot.brick.sensors import RADIANS_PER_DEGREE, battery_mv, quantise
-from ballbot_ros.robot.numerics.elementary import sine_cosine
+from ballbot_ros.robot.numerics.elementary import sine_cosine, sines_cosines
 from ballbot_ros.robot.plant.ground_truth import GroundTruth, Pair, Push
 
 if TYPE_CHECKING:
     from ballbot_ros.robot.world.exports import OccupancyGrid
+
+N = TypeVar('N', float, NDArray[np.float64])
 
 _DUTIES = frozenset(map(float, range(-100, 101)))
 
@@ -177,6 +179,13 @@ def encode_body(truth: GroundTruth) -> bytes:
     return _BODY.encode(truth.stamp_ns, *truth.psi_rate, *body_orientation(truth.psi))
 
 
+def encode_bodies(truth: GroundTruth) -> list[bytes]:
+    """Return :func:`encode_body` of each row of a truth in columns."""
+    psi_x, psi_y = map(np.asarray, truth.psi)
+    orientation = _orientation(*sines_cosines(psi_x / 2.0), *sines_cosines(psi_y / 2.0))
+    return _BODY.encode(np.asarray(truth.stamp_ns), *map(np.asarray, truth.psi_rate), *orientation)
+
+
 def decode_body_rates(data: bytes) -> Pair:
     """Return the pitch rates [rad/s] of planes x and y from ``plant/imu``."""
     rate_x, rate_y, *_ = _BODY.decode(data)
@@ -195,8 +204,10 @@ def body_orientation(psi: Pair) -> tuple[float, float, float, float]:
     A unit quaternion w, x, y, z: roll ψy, then pitch ψx, no yaw. :func:`pitch_angles` is its
     inverse.
     """
-    sin_x, cos_x = sine_cosine(psi[0] / 2.0)
-    sin_y, cos_y = sine_cosine(psi[1] / 2.0)
+    return _orientation(*sine_cosine(psi[0] / 2.0), *sine_cosine(psi[1] / 2.0))
+
+
+def _orientation(sin_x: N, cos_x: N, sin_y: N, cos_y: N) -> tuple[N, N, N, N]:
     return cos_x * cos_y, cos_x * sin_y, sin_x * cos_y, -sin_x * sin_y
 
 
@@ -243,7 +254,12 @@ def ball_velocity(message: Odometry) -> Pair:
 
 def encode_battery(truth: GroundTruth) -> bytes:
     """Return ``battery_state``."""
-    return _BATTERY.encode(truth.stamp_ns, truth.battery_voltage)
+    return encode_voltage(truth.stamp_ns, truth.battery_voltage)
+
+
+def encode_voltage(stamp_ns: int, volts: float) -> bytes:
+    """Return ``battery_state`` for a voltage [V]."""
+    return _BATTERY.encode(stamp_ns, volts)
 
 
 def decode_battery_mv(data: bytes) -> int:
@@ -318,11 +334,21 @@ def decode_duty(data: bytes) -> tuple[int, int] | None:
 
 def encode_controller_state(stamp_ns: int, x: PlaneEstimates, y: PlaneEstimates) -> bytes:
     """Return ``controller/state``: the controller's estimates and references in SI."""
-    degrees = (
+    degrees = _degrees(x, y)
+    return _STATE.encode(stamp_ns, *[float(angle) * RADIANS_PER_DEGREE for angle in degrees])
+
+
+def _degrees(x: Any, y: Any) -> tuple[Any, ...]:
+    return (
         x.theta, x.psi, y.theta, y.psi, x.theta_ref, y.theta_ref,
         x.theta_dot, x.psi_dot, y.theta_dot, y.psi_dot, x.theta_ref_dot, y.theta_ref_dot,
     )  # fmt: skip
-    return _STATE.encode(stamp_ns, *[float(angle) * RADIANS_PER_DEGREE for angle in degrees])
+
+
+def encode_controller_states(stamps_ns: Stamps, x: Any, y: Any) -> list[bytes]:
+    """Return :func:`encode_controller_state` of each row of estimates in columns."""
+    columns = [np.float64(angle) * RADIANS_PER_DEGREE for angle in _degrees(x, y)]
+    return _STATE.encode(stamps_ns, *columns)
 
 
 class ControllerState(NamedTuple):

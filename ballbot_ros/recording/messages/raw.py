@@ -13,8 +13,10 @@ import re
 import struct
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from operator import attrgetter, itemgetter
-from typing import Any
+from typing import Any, overload
 
+import numpy as np
+from numpy.typing import NDArray
 from rosbags.interfaces import Nodetype
 from rosbags.serde import SerdeError
 
@@ -76,6 +78,12 @@ def decoder(type_name: str) -> Callable[[bytes], Any]:
 _STAMP_PLACES = [(4, 'i'), (8, 'I')]
 """Offset and type code of seconds and nanoseconds: four bytes of encoding precede a stamp."""
 
+_NUMPY = {'i': 'i4', 'I': 'u4', 'f': 'f4', 'd': 'f8'}
+"""numpy's names of the type codes."""
+
+Stamps = NDArray[np.int64]
+Floats = NDArray[np.float64]
+
 _ELEMENT = re.compile(r'(.+)\[(\d+)\]')
 
 
@@ -135,6 +143,13 @@ class MessageLayout:
                 formats.append(code)
                 numbers.append(order[offset, code])
                 end = offset + struct.calcsize(code)
+        self._template = data
+        self._row = np.dtype({
+            'names': [str(number) for number in range(len(places))],
+            'formats': [f'<{_NUMPY[code]}' for _, code in places],
+            'offsets': [offset for offset, _ in places],
+            'itemsize': len(data),
+        })  # fmt: skip
         whole = struct.Struct(''.join(formats))
         self._pack, self._unpack, self._size = whole.pack, whole.unpack, whole.size
         self._constants = tuple(constants)
@@ -149,10 +164,29 @@ class MessageLayout:
             numbers.index(i) for i in range(len(_STAMP_PLACES), len(places))
         )
 
-    def encode(self, stamp_ns: int, *numbers: float) -> bytes:
-        """Return the message with this stamp [ns] and these numbers, as CDR."""
+    @overload
+    def encode(self, stamp_ns: int, *numbers: float) -> bytes: ...
+
+    @overload
+    def encode(self, stamp_ns: Stamps, *numbers: Floats) -> list[bytes]: ...
+
+    def encode(self, stamp_ns: Any, *numbers: Any) -> bytes | list[bytes]:
+        """Return the message with this stamp [ns] and these numbers, as CDR.
+
+        With a column instead of each number, return the messages with those of each row.
+        """
+        if isinstance(stamp_ns, np.ndarray):
+            return self._encode_rows(stamp_ns, *numbers)
         parts = self._constants + divmod(stamp_ns, SECOND_NS) + numbers
         return self._pack(*self._interleave(parts))
+
+    def _encode_rows(self, stamps_ns: Stamps, *columns: Floats) -> list[bytes]:
+        count, size = len(stamps_ns), len(self._template)
+        rows = np.frombuffer(bytearray(self._template * count), self._row)
+        for name, column in enumerate((*divmod(stamps_ns, SECOND_NS), *columns)):
+            rows[str(name)] = column
+        data = rows.tobytes()
+        return [data[at : at + size] for at in range(0, count * size, size)]
 
     def decode(self, data: bytes) -> tuple[float, ...]:
         """Return the numbers of a message, also of one with other constants or another layout.

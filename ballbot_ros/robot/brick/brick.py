@@ -86,6 +86,14 @@ class Inputs(NamedTuple):
     horizontal: int
 
 
+NUMBERS_OF = {
+    'gyro': ('gyro_x', 'gyro_y'),
+    'revolutions': ('revolution_x', 'revolution_y'),
+    'sonar_cm': ('sonar_cm',),
+}
+"""The numbers of :class:`Inputs` that a device's field of :class:`DeviceInputs` stands for."""
+
+
 def as_numbers(inputs: DeviceInputs) -> Inputs:
     """Return the samples of a tick as numbers."""
     (gyro_x, gyro_y), (revolution_x, revolution_y), sonar_cm, battery_mv, sticks = inputs

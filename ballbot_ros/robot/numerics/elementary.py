@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+from numpy.typing import NDArray
+
 TWO_PI = 2.0 * math.pi
 
 _QUARTER_PI = math.pi / 4.0
@@ -63,6 +66,11 @@ def sine_cosine(angle: float) -> tuple[float, float]:
     if quadrant == 2:
         return -sine, -cosine
     return -cosine, sine
+
+
+def sines_cosines(angles: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return :func:`sine_cosine` of each angle; shape (2, n)."""
+    return np.array([sine_cosine(each) for each in angles.tolist()]).reshape(-1, 2).T
 
 
 def natural_log(x: float) -> float:
