@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,17 +45,21 @@ from ballbot_ros.robot.plant.ground_truth import GroundTruth
 from ballbot_ros.robot.world.world import World
 
 MIN_TICKS = 25_000
-"""The interpreter ends a shorter run before the compiled code is loaded."""
+"""The interpreter makes fewer ticks in the time in which compiled code is loaded."""
+
+_asked: list[int] = []
+"""The numbers of ticks of this process's runs."""
 
 
 def pays(ticks: int) -> bool:
-    """Return whether a run of the document's program ends sooner with compiled code.
+    """Return whether to make a run of the document's program by compiled code.
 
-    The code must be there, in this process or, for a run that is worth loading it, on disk.
+    The code must be there: in this process or, once the runs are worth loading it, on disk.
     """
     if not can_compile():
         return False
-    return is_loaded(simulate_runs) or (ticks >= MIN_TICKS and is_kept(simulate_runs))
+    _asked.append(ticks)
+    return is_loaded(simulate_runs) or (sum(_asked) >= MIN_TICKS and is_kept(simulate_runs))
 
 
 class TickColumns(NamedTuple):
@@ -125,10 +129,10 @@ class CompiledLoop:
         """Make ticks as :meth:`advance` does; return also everything in them."""
         log, rows = self._advance(ticks, ticks)
         plant = columns_of(PlantState, rows['plant'])
-        volts = plant.volts.astype(np.float32).astype(np.float64)
+        volts: Any = np.asarray(plant.volts, np.float32).astype(np.float64)
         return log, TickColumns(
             self._plant.truth_of(plant, volts),
-            plant.in_contact,
+            np.asarray(plant.in_contact),
             columns_of(Inputs, rows['inputs']),
             rows['program'],
         )

@@ -84,14 +84,18 @@ def state_type(cls: type) -> np.dtype[np.void]:
 
 def state_of(cls: Callable[..., State], row: np.void) -> State:
     """Return the state in a row, with the types that it has in the interpreter."""
-    values = []
-    for kind, value in zip(_hints(cls).values(), row.item(), strict=True):
-        single = Single in (kind, *get_args(kind))
-        if get_args(kind):
-            values.append(tuple(value) if single else tuple(value.tolist()))
-        else:
-            values.append(Single(value) if single else value)
-    return cls(*values)
+    return cls(*(take(value) for take, value in zip(_takers(cls), row.item(), strict=True)))
+
+
+@cache
+def _takers(cls: Callable[..., State]) -> tuple[Callable[[Any], Any], ...]:
+    """Return for each field the function that gives a number of a row its type."""
+    return tuple(
+        (tuple if Single in get_args(kind) else lambda numbers: tuple(numbers.tolist()))
+        if get_args(kind)
+        else (Single if kind is Single else lambda number: number)
+        for kind in _hints(cls).values()
+    )
 
 
 def columns_of(cls: Callable[..., State], rows: Rows) -> State:

@@ -88,7 +88,9 @@ def _sockets(table: str) -> set[str]:
 def _read_sockets(table: str, size: int) -> list[str]:
     """Return the lines of a table, read in parts of a size [byte]."""
     with Path('/proc/net', table).open('rb', buffering=0) as file:
-        return b''.join(iter(lambda: file.read(size), b'')).decode(errors='replace').splitlines()[1:]
+        return (
+            b''.join(iter(lambda: file.read(size), b'')).decode(errors='replace').splitlines()[1:]
+        )
 
 
 def bound_udp_ports() -> set[int]:

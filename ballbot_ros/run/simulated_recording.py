@@ -74,6 +74,11 @@ class _MessageBuffer:
         self._stamps += stamps
         self._messages += messages
 
+    @property
+    def newest_ns(self) -> int:
+        """The stamp of the last message."""
+        return self._stamps[-1]
+
     def sort(self) -> None:
         """Put the messages into the order of their stamps."""
         order = np.argsort(self._stamps, kind='stable').tolist()
@@ -168,7 +173,7 @@ class SimulatedRecording:
         """Write the messages of many ticks."""
         self._columns.ticks(ticks, program)
         self._buffer.sort()
-        self._flush(int(ticks.truth.stamp_ns[-1]))
+        self._flush(self._buffer.newest_ns)
 
     def _flush(self, now_ns: int) -> None:
         while now_ns - self._flushed_ns >= SECOND_NS:

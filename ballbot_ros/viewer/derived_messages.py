@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache, partial
+from typing import Any, Protocol
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 
@@ -49,9 +50,8 @@ from ballbot_ros.recording.messages.topics import (
     TF_STATIC,
     Topic,
 )
-from ballbot_ros.recording.rosbag2 import QosProfile, RecordedTopic
+from ballbot_ros.recording.rosbag2 import QosProfile
 from ballbot_ros.recording.schemas import encoder, new_message
-from ballbot_ros.recording.writer import RecordingWriter
 from ballbot_ros.robot.brick.odometry import WINDOW_NS, DeadReckoning, OdometryState
 from ballbot_ros.robot.plant.model import Bodies
 from ballbot_ros.robot.world.exports import floor_map_of
@@ -300,12 +300,24 @@ PERIOD_NS = 40_000_000
 """Period of the derived messages: a rate for tools, of which some interpolate poses."""
 
 
+class TopicWriter(Protocol):
+    """Who takes the messages of topics, as a :class:`RecordingWriter` does."""
+
+    def add_topic(
+        self, name: str, type_name: str, *, qos: Sequence[QosProfile], derived: bool
+    ) -> Any:
+        """Add a topic; the result has the number of its messages, `count`."""
+
+    def write(self, topic: Any, stamp_ns: int, data: bytes, sequence: int) -> None:
+        """Take a message."""
+
+
 class DerivedChannels:
     """Writes derived messages to a recording, marked as such, while nobody publishes their topic.
 
     Parameters
     ----------
-    writer : RecordingWriter
+    writer : TopicWriter
     shape : PlantParameters or VisualizerParameters
         As in `DerivedMessages`.
     name_of : callable
@@ -316,7 +328,7 @@ class DerivedChannels:
 
     def __init__(
         self,
-        writer: RecordingWriter,
+        writer: TopicWriter,
         shape: Shape,
         *,
         name_of: Callable[[Topic], str] = Topic.resolved,
@@ -336,7 +348,7 @@ class DerivedChannels:
 
     def _make_send(self, topic: Topic) -> Send:
         name = self._name_of(topic)
-        recorded: RecordedTopic | None = None
+        recorded: Any = None
 
         def send(stamp_ns: int, data: bytes) -> None:
             nonlocal recorded

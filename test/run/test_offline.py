@@ -8,7 +8,6 @@ import pytest
 pytest.importorskip('numba')
 
 from ballbot_ros.engine import compiled_loop
-from ballbot_ros.engine.compiled_loop import pays
 from ballbot_ros.lockstep.run_actions import Outcome
 from ballbot_ros.run import offline
 from ballbot_ros.run.observer import LogObserver
@@ -46,16 +45,16 @@ def assert_same(one, other):
             assert mine == its, field.name
 
 
-@pytest.mark.parametrize(
-    'words',
-    [
-        ('stationary',),
-        ('hardware_autonomous', 'plant_sim.duration=8'),
-        ('push', 'plant_sim.seed=3', 'gyro_driver.delay=3'),
-        ('stationary', 'plant_sim.start_pitch_x=0.3'),
-        ('stationary', 'plant_sim.duration=0.004'),
-    ],
+RUNS = (
+    ('stationary', 'plant_sim.start_pitch_x=0.3'),
+    ('stationary', 'plant_sim.duration=0.004'),
+    ('push', 'plant_sim.seed=3', 'gyro_driver.delay=3'),
+    ('hardware_autonomous', 'plant_sim.duration=8'),
+    ('remote_wall', 'plant_sim.on_wall_hit=stop', 'controller.dst_thr=1'),
 )
+
+
+@pytest.mark.parametrize('words', RUNS)
 def test_compiled_and_interpreted_runs_have_the_same_result(words, always, monkeypatch):
     monkeypatch.setattr(offline, '_TICKS_AT_ONCE', 600)
     spec = spec_of(*words)
@@ -67,33 +66,36 @@ def test_compiled_and_interpreted_runs_have_the_same_result(words, always, monke
     assert_same(fast, slow)
 
 
-def test_a_wall_hit_ends_a_compiled_run_with_its_description(always, monkeypatch):
-    spec = spec_of('remote_wall', 'plant_sim.on_wall_hit=stop', 'controller.dst_thr=1')
-    fast = run(spec)
+@pytest.mark.parametrize('at_once', [300, 2500])
+@pytest.mark.parametrize('words', RUNS)
+def test_their_recordings_have_the_same_bytes(words, at_once, always, tmp_path, monkeypatch):
+    monkeypatch.setattr(offline, '_RECORDED_TICKS_AT_ONCE', at_once)
+    spec, path = spec_of(*words), tmp_path / 'run.mcap'
+    fast = run(spec, path)
+    compiled = path.read_bytes()
+    path.unlink()
     monkeypatch.setattr(offline, 'pays', lambda ticks: False)
-    slow = run(spec)
-    assert fast.engine is Engine.COMPILED
-    assert fast.outcome is Outcome.FAILED
-    assert fast.failure.startswith('wall hit at sim time')
-    assert_same(fast, slow)
+    assert_same(fast, run(spec, path))
+    assert path.read_bytes() == compiled
 
 
-def test_recorded_paced_and_other_runs_are_interpreted(always, tmp_path):
+def test_paced_and_other_runs_are_interpreted(always):
     words = ('stationary', 'plant_sim.duration=0.1')
-    assert run(spec_of(*words), tmp_path / 'run.mcap').engine is Engine.INTERPRETED
     assert run(spec_of(*words, real_time_factor=20.0)).engine is Engine.INTERPRETED
     assert run(spec_of(*words, controller='pid')).engine is Engine.INTERPRETED
 
 
-def test_a_short_run_does_not_load_the_compiler(monkeypatch):
+def test_few_ticks_do_not_load_compiled_code(monkeypatch):
     monkeypatch.setattr(compiled_loop, 'is_loaded', lambda function: False)
     monkeypatch.setattr(compiled_loop, 'is_kept', lambda function: True)
-    assert not pays(compiled_loop.MIN_TICKS - 1)
-    assert pays(compiled_loop.MIN_TICKS)
+    monkeypatch.setattr(compiled_loop, '_asked', [])
+    most = compiled_loop.MIN_TICKS
+    assert not compiled_loop.pays(most - 1)
+    assert compiled_loop.pays(1)
     monkeypatch.setattr(compiled_loop, 'is_kept', lambda function: False)
-    assert not pays(compiled_loop.MIN_TICKS)
+    assert not compiled_loop.pays(most)
     monkeypatch.setattr(compiled_loop, 'is_loaded', lambda function: True)
-    assert pays(1)
+    assert compiled_loop.pays(1)
 
 
 def test_a_signal_ends_a_long_compiled_run(always):

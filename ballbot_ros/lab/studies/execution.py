@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Protocol, TypeVar, cast
 
 from ballbot_ros.engine.compilation import REMEDY, is_kept
+from ballbot_ros.engine.run import simulate_runs
 from ballbot_ros.errors import BallbotError, StudyError, one_line
 from ballbot_ros.lab.studies.data_set import StudyFolder, begin_or_resume
 from ballbot_ros.lab.studies.job import Job
@@ -26,7 +27,6 @@ from ballbot_ros.lab.studies.runs import (
     Samples,
     has_documents_program,
     is_compiled,
-    simulate_runs,
 )
 from ballbot_ros.nodes.processes import END_WITH_PARENT, end_with_parent, exit_description
 from ballbot_ros.process import StopRequest

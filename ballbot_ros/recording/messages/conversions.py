@@ -347,8 +347,8 @@ def _degrees(x: Any, y: Any) -> tuple[Any, ...]:
 
 def encode_controller_states(stamps_ns: Stamps, x: Any, y: Any) -> list[bytes]:
     """Return :func:`encode_controller_state` of each row of estimates in columns."""
-    columns = [np.float64(angle) * RADIANS_PER_DEGREE for angle in _degrees(x, y)]
-    return _STATE.encode(stamps_ns, *columns)
+    degrees = (np.asarray(angle, np.float64) for angle in _degrees(x, y))
+    return _STATE.encode(stamps_ns, *(angle * RADIANS_PER_DEGREE for angle in degrees))
 
 
 class ControllerState(NamedTuple):

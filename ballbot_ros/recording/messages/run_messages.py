@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from operator import attrgetter
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -295,8 +295,8 @@ class RunColumns:
     ) -> None:
         self._send(CLOCK, stamps, encode_clock(truth.stamp_ns))
         due = np.flatnonzero(stamps % BATTERY_PERIOD_NS == 0)
-        volts = np.asarray(truth.battery_voltage)
-        self._send(BATTERY_STATE, stamps[due], encode_voltage(stamps[due], volts[due]))
+        at, volts = stamps[due], np.asarray(truth.battery_voltage)[due]
+        self._send(BATTERY_STATE, at, [encode_voltage(*each) for each in _pairs(at, volts)])
         self._send(PLANT_IMU, stamps, encode_bodies(truth))
         self._send(PLANT_JOINT_STATES, stamps, encode_motors(truth))
         self._send(PLANT_ODOM, stamps, encode_odometry(truth, self._plant.ball_radius))
@@ -308,20 +308,19 @@ class RunColumns:
 
     def _inputs(self, inputs: Inputs, stamps: NDArray[np.int64], source: str) -> None:
         for device, encode, topic in self._devices:
-            numbers = [getattr(inputs, name) for name in NUMBERS_OF[device.field]]
-            due = numbers[0] != NO_SAMPLE
-            at = stamps[due]
-            readings = numbers[0][due] if len(numbers) == 1 else [each[due] for each in numbers]
+            columns = [np.asarray(getattr(inputs, name)) for name in NUMBERS_OF[device.field]]
+            due = columns[0] != NO_SAMPLE
+            at, readings = stamps[due], [each[due] for each in columns]
             if device.period_ns == TICK_NS:
                 self._send(topic, at, encode(at, readings))
             else:
-                pairs = zip(at.tolist(), readings.tolist(), strict=True)
-                self._send(topic, at, [encode(*each) for each in pairs])
-        due = inputs.vertical != NO_SAMPLE
-        sticks = zip(inputs.vertical[due].tolist(), inputs.horizontal[due].tolist(), strict=True)
-        at = stamps[due]
-        packets = [encode_sticks(*each, source) for each in zip(at.tolist(), sticks, strict=True)]
-        self._send(GAMEPAD_JOY, at, packets)
+                (reading,) = readings
+                self._send(topic, at, [encode(*each) for each in _pairs(at, reading)])
+        vertical, horizontal = np.asarray(inputs.vertical), np.asarray(inputs.horizontal)
+        due = vertical != NO_SAMPLE
+        at, sticks = stamps[due], _pairs(vertical[due], horizontal[due])
+        packets = zip(at.tolist(), sticks, strict=True)
+        self._send(GAMEPAD_JOY, at, [encode_sticks(*each, source) for each in packets])
 
     def _outputs(self, rows: Rows, stamps: NDArray[np.int64], program: ControlProgram) -> None:
         states = columns_of(ProgramState, rows)
@@ -337,8 +336,8 @@ class RunColumns:
                 self._send(SOUND, now, [encode_tone(int(now[0]), tone)])
             for page in outputs.pages:
                 self._send(LCD, now, [encode_text(page)])
-        duty = states.duty_x, states.duty_y
-        self._send(MOTOR_DUTY, stamps, encode_duty(stamps, duty))
+        columns: Any = stamps, (states.duty_x, states.duty_y)
+        self._send(MOTOR_DUTY, stamps, encode_duty(*columns))
         x = PlaneValues(*states.x, *states.estimates_x)
         y = PlaneValues(*states.y, *states.estimates_y)
         self._send(CONTROLLER_STATE, stamps, encode_controller_states(stamps, x, y))
@@ -353,3 +352,8 @@ class RunColumns:
             if state != self._controller.operating_state:
                 self._controller.operating_state = state
                 self._send(OPERATING_STATE, stamps[at : at + 1], [encode_text(state)])
+
+
+def _pairs(one: NDArray[Any], other: NDArray[Any]) -> Iterator[tuple[Any, Any]]:
+    """Return the pairs of both columns, as plain numbers."""
+    return zip(one.tolist(), other.tolist(), strict=True)
