@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -47,8 +48,8 @@ from ballbot_ros.robot.world.world import World
 MIN_TICKS = 25_000
 """The interpreter makes fewer ticks in the time in which compiled code is loaded."""
 
-_asked: list[int] = []
-"""The numbers of ticks of this process's runs."""
+_asked = Counter[str]()
+"""The number of ticks of this process's runs."""
 
 
 def pays(ticks: int) -> bool:
@@ -58,8 +59,9 @@ def pays(ticks: int) -> bool:
     """
     if not can_compile():
         return False
-    _asked.append(ticks)
-    return is_loaded(simulate_runs) or (sum(_asked) >= MIN_TICKS and is_kept(simulate_runs))
+    _asked['ticks'] += ticks
+    is_worth_loading = _asked['ticks'] >= MIN_TICKS
+    return is_loaded(simulate_runs) or (is_worth_loading and is_kept(simulate_runs))
 
 
 class TickColumns(NamedTuple):

@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from campaign import trial
 from campaign.campaign import campaign
 from campaign.fault import Verdict
-from campaign.site import MARK, Site, processes_of
+from campaign.site import MARK, Site, processes_of, wait_until
 
 SLEEP = ('timeit', '-n', '1', 'import time; time.sleep(60)')
 
@@ -31,6 +31,7 @@ def test_processes_that_outlive_a_program_are_reported_and_killed(tmp_path):
     parent = f'import subprocess, sys; subprocess.Popen([sys.executable, "-m", *{SLEEP!r}])'
     with Site(tmp_path, [1]) as site:
         program = site.start('parent', 'timeit', '-n', '1', '-r', '1', parent)
+        wait_until(lambda: program.status is not None, 'its end')
         end = site.await_end(program, bound_s=0.3)
     assert end.status == 0
     assert len(end.survivors) == 1

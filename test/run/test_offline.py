@@ -2,6 +2,7 @@
 
 import dataclasses
 import signal
+from collections import Counter
 
 import pytest
 
@@ -88,7 +89,7 @@ def test_paced_and_other_runs_are_interpreted(always):
 def test_few_ticks_do_not_load_compiled_code(monkeypatch):
     monkeypatch.setattr(compiled_loop, 'is_loaded', lambda function: False)
     monkeypatch.setattr(compiled_loop, 'is_kept', lambda function: True)
-    monkeypatch.setattr(compiled_loop, '_asked', [])
+    monkeypatch.setattr(compiled_loop, '_asked', Counter())
     most = compiled_loop.MIN_TICKS
     assert not compiled_loop.pays(most - 1)
     assert compiled_loop.pays(1)

@@ -31,10 +31,11 @@ ALLOWED_NUMPY = {
     'bool_', 'dtype', 'errstate', 'float32', 'float64', 'inf', 'int32', 'int64', 'int8', 'ndarray',
     'number', 'uint64', 'uint8',
     # creating and moving
-    'arange', 'array', 'asarray', 'ascontiguousarray', 'empty', 'equal', 'frombuffer', 'full',
-    'isin', 'load', 'ravel', 'savez', 'where', 'zeros',
+    'arange', 'array', 'asarray', 'ascontiguousarray', 'column_stack', 'empty', 'equal',
+    'flatnonzero', 'frombuffer', 'full', 'generic', 'isin', 'load', 'ravel', 'repeat', 'savez',
+    'transpose', 'void', 'where', 'zeros',
     # whole numbers
-    'argmin', 'cumsum', 'isfinite', 'unravel_index',
+    'argmax', 'argmin', 'cumsum', 'isfinite', 'unravel_index',
 }  # fmt: skip
 # Not on the way to a duty: messages that are read afterwards.
 READING = {'pitch_angles'}
