@@ -12,7 +12,7 @@ class RunObserver(Protocol):
     """Receives the progress of a run, and notices about it."""
 
     def update(self, elapsed_s: float) -> None:
-        """Show the sim time since the start [s]; called at every tick, so it must be cheap."""
+        """Show the sim time since the start [s]; called often, so it must be cheap."""
         ...
 
     def notice(self, text: str) -> None:

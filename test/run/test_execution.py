@@ -69,7 +69,8 @@ def test_a_run_returns_its_result_and_files(stationary):
     assert result.figure == spec.output / 'stationary.png'
     assert result.figure.read_bytes().startswith(b'\x89PNG')
     assert notes.lines == []
-    assert notes.times == pytest.approx([0.004 * tick for tick in range(1, 2501)])
+    assert notes.times == sorted(notes.times)
+    assert notes.times[-1] == 10.0
 
 
 def test_metrics_and_verdict_are_those_of_the_recording(stationary):
