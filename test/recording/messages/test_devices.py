@@ -13,7 +13,7 @@ from ballbot_ros.parameters import DRIVERS, GAMEPAD, ParameterSet
 from ballbot_ros.recording.messages.devices import DEVICE_MESSAGES, INPUT_READERS, encode_steps
 from ballbot_ros.recording.messages.run_messages import PlantMessages
 from ballbot_ros.recording.messages.topics import CLOCK, PLANT_STEPS, TOPICS, periodic_topics
-from ballbot_ros.robot.brick.brick import DeviceInputs
+from ballbot_ros.robot.brick.brick import NUMBERS_OF, DeviceInputs, Inputs
 
 each_device = pytest.mark.parametrize(
     'messages', DEVICE_MESSAGES, ids=lambda each: each.device.parameters.node
@@ -30,6 +30,12 @@ def test_each_field_of_the_brick_has_one_topic():
     fields = [each.device.field for each in DEVICE_MESSAGES]
     assert sorted([*fields, 'battery_mv', 'sticks']) == sorted(DeviceInputs._fields)
     assert len(INPUT_READERS) == len(DeviceInputs._fields)
+
+
+def test_each_field_of_a_device_has_its_numbers():
+    assert list(NUMBERS_OF) == [each.field for each in ALL_DEVICES]
+    numbers = [name for names in NUMBERS_OF.values() for name in names]
+    assert sorted([*numbers, 'battery_mv', 'vertical', 'horizontal']) == sorted(Inputs._fields)
 
 
 def test_a_replay_compares_every_input_of_the_controller():
