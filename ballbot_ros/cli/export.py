@@ -9,7 +9,7 @@ import click
 from rich.console import Console
 
 from ballbot_ros.cli.options import PATH, RECORDING, Choice, split_at_commas
-from ballbot_ros.cli.recordings import file_progress
+from ballbot_ros.cli.progress import file_progress
 from ballbot_ros.errors import RecordingError
 from ballbot_ros.parameters.timing import TICK_NS
 from ballbot_ros.recording.columns import load_pyarrow

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from ballbot_ros.cli.options import NEW_FILE, PATH, RECORDING, split_at_commas
-from ballbot_ros.cli.recordings import file_progress
+from ballbot_ros.cli.progress import file_progress
 from ballbot_ros.cli.written_file import command_line, heading, write_file
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.parameters import PLANT, ParameterSet, Value

@@ -14,7 +14,7 @@ from rich.console import Console
 from ballbot_ros.analysis.recorded_controller import ControllerIdentity, decode_controller
 from ballbot_ros.analysis.recorded_scenario import external_push, outside_pushes, outside_pushes_in
 from ballbot_ros.cli.options import RECORDING
-from ballbot_ros.cli.recordings import file_progress
+from ballbot_ros.cli.progress import file_progress
 from ballbot_ros.errors import printable
 from ballbot_ros.files import own_command
 from ballbot_ros.parameters.yaml_document import parse_data

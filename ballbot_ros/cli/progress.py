@@ -1,18 +1,19 @@
-"""Progress bar with sim time and real-time factor; lines in place of a bar without a terminal."""
+"""Progress bars of runs and of files; lines in place of a bar without a terminal."""
 
 from __future__ import annotations
 
 import itertools
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 from rich.console import Console
-from rich.progress import BarColumn, TextColumn
+from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as Bar
 
 from ballbot_ros.parameters import CONTROLLER, PLANT
-from ballbot_ros.process import PROGRESS_PERIOD_S
+from ballbot_ros.process import PROGRESS_PERIOD_S, ProgressCallback
 
 LINE_PERIOD_S = 10.0
 
@@ -128,3 +129,42 @@ class Progress:
             if not (reason and text.endswith(reason)):
                 self._console.print(text, soft_wrap=True)
         self._held.clear()
+
+
+@contextmanager
+def file_progress(name: str, unit: str = '') -> Iterator[ProgressCallback]:
+    """Show the progress: on a terminal as a bar, with a number if there is a unit, else as lines.
+
+    Yields
+    ------
+    callable
+        Accepts the amount done and the total; cheap enough to be called at every message.
+    """
+    console = stderr_console()
+    with (
+        ProgressLines(name, console) as lines,
+        Bar(
+            TextColumn('{task.description}', markup=False),
+            BarColumn(bar_width=40),
+            TextColumn(f'{{task.completed}}/{{task.total}} {unit}')
+            if unit
+            else TaskProgressColumn(),
+            TimeRemainingColumn(),
+            console=console,
+            transient=True,
+            disable=not console.is_terminal,
+        ) as bar,
+    ):
+        task = bar.add_task(name, total=None)
+        due = 0.0
+
+        def update(done: int, total: int) -> None:
+            nonlocal due
+            if (now := time.monotonic()) < due:
+                return
+            due = now + PROGRESS_PERIOD_S
+            # A file may have more than it says.
+            lines.text = f'{min(done / max(total, 1), 1.0):.0%}'
+            bar.update(task, completed=done, total=total)
+
+        yield update

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from ballbot_ros.cli.options import NEW_FILE, RECORDING, FloatRange
-from ballbot_ros.cli.recordings import file_progress
+from ballbot_ros.cli.progress import file_progress
 from ballbot_ros.errors import ViewerError, did_you_mean, importing_viewer
 from ballbot_ros.parameters.timing import TICK_S
 from ballbot_ros.process import DeferredSignals

@@ -8,7 +8,7 @@ import click
 from rich.console import Console
 
 from ballbot_ros.cli.options import NEW_FILE, RECORDING
-from ballbot_ros.cli.recordings import file_progress
+from ballbot_ros.cli.progress import file_progress
 from ballbot_ros.recording.repair import repair
 
 

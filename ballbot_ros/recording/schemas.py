@@ -48,6 +48,14 @@ def typestore() -> Typestore:
     return get_typestore(Stores.ROS2_JAZZY)
 
 
+def _store_of(type_name: str) -> Typestore:
+    """Return the message types of ROS 2 Jazzy; RecordingError if this is none of them."""
+    store = typestore()
+    if type_name not in store.fielddefs:
+        raise RecordingError(f'{type_name!r} is not a message type of ROS 2 Jazzy')
+    return store
+
+
 @cache
 def schema(type_name: str) -> Schema:
     """Return the definition of `type_name`, such as ``sensor_msgs/msg/Imu``.
@@ -57,9 +65,7 @@ def schema(type_name: str) -> Schema:
     RecordingError
         If ROS 2 Jazzy has no such type.
     """
-    store = typestore()
-    if type_name not in store.fielddefs:
-        raise RecordingError(f'{type_name!r} is not a message type of ROS 2 Jazzy')
+    store = _store_of(type_name)
     text, _ = store.generate_msgdef(type_name, ros_version=2)
     type_hash = '' if _CHAR_FIELD.search(text) else store.hash_rihs01(type_name)
     return Schema(text, type_hash)
@@ -150,8 +156,7 @@ def new_message(type_name: str) -> Any:
     RecordingError
         If ROS 2 Jazzy has no such type.
     """
-    schema(type_name)
-    store = typestore()
+    store = _store_of(type_name)
     return store.types[type_name](
         *(
             _DEFAULTS.get((type_name, name), _blank(description))
@@ -171,14 +176,15 @@ def encoder(type_name: str) -> Callable[[Any], bytes]:
     RecordingError
         If ROS 2 Jazzy has no such type.
     """
-    schema(type_name)
-    store = typestore()
-    fields = store.get_msgdef(type_name).fields  # creates the serialiser before the first call
-    blanks = ((name, _blank(description)) for name, description in fields)
-    arrays = [(name, blank.dtype) for name, blank in blanks if isinstance(blank, np.ndarray)]
+    store = _store_of(type_name)
+
+    @cache
+    def arrays() -> list[tuple[str, np.dtype[Any]]]:
+        blanks = ((name, _blank(kind)) for name, kind in store.fielddefs[type_name][1])
+        return [(name, blank.dtype) for name, blank in blanks if isinstance(blank, np.ndarray)]
 
     def encode(message: Any) -> bytes:
-        for name, dtype in arrays:
+        for name, dtype in arrays():
             value = getattr(message, name)
             if getattr(value, 'dtype', None) is not dtype:
                 numbers = memoryview(value) if isinstance(value, bytes) else value

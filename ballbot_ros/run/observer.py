@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import logging
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
-from ballbot_ros.nodes.teleop.terminal import KeyPress
+if TYPE_CHECKING:
+    from ballbot_ros.nodes.teleop.terminal import KeyPress
 
 
 class RunObserver(Protocol):

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 from rich.console import Console
 
-from ballbot_ros.cli import progress, recordings
+from ballbot_ros.cli import progress
 from ballbot_ros.cli.progress import Progress, ProgressLines
 
 WHY = 'controller: own.py:4: RuntimeError: no'
@@ -60,9 +60,9 @@ def test_without_a_terminal_a_line_says_every_ten_seconds_how_far_the_work_is(mo
 
 def test_a_file_with_more_messages_than_it_says_is_read_to_the_end(monkeypatch):
     shown = nullcontext(SimpleNamespace())
-    monkeypatch.setattr(recordings, 'ProgressLines', lambda name, console: shown)
-    with recordings.file_progress('run.mcap') as progress:
-        progress(30, 10)
+    monkeypatch.setattr(progress, 'ProgressLines', lambda name, console: shown)
+    with progress.file_progress('run.mcap') as advance:
+        advance(30, 10)
     assert shown.enter_result.text == '100%'
 
 

@@ -51,10 +51,12 @@ def same_content(type_name: str) -> Callable[[bytes, bytes], bool]:
 
     Equal messages may differ in their bytes, because padding is not cleared.
     """
-    decode, encode = decoder(type_name), encoder(type_name)
 
     def is_same(one: bytes, other: bytes) -> bool:
-        return one == other or encode(decode(one)) == encode(decode(other))
+        if one == other:
+            return True
+        decode, encode = decoder(type_name), encoder(type_name)
+        return encode(decode(one)) == encode(decode(other))
 
     return is_same
 
@@ -108,6 +110,16 @@ class MessageLayout:
     type_name : str
     """
 
+    _template: bytes
+    _row: np.dtype[np.void]
+    _pack: Callable[..., bytes]
+    _unpack: Callable[[bytes], tuple[Any, ...]]
+    _size: int
+    _constants: tuple[bytes, ...]
+    _interleave: Callable[[Sequence[Any]], tuple[Any, ...]]
+    _pick_constants: Callable[[Sequence[Any]], tuple[Any, ...]]
+    _pick_numbers: Callable[[Sequence[Any]], tuple[Any, ...]]
+
     def __init__(
         self,
         type_name: str,
@@ -119,15 +131,22 @@ class MessageLayout:
         self.type_name = type_name
         self._names = tuple(numbers)
         self._identity = identity
-        self._expected = (constants or {}).get(identity)
+        self._fixed = constants or {}
+        self._expected = self._fixed.get(identity)
         self._decode = decoder(type_name)
-        message = new_message(type_name)
-        for name, value in (constants or {}).items():
-            _set(message, name, value)
+
+    def __getattr__(self, name: str) -> Any:
+        """Build the layout before it is used first: that takes milliseconds."""
+        if name not in MessageLayout.__annotations__:
+            raise AttributeError(name)
+        message = new_message(self.type_name)
+        for field, value in self._fixed.items():
+            _set(message, field, value)
         marks = [1.1 + number for number in range(len(self._names))]
-        for name, mark in zip(self._names, marks, strict=True):
-            _set(message, name, mark)
-        self._build(encoder(type_name)(message), marks)
+        for field, mark in zip(self._names, marks, strict=True):
+            _set(message, field, mark)
+        self._build(encoder(self.type_name)(message), marks)
+        return getattr(self, name)
 
     def _build(self, data: bytes, marks: Sequence[float]) -> None:
         """Divide a message into constants and numbers, which it finds by their values."""
