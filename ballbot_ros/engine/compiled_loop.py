@@ -98,6 +98,10 @@ class CompiledLoop:
     scenario : Scenario
         Its sticks and pushes.
 
+    Attributes
+    ----------
+    program : ControlProgram
+
     Raises
     ------
     CompilationError
@@ -111,7 +115,7 @@ class CompiledLoop:
         parameters: ParameterSet,
         scenario: Scenario,
     ) -> None:
-        self._plant, self._program = loop.plant, program
+        self._plant, self.program = loop.plant, program
         self._run = compiled_and_kept(simulate_runs)
         rows = RobotRows(parameters, {}, 1)
         self._tables = (
@@ -163,7 +167,7 @@ class CompiledLoop:
                 *(tuple(each[0].tolist()) for each in self._rings),
             )
         )
-        self._program.state = state_of(ProgramState, robot['program'])
+        self.program.state = state_of(ProgramState, robot['program'])
 
 
 def floor_of(world: World | None) -> FloorTables:

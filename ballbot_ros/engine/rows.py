@@ -48,62 +48,41 @@ _NUMBERS: dict[Any, str] = {float: 'f8', int: 'i8', bool: '?', Single: 'f4'}
 
 @cache
 def row_type(cls: type) -> np.dtype[np.void]:
-    """Return the type of a row for a dataclass: its numbers, switches, and choices by their index.
+    """Return the type of a row for a dataclass or a named tuple.
 
-    Texts that are no choices are left out.
+    It has numbers, switches, tuples of numbers, and choices by their index; texts that are no
+    choices are left out.
     """
     columns: list[Any] = []
     hints = get_type_hints(cls)
-    for each in fields(cls):
-        kind = hints[each.name]
-        if kind in _NUMBERS:
-            columns.append((each.name, _NUMBERS[kind]))
-        elif get_origin(kind) is tuple and set(get_args(kind)) <= {float, Single}:
-            columns.append((each.name, _NUMBERS[get_args(kind)[0]], (len(get_args(kind)),)))
-        elif get_origin(kind) is Literal and isinstance(get_args(kind)[0], int):
-            columns.append((each.name, 'i8'))
-        elif get_origin(kind) is Literal:
-            columns.append((each.name, 'i1'))
-    return np.dtype(columns)
-
-
-_hints = cache(get_type_hints)
-
-
-@cache
-def state_type(cls: type) -> np.dtype[np.void]:
-    """Return the type of a row for a named tuple of numbers, switches and tuples of numbers."""
-    columns: list[Any] = []
-    for name, kind in _hints(cls).items():
+    for name in getattr(cls, '_fields', None) or [each.name for each in fields(cls)]:
+        kind = hints[name]
         if kind in _NUMBERS:
             columns.append((name, _NUMBERS[kind]))
-        else:
+        elif get_origin(kind) is tuple and set(get_args(kind)) <= {float, Single}:
             columns.append((name, _NUMBERS[get_args(kind)[0]], (len(get_args(kind)),)))
+        elif get_origin(kind) is Literal and isinstance(get_args(kind)[0], int):
+            columns.append((name, 'i8'))
+        elif get_origin(kind) is Literal:
+            columns.append((name, 'i1'))
     return np.dtype(columns)
 
 
 def state_of(cls: Callable[..., State], row: np.void) -> State:
     """Return the state in a row, with the types that it has in the interpreter."""
-    return cls(*(take(value) for take, value in zip(_takers(cls), row.item(), strict=True)))
+    return cls(*(_plain(row[name]) for name in row.dtype.names or ()))
 
 
-@cache
-def _takers(cls: Callable[..., State]) -> tuple[Callable[[Any], Any], ...]:
-    """Return for each field the function that gives a number of a row its type."""
-    return tuple(
-        (tuple if Single in get_args(kind) else lambda numbers: tuple(numbers.tolist()))
-        if get_args(kind)
-        else (Single if kind is Single else lambda number: number)
-        for kind in _hints(cls).values()
-    )
+def _plain(value: Any) -> Any:
+    """Return a number of a row, or the tuple of its numbers; those in single precision stay so."""
+    numbers = value if value.dtype == Single else value.tolist()
+    return tuple(numbers) if value.ndim else numbers
 
 
 def columns_of(cls: Callable[..., State], rows: Rows) -> State:
     """Return a state whose numbers are columns: those of all rows."""
-    hints = _hints(cls)
-    return cls(*(
-        tuple(rows[name].T) if get_args(kind) else rows[name] for name, kind in hints.items()
-    ))  # fmt: skip
+    columns = (rows[name] for name in rows.dtype.names or ())
+    return cls(*(tuple(each.T) if each.ndim > 1 else each for each in columns))
 
 
 def program_rows(controllers: Rows) -> Rows:

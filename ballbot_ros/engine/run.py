@@ -52,7 +52,7 @@ from ballbot_ros.engine.plant_tick import (
     read_plant_state,
     write_plant_state,
 )
-from ballbot_ros.engine.rows import state_type
+from ballbot_ros.engine.rows import row_type
 from ballbot_ros.engine.scenario.scenario import signal_value
 from ballbot_ros.parameters.timing import (
     BATTERY_PERIOD_NS,
@@ -230,15 +230,15 @@ class RunLog(NamedTuple):
 
 ROBOT_STATE = np.dtype([
     ('ticks', 'i8'),
-    ('plant', state_type(PlantState)),
-    ('program', state_type(ProgramState)),
+    ('plant', row_type(PlantState)),
+    ('program', row_type(ProgramState)),
 ])  # fmt: skip
 """The number of ticks that a robot has made, and its state after them; zeros before the first."""
 
 TICK = np.dtype([
-    ('plant', state_type(PlantState)),
-    ('inputs', state_type(Inputs)),
-    ('program', state_type(ProgramState)),
+    ('plant', row_type(PlantState)),
+    ('inputs', row_type(Inputs)),
+    ('program', row_type(ProgramState)),
 ])  # fmt: skip
 """A tick: the plant before it, the samples, and the program after it."""
 

@@ -66,11 +66,10 @@ class _OfflineRun:
         self._loop = ClosedLoop(spec.parameters, spec.scenario, program=self._implementation.make())
         self._plant_parameters = spec.plant
         self._ticks = round(spec.plant.duration * SECOND_NS) // TICK_NS
-        self._compiled: tuple[CompiledLoop, ControlProgram] | None = None
+        self._compiled: CompiledLoop | None = None
         program, is_paced = self._loop.program, spec.plant.real_time_factor > 0.0
         if isinstance(program, ControlProgram) and not is_paced and pays(self._ticks):
-            compiled = CompiledLoop(self._loop, program, spec.parameters, spec.scenario)
-            self._compiled = compiled, program
+            self._compiled = CompiledLoop(self._loop, program, spec.parameters, spec.scenario)
         self._stop = stop
         self._pacer = Pacer()
         self._writer: SimulatedRecording | None = None
@@ -102,17 +101,17 @@ class _OfflineRun:
         plant = self._loop.plant
         while self.log.ticks < self._ticks and not plant.stopped and not self._stop.signal:
             if self._compiled:
-                self._advance(*self._compiled)
+                self._advance(self._compiled)
             else:
                 self._tick()
             observer.update(self.log.ticks * TICK_NS / SECOND_NS)
 
-    def _advance(self, loop: CompiledLoop, program: ControlProgram) -> None:
+    def _advance(self, loop: CompiledLoop) -> None:
         begun_ns = self._loop.plant.time_ns
         left = self._ticks - self.log.ticks
         if self._writer:
             part, ticks = loop.trace(min(_RECORDED_TICKS_AT_ONCE, left))
-            self._writer.add_all(ticks, program)
+            self._writer.add_all(ticks, loop.program)
         else:
             part = loop.advance(min(_TICKS_AT_ONCE, left))
         stamps_ns = begun_ns + TICK_NS * np.arange(len(part.duty))

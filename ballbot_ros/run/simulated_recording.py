@@ -17,7 +17,8 @@ from ballbot_ros.engine.compiled_loop import TickColumns
 from ballbot_ros.lockstep.run_actions import RunSummary
 from ballbot_ros.parameters import ParameterSet, PlantParameters
 from ballbot_ros.parameters.timing import SECOND_NS
-from ballbot_ros.recording.messages.run_messages import RunColumns, RunMessages, Send, SendAll
+from ballbot_ros.recording.messages.run_columns import RunColumns, SendAll
+from ballbot_ros.recording.messages.run_messages import RunMessages, Send
 from ballbot_ros.recording.messages.topics import (
     GYRO_IMU,
     JOINT_STATES,
@@ -52,9 +53,6 @@ class _MessageBuffer:
 
     def __init__(self, writer: RecordingWriter) -> None:
         self._writer = writer
-        self._begin()
-
-    def _begin(self) -> None:
         self._topics: list[_NewTopic] = []
         self._stamps: list[int] = []
         self._messages: list[bytes] = []

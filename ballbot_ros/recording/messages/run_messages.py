@@ -2,29 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from operator import attrgetter
-from typing import Any, cast
 
-import numpy as np
-from numpy.typing import NDArray
-
-from ballbot_ros.controllers.document.axis import PlaneValues
-from ballbot_ros.controllers.document.program import ControlProgram, ProgramState
 from ballbot_ros.controllers.interface import Program
 from ballbot_ros.engine.closed_loop import Tick
-from ballbot_ros.engine.compiled_loop import TickColumns
-from ballbot_ros.engine.rows import Rows, columns_of, state_of
 from ballbot_ros.parameters import ParameterSet, PlantParameters, Value
 from ballbot_ros.parameters.timing import BATTERY_PERIOD_NS, SLOW_PERIOD_NS, TICK_NS
 from ballbot_ros.recording.messages.conversions import (
     encode_accepted_push,
     encode_battery,
-    encode_bodies,
     encode_body,
     encode_clock,
     encode_controller_state,
-    encode_controller_states,
     encode_duty,
     encode_header,
     encode_log,
@@ -35,7 +25,6 @@ from ballbot_ros.recording.messages.conversions import (
     encode_stop,
     encode_text,
     encode_tone,
-    encode_voltage,
     encode_wall_hit,
 )
 from ballbot_ros.recording.messages.devices import DEVICE_MESSAGES, encode_steps
@@ -63,7 +52,7 @@ from ballbot_ros.recording.messages.topics import (
     WALL_HIT,
     Topic,
 )
-from ballbot_ros.robot.brick.brick import NO_SAMPLE, NUMBERS_OF, DeviceInputs, DeviceOutputs, Inputs
+from ballbot_ros.robot.brick.brick import DeviceInputs, DeviceOutputs
 from ballbot_ros.robot.plant.ground_truth import GroundTruth, Push
 from ballbot_ros.robot.world.exports import occupancy_grid
 from ballbot_ros.robot.world.world import World
@@ -251,109 +240,3 @@ class RunMessages:
                 send(now_ns, encode(now_ns, reading))
         if inputs.sticks is not None:
             self._send_sticks(now_ns, encode_sticks(now_ns, inputs.sticks, source))
-
-
-SendAll = Callable[[Sequence[int], Sequence[bytes]], None]
-"""Sends messages of a topic: their stamps [ns], and the messages as CDR."""
-
-
-class RunColumns:
-    """Creates the messages of many ticks at once, topic by topic: those of :class:`RunMessages`.
-
-    In each tick, the order of the messages is that of the topics.
-
-    Parameters
-    ----------
-    messages : RunMessages
-        Creates the messages before and after these ticks.
-    make : callable
-        Returns the function that sends the messages of a topic.
-    """
-
-    def __init__(
-        self, messages: RunMessages, make: Callable[[Topic], SendAll], parameters: ParameterSet
-    ) -> None:
-        self._plant, self._controller = messages.plant, messages.controller
-        self._make = make
-        self._devices = [
-            (each.device, each.encoder(parameters.of(each.device.parameters)), each.sample)
-            for each in DEVICE_MESSAGES
-        ]
-
-    def ticks(self, columns: TickColumns, program: ControlProgram, source: str = SCENARIO) -> None:
-        """Create the messages of ticks; `source` names the input in command."""
-        stamps = np.asarray(columns.truth.stamp_ns)
-        self._truth(columns.truth, stamps, columns.wall_hit)
-        self._inputs(columns.inputs, stamps, source)
-        self._outputs(columns.program, stamps, program)
-
-    def _send(self, topic: Topic, stamps: NDArray[np.int64], messages: object) -> None:
-        self._make(topic)(stamps.tolist(), cast('list[bytes]', messages))
-
-    def _truth(
-        self, truth: GroundTruth, stamps: NDArray[np.int64], wall_hit: NDArray[np.bool_]
-    ) -> None:
-        self._send(CLOCK, stamps, encode_clock(truth.stamp_ns))
-        due = np.flatnonzero(stamps % BATTERY_PERIOD_NS == 0)
-        at, volts = stamps[due], np.asarray(truth.battery_voltage)[due]
-        self._send(BATTERY_STATE, at, [encode_voltage(*each) for each in _pairs(at, volts)])
-        self._send(PLANT_IMU, stamps, encode_bodies(truth))
-        self._send(PLANT_JOINT_STATES, stamps, encode_motors(truth))
-        self._send(PLANT_ODOM, stamps, encode_odometry(truth, self._plant.ball_radius))
-        before = np.concatenate([[self._plant.wall_hit], wall_hit[:-1]])
-        changes = np.flatnonzero(wall_hit != before)
-        hits = [encode_wall_hit(wall_hit=bool(wall_hit[each])) for each in changes]
-        self._send(WALL_HIT, stamps[changes], hits)
-        self._plant.wall_hit = bool(wall_hit[-1])
-
-    def _inputs(self, inputs: Inputs, stamps: NDArray[np.int64], source: str) -> None:
-        for device, encode, topic in self._devices:
-            columns = [np.asarray(getattr(inputs, name)) for name in NUMBERS_OF[device.field]]
-            due = columns[0] != NO_SAMPLE
-            at, readings = stamps[due], [each[due] for each in columns]
-            if device.period_ns == TICK_NS:
-                self._send(topic, at, encode(at, readings))
-            else:
-                (reading,) = readings
-                self._send(topic, at, [encode(*each) for each in _pairs(at, reading)])
-        vertical, horizontal = np.asarray(inputs.vertical), np.asarray(inputs.horizontal)
-        due = vertical != NO_SAMPLE
-        at, sticks = stamps[due], _pairs(vertical[due], horizontal[due])
-        packets = zip(at.tolist(), sticks, strict=True)
-        self._send(GAMEPAD_JOY, at, [encode_sticks(*each, source) for each in packets])
-
-    def _outputs(self, rows: Rows, stamps: NDArray[np.int64], program: ControlProgram) -> None:
-        states = columns_of(ProgramState, rows)
-        self._operating_states(rows, stamps, program)
-        has_event = states.has_logged | states.has_started_tone | states.has_drawn
-        has_event |= states.distance_tone_hz > 0
-        for at in np.flatnonzero(has_event):
-            outputs = program.outputs_of(state_of(ProgramState, rows[at]))
-            now = stamps[at : at + 1]
-            for packet in outputs.log:
-                self._send(BLUETOOTH_TX, now, [encode_log(packet)])
-            for tone in outputs.tones:
-                self._send(SOUND, now, [encode_tone(int(now[0]), tone)])
-            for page in outputs.pages:
-                self._send(LCD, now, [encode_text(page)])
-        columns: Any = stamps, (states.duty_x, states.duty_y)
-        self._send(MOTOR_DUTY, stamps, encode_duty(*columns))
-        x = PlaneValues(*states.x, *states.estimates_x)
-        y = PlaneValues(*states.y, *states.estimates_y)
-        self._send(CONTROLLER_STATE, stamps, encode_controller_states(stamps, x, y))
-
-    def _operating_states(
-        self, rows: Rows, stamps: NDArray[np.int64], program: ControlProgram
-    ) -> None:
-        deciding = rows[['control_mode', 'flag_avoid', 'flag_auto']]
-        changes = [0, *(np.flatnonzero(deciding[1:] != deciding[:-1]) + 1).tolist()]
-        for at in changes:
-            state = program.operating_state_of(state_of(ProgramState, rows[at])).value
-            if state != self._controller.operating_state:
-                self._controller.operating_state = state
-                self._send(OPERATING_STATE, stamps[at : at + 1], [encode_text(state)])
-
-
-def _pairs(one: NDArray[Any], other: NDArray[Any]) -> Iterator[tuple[Any, Any]]:
-    """Return the pairs of both columns, as plain numbers."""
-    return zip(one.tolist(), other.tolist(), strict=True)
