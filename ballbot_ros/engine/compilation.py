@@ -102,14 +102,16 @@ def compiled_and_kept(
 
 
 def _compiling_alone(function: Any, type_of: Callable[[object], object], lock: Path) -> Function:
-    """Return a function that is compiled, or read from the disk, by one process at a time."""
+    """Return a function that is compiled, or read from the disk, by one process at a time.
+
+    Each of the project's functions has arguments of only one type.
+    """
 
     def call(*arguments: object) -> object:
-        types = tuple(map(type_of, arguments))
-        if types not in function.overloads:
+        if not function.overloads:
             with lock.open('w') as file:
                 _wait_for_lock(file)
-                function.compile(types)
+                function.compile(tuple(map(type_of, arguments)))
         return function(*arguments)
 
     return call

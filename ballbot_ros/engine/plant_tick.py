@@ -195,31 +195,6 @@ def initial_state(constants: PlantConstants, start_ns: int, pushes: int = 0) -> 
     )  # fmt: skip
 
 
-def read_plant_state(row: Any, pushes: int) -> PlantState:
-    """Return the state in a row of its table, with a number of pushes that may have ended."""
-    x, y = row.x, row.y
-    return PlantState(
-        row.time_ns, (x[0], x[1], x[2], x[3]), (y[0], y[1], y[2], y[3]),
-        row.shaft_x, row.shaft_y, row.voltage_x, row.voltage_y, row.charge, row.volts,
-        pushes, row.is_fallen, row.is_stopped, row.since_sample, row.in_contact,
-        row.hit_ns, row.hit_x, row.hit_y, row.tried_x, row.tried_y,
-    )  # fmt: skip
-
-
-def write_plant_state(row: Any, state: PlantState) -> None:
-    """Write the state into a row of its table."""
-    for number in range(4):
-        row.x[number], row.y[number] = state.x[number], state.y[number]
-    row.time_ns, row.pushes = state.time_ns, state.pushes
-    row.shaft_x, row.shaft_y = state.shaft_x, state.shaft_y
-    row.voltage_x, row.voltage_y = state.voltage_x, state.voltage_y
-    row.charge, row.volts = state.charge, state.volts
-    row.is_fallen, row.is_stopped = state.is_fallen, state.is_stopped
-    row.since_sample, row.in_contact = state.since_sample, state.in_contact
-    row.hit_ns, row.hit_x, row.hit_y = state.hit_ns, state.hit_x, state.hit_y
-    row.tried_x, row.tried_y = state.tried_x, state.tried_y
-
-
 @inlined
 def plant_tick(
     constants: PlantConstants,

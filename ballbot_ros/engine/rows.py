@@ -43,29 +43,78 @@ ROBOT_CLASSES: tuple[type[NodeParameters], ...] = (
 State = TypeVar('State', bound=tuple[Any, ...])
 """A named tuple of numbers."""
 
-_NUMBERS: dict[Any, str] = {float: 'f8', int: 'i8', bool: '?', Single: 'f4'}
+_NUMBERS: dict[Any, str] = {float: 'f8', int: 'i8', bool: '?', Single: 'f4', np.uint64: 'u8'}
 
 
 @cache
 def row_type(cls: type) -> np.dtype[np.void]:
     """Return the type of a row for a dataclass or a named tuple.
 
-    It has numbers, switches, tuples of numbers, and choices by their index; texts that are no
-    choices are left out.
+    It has numbers, switches, tuples and named tuples of them, and choices by their index; texts
+    that are no choices are left out.
     """
-    columns: list[Any] = []
     hints = get_type_hints(cls)
-    for name in getattr(cls, '_fields', None) or [each.name for each in fields(cls)]:
-        kind = hints[name]
-        if kind in _NUMBERS:
-            columns.append((name, _NUMBERS[kind]))
-        elif get_origin(kind) is tuple and set(get_args(kind)) <= {float, Single}:
-            columns.append((name, _NUMBERS[get_args(kind)[0]], (len(get_args(kind)),)))
-        elif get_origin(kind) is Literal and isinstance(get_args(kind)[0], int):
-            columns.append((name, 'i8'))
-        elif get_origin(kind) is Literal:
-            columns.append((name, 'i1'))
-    return np.dtype(columns)
+    names = getattr(cls, '_fields', None) or [each.name for each in fields(cls)]
+    columns: Any = [(name, *kind) for name in names if (kind := _column(hints[name]))]
+    row: np.dtype[np.void] = np.dtype(columns)
+    return row
+
+
+def _column(kind: Any) -> tuple[Any, ...]:
+    """Return the type of a column, and the number of its elements; () if there is none."""
+    inner = get_args(kind)
+    if kind in _NUMBERS:
+        return (_NUMBERS[kind],)
+    if get_origin(kind) is Literal:
+        return ('i8' if isinstance(inner[0], int) else 'i1',)
+    if hasattr(kind, '_fields'):
+        return (row_type(kind),)
+    if get_origin(kind) is tuple and set(inner) <= _NUMBERS.keys():
+        if len(set(inner)) == 1:
+            return _NUMBERS[inner[0]], (len(inner),)
+        return ([(f'f{at}', _NUMBERS[each]) for at, each in enumerate(inner)],)
+    return ()
+
+
+def row_functions(
+    cls: type[State],
+) -> tuple[Callable[[Any], State], Callable[[Any, State], None]]:
+    """Return functions that read a named tuple from a row, and write it there.
+
+    They are made from its fields, as a dataclass makes its methods: the compiler takes neither a
+    loop over fields nor one over a tuple of several types.
+    """
+    classes: dict[str, type] = {}
+    numbers: list[tuple[str, str]] = []
+    value = _add(cls, '', '', classes, numbers)
+    copies = ''.join(f'    row{place} = state{part}\n' for place, part in numbers)
+    source = f'def read(row):\n    return {value}\ndef write(row, state):\n{copies}'
+    made: dict[str, Any] = {'__name__': __name__, **classes}
+    exec(source, made)
+    return made['read'], made['write']
+
+
+def _add(
+    kind: Any, place: str, part: str, classes: dict[str, type], numbers: list[tuple[str, str]]
+) -> str:
+    """Add classes and numbers of a value, which is at a place of the row; return how it is read."""
+    if hasattr(kind, '_fields'):
+        name = f'{kind.__name__}_{len(classes)}'
+        classes[name] = kind
+        hints = get_type_hints(kind)
+        parts = [
+            _add(hints[each], f'{place}.{each}', f'{part}.{each}', classes, numbers)
+            for each in kind._fields
+        ]
+        return f'{name}({", ".join(parts)})'
+    if get_origin(kind) is tuple:
+        inner = get_args(kind)
+        form = '[{}]' if len(set(inner)) == 1 else '.f{}'
+        places = [place + form.format(at) for at in range(len(inner))]
+        numbers += [(each, f'{part}[{at}]') for at, each in enumerate(places)]
+        return f'({"".join(f"row{each}, " for each in places)})'
+    numbers.append((place, part))
+    return f'row{place}'
 
 
 def state_of(cls: Callable[..., State], row: np.void) -> State:

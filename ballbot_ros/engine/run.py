@@ -20,9 +20,7 @@ from ballbot_ros.controllers.document.program import (
     TS3,
     ProgramState,
     program_tick,
-    read_program_state,
     tick_constants,
-    write_program_state,
 )
 from ballbot_ros.engine.devices import (
     ENCODER_DELAY,
@@ -49,10 +47,8 @@ from ballbot_ros.engine.plant_tick import (
     plant_constants,
     plant_tick,
     position,
-    read_plant_state,
-    write_plant_state,
 )
-from ballbot_ros.engine.rows import row_type
+from ballbot_ros.engine.rows import row_functions, row_type
 from ballbot_ros.engine.scenario.scenario import signal_value
 from ballbot_ros.parameters.timing import (
     BATTERY_PERIOD_NS,
@@ -147,20 +143,23 @@ def sample(
     )
 
 
-def write_inputs(row: Any, inputs: Inputs) -> None:
-    """Write the samples of a tick into a row of their table."""
-    row.gyro_x, row.gyro_y = inputs.gyro_x, inputs.gyro_y
-    row.revolution_x, row.revolution_y = inputs.revolution_x, inputs.revolution_y
-    row.sonar_cm, row.battery_mv = inputs.sonar_cm, inputs.battery_mv
-    row.vertical, row.horizontal = inputs.vertical, inputs.horizontal
-
-
 def kept_step(
     delay: int, jitter: int, key: Any, device: Any, period_ns: int, stamp_ns: int, steps: Any
 ) -> int:
     """Return where the step that a sample measures is in the ring of the kept ones."""
     age = sample_age(delay, jitter, key, device, period_ns, stamp_ns)
     return (stamp_ns // STEP_NS - age) % (len(steps) // STEP_VALUES) * STEP_VALUES
+
+
+def clear_rings(constants: PlantConstants, effects_ns: Any, steps: Any) -> None:
+    """Let no duty be waiting, and all kept steps be those of a robot at rest at its start."""
+    for each in range(len(effects_ns)):
+        effects_ns[each] = NEVER_NS
+    for each in range(len(steps)):
+        steps[each] = 0.0
+    for each in range(len(steps) // STEP_VALUES):
+        steps[STEP_VALUES * each + 4] = constants.start_x
+        steps[STEP_VALUES * each + 5] = constants.start_y
 
 
 class FloorTables(NamedTuple):
@@ -241,6 +240,10 @@ TICK = np.dtype([
     ('program', row_type(ProgramState)),
 ])  # fmt: skip
 """A tick: the plant before it, the samples, and the program after it."""
+
+read_plant_state, write_plant_state = row_functions(PlantState)
+read_program_state, write_program_state = row_functions(ProgramState)
+_, write_inputs = row_functions(Inputs)
 
 
 def simulate_runs(
@@ -324,12 +327,11 @@ def simulate_run(
     if first == 0:
         state = initial_state(constants.plant, start_ns, pushes)
         brick = INITIAL_STATE
-        effects_ns[:] = NEVER_NS
-        for each in range(len(steps) // STEP_VALUES):
-            steps[STEP_VALUES * each + 4] = constants.plant.start_x
-            steps[STEP_VALUES * each + 5] = constants.plant.start_y
+        clear_rings(constants.plant, effects_ns, steps)
     else:
-        state = read_plant_state(robot.plant, pushes)
+        # All pushes are in their table again; the next tick removes those that have ended.
+        robot.plant.pushes = pushes
+        state = read_plant_state(robot.plant)
         brick = read_program_state(robot.program)
     ticks = min(round(plant.duration * SECOND_NS) // TICK_NS - first, most)
     begun_ms = first * TICK_MS

@@ -280,49 +280,6 @@ INITIAL_STATE = ProgramState(
 """The state of a brick that has just been switched on."""
 
 
-def read_program_state(row: Any) -> ProgramState:
-    """Return the state in a row of its table."""
-    x, y, at_x, at_y = row.x, row.y, row.estimates_x, row.estimates_y
-    return ProgramState(
-        (x[0], x[1], x[2], x[3], x[4], x[5]), (y[0], y[1], y[2], y[3], y[4], y[5]),
-        (at_x[0], at_x[1], at_x[2], at_x[3], at_x[4], at_x[5], at_x[6]),
-        (at_y[0], at_y[1], at_y[2], at_y[3], at_y[4], at_y[5], at_y[6]),
-        row.control_mode, row.battery, row.distance_cm, row.echo_time,
-        row.flag_avoid, row.flag_auto, row.start_time, row.timer_stop, row.calibrated,
-        row.log_counter, row.vertical, row.horizontal, row.waiting_vertical,
-        row.waiting_horizontal, row.connected, row.sonar_cm, row.sonar_reply, row.sonar_register,
-        row.battery_mv, row.systick_ms, row.gyro_x, row.gyro_y, row.revolution_x,
-        row.revolution_y, row.duty_x, row.duty_y, row.has_logged, row.log_sonar_cm,
-        row.has_started_tone, row.distance_tone_hz, row.has_drawn,
-    )  # fmt: skip
-
-
-def write_program_state(row: Any, state: ProgramState) -> None:
-    """Write the state into a row of its table."""
-    for number in range(6):
-        row.x[number], row.y[number] = state.x[number], state.y[number]
-    for number in range(7):
-        row.estimates_x[number] = state.estimates_x[number]
-        row.estimates_y[number] = state.estimates_y[number]
-    row.control_mode, row.battery = state.control_mode, state.battery
-    row.distance_cm, row.echo_time = state.distance_cm, state.echo_time
-    row.flag_avoid, row.flag_auto = state.flag_avoid, state.flag_auto
-    row.start_time, row.timer_stop = state.start_time, state.timer_stop
-    row.calibrated, row.log_counter = state.calibrated, state.log_counter
-    row.vertical, row.horizontal = state.vertical, state.horizontal
-    row.waiting_vertical = state.waiting_vertical
-    row.waiting_horizontal = state.waiting_horizontal
-    row.connected, row.sonar_cm = state.connected, state.sonar_cm
-    row.sonar_reply, row.sonar_register = state.sonar_reply, state.sonar_register
-    row.battery_mv, row.systick_ms = state.battery_mv, state.systick_ms
-    row.gyro_x, row.gyro_y = state.gyro_x, state.gyro_y
-    row.revolution_x, row.revolution_y = state.revolution_x, state.revolution_y
-    row.duty_x, row.duty_y = state.duty_x, state.duty_y
-    row.has_logged, row.log_sonar_cm = state.has_logged, state.log_sonar_cm
-    row.has_started_tone = state.has_started_tone
-    row.distance_tone_hz, row.has_drawn = state.distance_tone_hz, state.has_drawn
-
-
 @inlined
 def program_tick(
     constants: TickConstants, state: ProgramState, inputs: Inputs, tasks: int, systick_ms: int
