@@ -5,16 +5,22 @@ The import registers ``ballbot_ros/Balance-v0`` and ``ballbot_ros/Drive-v0``.
 
 from ballbot_ros.lab.environments import (
     BalanceEnv,
+    BalanceVectorEnv,
     BallbotEnv,
+    BallbotVectorEnv,
     DriveEnv,
+    DriveVectorEnv,
     EnvironmentConfigurationError,
     EnvironmentState,
 )
 
 __all__ = [
     'BalanceEnv',
+    'BalanceVectorEnv',
     'BallbotEnv',
+    'BallbotVectorEnv',
     'DriveEnv',
+    'DriveVectorEnv',
     'EnvironmentConfigurationError',
     'EnvironmentState',
 ]

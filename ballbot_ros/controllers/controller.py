@@ -118,12 +118,12 @@ def next_readings(before: Readings, elapsed_ms: int, inputs: DeviceInputs) -> Re
         inputs.gyro,
         inputs.revolutions,
         before.battery_mv if inputs.battery_mv is None else inputs.battery_mv,
-        before.distance_cm if inputs.sonar_cm is None else _distance_cm(inputs.sonar_cm),
+        before.distance_cm if inputs.sonar_cm is None else known_distance(inputs.sonar_cm),
         before.sticks if inputs.sticks is None else inputs.sticks,
     )
 
 
-def _distance_cm(sonar_cm: int) -> int:
+def known_distance(sonar_cm: int) -> int:
     """Return the sonar's distance [cm]; that of no echo if the sensor does not answer."""
     return NO_ECHO_CM if sonar_cm == NO_DATA_CM else sonar_cm
 

@@ -10,13 +10,21 @@ import math
 from collections.abc import Callable, Sequence
 from typing import ClassVar, NamedTuple
 
-from ballbot_ros.controllers.controller import MAX_DUTY, NO_READINGS, Controller, Duty, P, Readings
+from ballbot_ros.controllers.controller import (
+    MAX_DUTY,
+    Controller,
+    Duty,
+    P,
+    Readings,
+    known_distance,
+)
 from ballbot_ros.controllers.driving import commanded_rate
 from ballbot_ros.controllers.interface import OperatingState
 from ballbot_ros.errors import short_repr
 from ballbot_ros.parameters import ControllerParameters
 from ballbot_ros.parameters.timing import TICK_MS
-from ballbot_ros.robot.brick.sensors import quantise
+from ballbot_ros.robot.brick.brick import NO_SAMPLE, Inputs
+from ballbot_ros.robot.brick.sensors import NO_ECHO_CM, quantise
 
 DEVICE_NAMES = (
     'rate_x_deg_per_s',
@@ -35,100 +43,100 @@ DRIVING_NAMES = (
 Observation = tuple[float, ...]
 """An observation of the devices: :data:`DEVICE_NAMES` or :data:`DRIVING_NAMES`."""
 
+DrivingObservation = tuple[float, float, float, float, float, float, float, float]
+"""That of :data:`DRIVING_NAMES`; it begins with that of :data:`DEVICE_NAMES`."""
+
 Policy = Callable[[Observation], Sequence[float]]
 """Returns the action for an observation: the shares of full duty of planes x and y, -1 ... 1."""
 
 
 class ObserverState(NamedTuple):
-    """Everything in a :class:`DeviceObserver` that changes with time."""
+    """What observations of the devices are made of; angles in degrees, rates in deg/s.
 
-    calibrated: bool
+    Attributes
+    ----------
+    is_calibrated : bool
+        Whether the offsets of the gyros are known; from then on there are observations.
+    offset_x, offset_y : float
+        The mean of the gyros' readings in the first ``time_start``, in which the robot is held.
+    sum_x, sum_y, ticks : int
+        Sums of the gyros' readings since the previous observation, and their number.
+    revolution_x, revolution_y, battery_mv, distance_cm, vertical, horizontal : int
+        The newest readings of the other devices.
+    """
+
+    is_calibrated: bool
     offset_x: float
     offset_y: float
     sum_x: int
     sum_y: int
     ticks: int
-    readings: Readings
+    revolution_x: int
+    revolution_y: int
+    battery_mv: int
+    distance_cm: int
+    vertical: int
+    horizontal: int
 
 
-class DeviceObserver:
-    """Makes observations of the readings of a run.
+NOTHING_OBSERVED = ObserverState(False, 0.0, 0.0, 0, 0, 0, 0, 0, 0, NO_ECHO_CM, 0, 0)
+"""The state before the first tick."""
 
-    Pass the readings of every tick to :meth:`update`. A rate is the mean of the gyro's readings
-    since the previous observation, minus its offset: the mean of the readings in the first
-    ``time_start``, in which the robot is held still.
+
+def observer_tick(state: ObserverState, inputs: Inputs, is_calibrated: bool) -> ObserverState:
+    """Return the state after the samples of a tick.
 
     Parameters
     ----------
-    settings : ControllerParameters
-        Gives the calibration time and the speed at full stick.
-    drives : bool
-        Whether the observations are those of :data:`DRIVING_NAMES`.
-
-    Attributes
-    ----------
-    calibrated : bool
-        Whether the offsets are known; from then on there are observations.
-    readings : Readings
-        Those of the newest tick.
+    is_calibrated : bool
+        Whether ``time_start`` is over.
     """
+    (
+        was_calibrated, offset_x, offset_y, sum_x, sum_y, ticks,
+        _, _, battery_mv, distance_cm, vertical, horizontal,
+    ) = state  # fmt: skip
+    is_calibrated = was_calibrated or (is_calibrated and ticks > 0)
+    if is_calibrated and not was_calibrated:
+        offset_x, offset_y = sum_x / ticks, sum_y / ticks
+        sum_x = sum_y = ticks = 0
+    if inputs.battery_mv != NO_SAMPLE:
+        battery_mv = inputs.battery_mv
+    if inputs.sonar_cm != NO_SAMPLE:
+        distance_cm = known_distance(inputs.sonar_cm)
+    if inputs.vertical != NO_SAMPLE:
+        vertical, horizontal = inputs.vertical, inputs.horizontal
+    return ObserverState(
+        is_calibrated, offset_x, offset_y,
+        sum_x + inputs.gyro_x, sum_y + inputs.gyro_y, ticks + 1,
+        inputs.revolution_x, inputs.revolution_y, battery_mv, distance_cm, vertical, horizontal,
+    )  # fmt: skip
 
-    def __init__(self, settings: ControllerParameters, *, drives: bool = False) -> None:
-        self._settings = settings
-        self._drives = drives
-        self.calibrated = False
-        self._offset_x = self._offset_y = 0.0
-        self._sum_x = self._sum_y = self._ticks = 0
-        self.readings = NO_READINGS
 
-    def update(self, readings: Readings) -> None:
-        """Take the readings of a tick."""
-        if not self.calibrated and self._ticks and readings.elapsed_ms >= self._settings.time_start:
-            self._offset_x = self._sum_x / self._ticks
-            self._offset_y = self._sum_y / self._ticks
-            self._sum_x = self._sum_y = self._ticks = 0
-            self.calibrated = True
-        gyro_x, gyro_y = readings.gyro
-        self._sum_x += gyro_x
-        self._sum_y += gyro_y
-        self._ticks += 1
-        self.readings = readings
+def observation_of(state: ObserverState, settings: ControllerParameters) -> DrivingObservation:
+    """Return the observation of the ticks since the previous one, at least one.
 
-    def observe(self) -> Observation:
-        """Return the observation of the ticks since the previous one, at least one."""
-        readings = self.readings
-        observation = (
-            self._sum_x / self._ticks - self._offset_x,
-            self._sum_y / self._ticks - self._offset_y,
-            float(readings.revolutions[0]),
-            float(readings.revolutions[1]),
-            readings.battery_mv / 1000.0,
-        )
-        self._sum_x = self._sum_y = self._ticks = 0
-        if not self._drives:
-            return observation
-        return (*observation, float(readings.distance_cm), *self.commanded_rates)
+    A rate is the mean of the gyro's readings in them, minus its offset. The settings give the speed
+    at full stick.
+    """
+    return (
+        state.sum_x / state.ticks - state.offset_x,
+        state.sum_y / state.ticks - state.offset_y,
+        float(state.revolution_x),
+        float(state.revolution_y),
+        state.battery_mv / 1000.0,
+        float(state.distance_cm),
+        commanded_rate(-state.vertical, settings),
+        commanded_rate(state.horizontal, settings),
+    )
 
-    @property
-    def commanded_rates(self) -> tuple[float, float]:
-        """Ball rates [deg/s] of planes x and y that the sticks command."""
-        vertical, horizontal = self.readings.sticks
-        settings = self._settings
-        return commanded_rate(-vertical, settings), commanded_rate(horizontal, settings)
 
-    def save_state(self) -> ObserverState:
-        """Return the present state."""
-        return ObserverState(
-            self.calibrated, self._offset_x, self._offset_y,
-            self._sum_x, self._sum_y, self._ticks, self.readings,
-        )  # fmt: skip
-
-    def restore_state(self, state: ObserverState) -> None:
-        """Continue from a state."""
-        (
-            self.calibrated, self._offset_x, self._offset_y,
-            self._sum_x, self._sum_y, self._ticks, self.readings,
-        ) = state  # fmt: skip
+def observed(state: ObserverState) -> ObserverState:
+    """Return the state after an observation."""
+    return ObserverState(
+        state.is_calibrated, state.offset_x, state.offset_y, 0, 0, 0,
+        state.revolution_x, state.revolution_y, state.battery_mv, state.distance_cm,
+        state.vertical, state.horizontal,
+    )  # fmt: skip
 
 
 def duty_of(action: Sequence[float]) -> Duty:
@@ -143,10 +151,11 @@ def duty_of(action: Sequence[float]) -> Duty:
         x = y = math.nan
     if not (math.isfinite(x) and math.isfinite(y)):
         raise ValueError(f'the action {short_repr(action)} is not two finite numbers')
-    return _percent(x), _percent(y)
+    return percent(x), percent(y)
 
 
-def _percent(share: float) -> int:
+def percent(share: float) -> int:
+    """Return the duty [%] of a share of full duty."""
     return quantise(MAX_DUTY * max(-1.0, min(1.0, share)))
 
 
@@ -177,20 +186,30 @@ class PolicyController(Controller[P]):
         if not isinstance(step_ms, int) or step_ms < TICK_MS or step_ms % TICK_MS:
             raise ValueError(f'step_ms: {step_ms!r} is not a multiple of {TICK_MS}')
         self._policy = self.make_policy()
-        self._observer = DeviceObserver(self.settings, drives=self.drives)
+        self._observer = NOTHING_OBSERVED
         self._wait_ticks = 0
         self._duty: Duty = (0, 0)
         self.operating_state = OperatingState.CALIBRATION
 
     def tick(self, readings: Readings) -> Duty:
         """Return the duties for the readings."""
-        observer = self._observer
-        observer.update(readings)
-        if not observer.calibrated:
+        settings = self.settings
+        state = self._observer = observer_tick(
+            self._observer,
+            Inputs(
+                *readings.gyro, *readings.revolutions, readings.distance_cm, readings.battery_mv,
+                *readings.sticks,
+            ),
+            readings.elapsed_ms >= settings.time_start,
+        )  # fmt: skip
+        if not state.is_calibrated:
             return self._duty
         if self._wait_ticks == 0:
             self.operating_state = OperatingState.REMOTE if self.drives else OperatingState.BALANCE
-            self._duty = duty_of(self._policy(observer.observe()))
+            observation = observation_of(state, settings)
+            known = DRIVING_NAMES if self.drives else DEVICE_NAMES
+            self._duty = duty_of(self._policy(observation[: len(known)]))
+            self._observer = observed(state)
             self._wait_ticks = self.step_ms // TICK_MS
         self._wait_ticks -= 1
         return self._duty

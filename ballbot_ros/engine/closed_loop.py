@@ -49,13 +49,24 @@ class ExternalInputs(Protocol):
         ...
 
 
-class Robot:
-    """Plant, devices and external inputs; whoever computes the duties moves it by `plant.tick`.
+class Tick(NamedTuple):
+    """One tick of the loop: the true state, the device readings and the resulting outputs."""
+
+    truth: GroundTruth
+    wall_hit: bool
+    inputs: DeviceInputs
+    outputs: DeviceOutputs
+
+
+class ClosedLoop:
+    """The whole robot: plant, devices and control program.
 
     Parameters
     ----------
     scenario : Scenario or ExternalInputs, or None
         Stick signals and pushes; None for a neutral stick and no push.
+    program : Program or None
+        The control program; None for the one that the controller's parameters select.
     recorded : mapping of str to mapping of int to object
         Recorded samples that replace those of a device, by its field and their stamps [ns].
 
@@ -69,6 +80,8 @@ class Robot:
         None for an unlimited floor without walls.
     pushes : sequence of Push
         Those of the external inputs.
+    program : Program
+        The control program.
 
     Raises
     ------
@@ -81,6 +94,7 @@ class Robot:
         parameters: ParameterSet,
         scenario: ExternalInputs | None = None,
         start_ns: int = FIRST_TICK_NS,
+        program: Program | None = None,
         recorded: Mapping[str, Mapping[int, Any]] = MappingProxyType({}),
     ) -> None:
         self.start_ns = start_ns
@@ -95,6 +109,7 @@ class Robot:
         self.pushes = self._scenario.pushes_from(start_ns)
         for push in self.pushes:
             self.plant.push(push)
+        self.program = program or implementation_for(parameters.of(ControllerParameters)).make()
 
     def sample(self) -> DeviceInputs:
         """Return the samples of the devices and sticks that are due now."""
@@ -113,43 +128,6 @@ class Robot:
                 }
             )
         return inputs
-
-
-class Tick(NamedTuple):
-    """One tick of the loop: the true state, the device readings and the resulting outputs."""
-
-    truth: GroundTruth
-    wall_hit: bool
-    inputs: DeviceInputs
-    outputs: DeviceOutputs
-
-
-class ClosedLoop(Robot):
-    """The whole robot: plant, devices and control program.
-
-    The other parameters and attributes, and the errors, are those of :class:`Robot`.
-
-    Parameters
-    ----------
-    program : Program or None
-        The control program; None for the one that the controller's parameters select.
-
-    Attributes
-    ----------
-    program : Program
-        The control program.
-    """
-
-    def __init__(
-        self,
-        parameters: ParameterSet,
-        scenario: ExternalInputs | None = None,
-        start_ns: int = FIRST_TICK_NS,
-        program: Program | None = None,
-        recorded: Mapping[str, Mapping[int, Any]] = MappingProxyType({}),
-    ) -> None:
-        super().__init__(parameters, scenario, start_ns, recorded)
-        self.program = program or implementation_for(parameters.of(ControllerParameters)).make()
 
     def ticks(self, duration: float) -> Iterator[Tick]:
         """Run for `duration` [s], or until a wall hit ends the run; yield each tick."""

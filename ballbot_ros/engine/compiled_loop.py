@@ -207,12 +207,13 @@ def events_of(scenarios: Sequence[Scenario]) -> Events:
     return Events(
         times.reshape(len(pushes), 2 * most),
         forces.reshape(len(pushes), 4 * most),
-        _points_of([each.vertical for each in scenarios]),
-        _points_of([each.horizontal for each in scenarios]),
+        points_of([each.vertical for each in scenarios]),
+        points_of([each.horizontal for each in scenarios]),
     )
 
 
-def _points_of(signals: Sequence[StickSignal]) -> NDArray[np.float64]:
+def points_of(signals: Sequence[StickSignal]) -> NDArray[np.float64]:
+    """Return the points of stick signals as in :class:`~ballbot_ros.engine.run.Events`."""
     points = [np.transpose(each.points) for each in signals]
     table = np.zeros((len(points), max(map(len, points)), 2))
     # What is missing is neutral, after the last point.

@@ -24,7 +24,7 @@ import PIL.ImageFont
 from ballbot_ros.errors import ViewerError
 from ballbot_ros.parameters import Dimensions, PlantParameters
 from ballbot_ros.process import ProgressCallback
-from ballbot_ros.robot.plant.ground_truth import GroundTruth
+from ballbot_ros.robot.plant.ground_truth import Pair
 from ballbot_ros.robot.world.floor_map import load_map
 from ballbot_ros.viewer.colours import BLACK, WHITE
 from ballbot_ros.viewer.floor import Area
@@ -171,7 +171,9 @@ def frames(
             yield offscreen.picture(seen)
 
 
-def present_frames(plant: PlantParameters, truth: Callable[[], GroundTruth]) -> Generator[Image]:
+def present_frames(
+    plant: PlantParameters, pose: Callable[[], tuple[Pair, Pair]]
+) -> Generator[Image]:
     """Yield pictures of a plant's robot as it then is; a browser is open until the end."""
     dimensions = Dimensions.from_parameters(plant)
     floor = load_map(plant.map) if plant.map else None
@@ -180,7 +182,7 @@ def present_frames(plant: PlantParameters, truth: Callable[[], GroundTruth]) -> 
         offscreen.scene.show_floor(floor)
         robot = offscreen.scene.add_robot('robot', dimensions)
         while True:
-            now = Snapshot(0.0, truth().position, truth().psi)
+            now = Snapshot(0.0, *pose())
             robot.show(now)
             yield offscreen.picture(camera(CHASER_1, now, dimensions, area, SIZE[0] / SIZE[1]))
 

@@ -1,13 +1,13 @@
-"""Learn to balance by the cross-entropy method, on two cores in about a minute.
+"""Learn to balance by the cross-entropy method, in some seconds.
 
 Each generation draws weights from a normal distribution, lets each of them balance for an episode,
-and fits the distribution to those with the largest returns. It starts from weights around zero.
+and fits the distribution to those with the largest returns. It starts from weights around zero. One
+call moves the robots of a whole generation.
 
 python docs/examples/cross_entropy.py --output policy.yaml
 """
 
 import argparse
-import multiprocessing
 import time
 from dataclasses import astuple, fields
 from pathlib import Path
@@ -16,46 +16,45 @@ import gymnasium
 import numpy as np
 from learned_policy import LearnedPolicy, Weights
 
-PROCESSES = 2
 NAMES = [each.name for each in fields(Weights)]
 
 
-def episode_return(weights, seed, profile, duration):
-    """Return the sum of the rewards of an episode."""
+def returns_of(candidates, seed, profile, duration):
+    """Return the sum of the rewards in an episode of each candidate; all have the same start."""
     name = 'ballbot_ros.environments:ballbot_ros/Balance-v0'
-    env = gymnasium.make(name, profile=profile, duration=duration)
-    policy = LearnedPolicy(Weights(*weights)).make_policy()
-    observation, _ = env.reset(seed=seed)
-    total, over = 0.0, False
-    while not over:
-        observation, reward, terminated, truncated, _ = env.step(policy(observation.tolist()))
-        total += reward
-        over = terminated or truncated
-    return total
+    count = len(candidates)
+    robots = gymnasium.make_vec(name, num_envs=count, profile=profile, duration=duration)
+    # The policy computes in columns, one number for each robot.
+    policy = LearnedPolicy(Weights(*candidates.T)).make_policy()
+    observations, _ = robots.reset(seed=[seed] * count)
+    returns, is_on = np.zeros(count), np.ones(count, bool)
+    while is_on.any():
+        actions = np.stack(policy(observations.T), axis=1)
+        observations, rewards, terminated, truncated, _ = robots.step(actions)
+        returns += rewards * is_on
+        is_on &= ~(terminated | truncated)
+    return returns
 
 
 def learn(generations, population, profile, duration, seed):
     """Return the weights after some generations; the same seed gives the same weights."""
     generator, elite, stands = np.random.default_rng(seed), population // 5, False
     mean, deviation = np.zeros(len(NAMES)), np.full(len(NAMES), 0.3)
-    # A new process imports this file again, and inherits no thread of the parent.
-    with multiprocessing.get_context('spawn').Pool(PROCESSES) as pool:
-        for generation in range(1, generations + 1):
-            # As long as nearly all fall, episodes are short: try more of them.
-            count = population if stands else 4 * population
-            candidates = generator.normal(mean, deviation, (count, len(NAMES)))
-            tasks = [(each.tolist(), seed + generation, profile, duration) for each in candidates]
-            returns = np.array(pool.starmap(episode_return, tasks, chunksize=1))
-            best = candidates[np.argsort(-returns, kind='stable')[:elite]]
-            share = np.sort(returns)[::-1] / (250.0 * duration)
-            mean = best.mean(axis=0)
-            deviation = 0.7 * best.std(axis=0) + 0.3 * deviation
-            stands = stands or share[elite - 1] > 0.5
-            print(
-                f'generation {generation:2}: mean reward {share[0]:.3f} best, '
-                f'{share[elite - 1]:.3f} elite, {np.median(share):.3f} median',
-                flush=True,
-            )
+    for generation in range(1, generations + 1):
+        # As long as nearly all fall, episodes are short: try more of them.
+        count = population if stands else 4 * population
+        candidates = generator.normal(mean, deviation, (count, len(NAMES)))
+        returns = returns_of(candidates, seed + generation, profile, duration)
+        best = candidates[np.argsort(-returns, kind='stable')[:elite]]
+        share = np.sort(returns)[::-1] / (250.0 * duration)
+        mean = best.mean(axis=0)
+        deviation = 0.7 * best.std(axis=0) + 0.3 * deviation
+        stands = stands or share[elite - 1] > 0.5
+        print(
+            f'generation {generation:2}: mean reward {share[0]:.3f} best, '
+            f'{share[elite - 1]:.3f} elite, {np.median(share):.3f} median',
+            flush=True,
+        )
     return Weights(*mean.tolist())
 
 

@@ -6,9 +6,18 @@ import numpy as np
 import pytest
 
 from ballbot_ros.controllers.controller import NO_READINGS, next_readings
-from ballbot_ros.controllers.policy import DeviceObserver, PolicyController, duty_of
+from ballbot_ros.controllers.policy import (
+    NOTHING_OBSERVED,
+    PolicyController,
+    duty_of,
+    observation_of,
+    observed,
+    observer_tick,
+)
 from ballbot_ros.parameters import ControllerParameters
-from ballbot_ros.robot.brick.brick import DeviceInputs
+from ballbot_ros.robot.brick.brick import NO_SAMPLE, DeviceInputs, Inputs
+
+SETTINGS = ControllerParameters()
 
 
 def readings(elapsed_ms, gyro=(600, 600), encoder=(0, 0), sticks=(0, 0)):
@@ -46,24 +55,36 @@ def test_a_period_that_is_not_a_multiple_of_a_tick_is_refused(step_ms):
         type('Odd', (Counting,), {'step_ms': step_ms})()
 
 
+def observe(state, is_calibrated=False, gyro=(600, 600), encoder=(0, 0), sticks=(0, 0)):
+    return observer_tick(state, Inputs(*gyro, *encoder, 80, 8003, *sticks), is_calibrated)
+
+
 def test_rates_are_means_without_the_offset():
-    observer = DeviceObserver(ControllerParameters())
+    state = NOTHING_OBSERVED
     for tick in range(250):
-        observer.update(readings(4 * tick, gyro=(600 + tick % 2, 590)))
-        assert not observer.calibrated
-    observer.update(readings(1000, gyro=(604, 580), encoder=(3, -4)))
-    assert observer.calibrated
-    assert observer.observe() == (3.5, -10.0, 3.0, -4.0, 8.003)
+        state = observe(state, gyro=(600 + tick % 2, 590))
+        assert not state.is_calibrated
+    state = observe(state, is_calibrated=True, gyro=(604, 580), encoder=(3, -4))
+    assert state.is_calibrated
+    assert observation_of(state, SETTINGS)[:5] == (3.5, -10.0, 3.0, -4.0, 8.003)
+    state = observed(state)
     for gyro in (601, 602, 606):
-        observer.update(readings(1004, gyro=(gyro, 590)))
-    assert observer.observe()[:2] == (2.5, 0.0)
+        state = observe(state, gyro=(gyro, 590))
+    assert observation_of(state, SETTINGS)[:2] == (2.5, 0.0)
+
+
+def test_a_device_without_a_new_sample_keeps_its_reading():
+    state = observe(NOTHING_OBSERVED, sticks=(-50, 100))
+    nothing_new = Inputs(600, 600, 5, 6, NO_SAMPLE, NO_SAMPLE, NO_SAMPLE, NO_SAMPLE)
+    again = observer_tick(state, nothing_new, False)
+    assert again[8:] == state[8:]
+    assert observer_tick(state, nothing_new._replace(sonar_cm=-1), False).distance_cm == 255
 
 
 def test_the_commanded_rates_are_those_of_the_sticks():
-    observer = DeviceObserver(ControllerParameters(), drives=True)
     for sticks, rates in (((-50, 100), (190.0, 380.0)), ((127, -128), (-380.0, -380.0))):
-        observer.update(readings(0, sticks=sticks))
-        assert observer.observe()[5:] == (80.0, *rates)
+        state = observe(NOTHING_OBSERVED, sticks=sticks)
+        assert observation_of(state, SETTINGS)[5:] == (80.0, *rates)
 
 
 class Counting(PolicyController):

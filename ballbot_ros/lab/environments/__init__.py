@@ -11,19 +11,28 @@ except ImportError as error:
     ) from None
 
 from ballbot_ros.errors import EnvironmentConfigurationError
-from ballbot_ros.lab.environments.environment import BallbotEnv
+from ballbot_ros.lab.environments.environment import BalanceEnv, BallbotEnv, DriveEnv
 from ballbot_ros.lab.environments.episode import EnvironmentState
-from ballbot_ros.lab.environments.tasks import BalanceEnv, DriveEnv
+from ballbot_ros.lab.environments.vector_environment import (
+    BalanceVectorEnv,
+    BallbotVectorEnv,
+    DriveVectorEnv,
+)
 
 __all__ = [
     'BalanceEnv',
+    'BalanceVectorEnv',
     'BallbotEnv',
+    'BallbotVectorEnv',
     'DriveEnv',
+    'DriveVectorEnv',
     'EnvironmentConfigurationError',
     'EnvironmentState',
 ]
 
-for _cls in (BalanceEnv, DriveEnv):
+for _one, _many in ((BalanceEnv, BalanceVectorEnv), (DriveEnv, DriveVectorEnv)):
     gymnasium.register(
-        id=f'ballbot_ros/{_cls.task}-v0', entry_point=f'{_cls.__module__}:{_cls.__name__}'
+        id=f'ballbot_ros/{_one.task.name}-v0',
+        entry_point=f'{_one.__module__}:{_one.__name__}',
+        vector_entry_point=f'{_many.__module__}:{_many.__name__}',
     )

@@ -1,4 +1,4 @@
-"""The base class of the environments."""
+"""The environments of one robot."""
 
 from __future__ import annotations
 
@@ -8,44 +8,20 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import gymnasium
 import numpy as np
 from gymnasium import spaces
-from gymnasium.error import InvalidAction, ResetNeeded
+from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 
-from ballbot_ros.controllers.controller import Duty
-from ballbot_ros.controllers.policy import duty_of
-from ballbot_ros.engine.closed_loop import Robot
 from ballbot_ros.errors import EnvironmentConfigurationError, importing_viewer, short_repr
-from ballbot_ros.lab.environments.configuration import (
-    Commands,
-    check_hold,
-    check_step,
-    checked_commands,
-    fingerprint,
-    parameters_of_environment,
-    steps_of,
-)
-from ballbot_ros.lab.environments.episode import (
-    Component,
-    EnvironmentState,
-    Episode,
-    EpisodeState,
-    Floats,
-    Start,
-    box,
-    device_quantities,
-    state_of,
-    state_quantities,
-)
-from ballbot_ros.parameters import GYRO, PLANT, ControllerParameters, PlantParameters, parameters_of
-from ballbot_ros.parameters.files import Parameters, plain_value
+from ballbot_ros.lab.environments.episode import EnvironmentState, new_episode
+from ballbot_ros.lab.environments.setup import DEVICES, Floats, Setup, checked_action
+from ballbot_ros.lab.environments.tasks import BALANCE, DRIVE, Task
+from ballbot_ros.parameters import PlantParameters
+from ballbot_ros.parameters.files import Parameters
 from ballbot_ros.parameters.timing import TICK_MS
+from ballbot_ros.robot.plant.ground_truth import Pair
 
 if TYPE_CHECKING:
     from ballbot_ros.viewer.render import Painter
-
-DEVICES, STATE = 'devices', 'state'
-OBSERVATIONS = (DEVICES, STATE)
-MAX_SEED = 2**63 - 1
 
 Info = dict[str, Any]
 
@@ -85,12 +61,7 @@ class BallbotEnv(gymnasium.Env[Floats, NDArray[np.float32]]):
     """
 
     metadata: dict[str, Any] = {'render_modes': ['rgb_array']}  # noqa: RUF012 (Gymnasium's)
-    task: ClassVar[str]
-    default_duration: ClassVar[float]
-    largest_pitch: ClassVar[float]
-    """Largest random pitch at the start, in each plane [rad]."""
-
-    drives: ClassVar[bool] = False
+    task: ClassVar[Task]
 
     def __init__(
         self,
@@ -101,45 +72,21 @@ class BallbotEnv(gymnasium.Env[Floats, NDArray[np.float32]]):
         parameters: Parameters | None = None,
         render_mode: str | None = None,
     ) -> None:
-        if not isinstance(observation, str) or observation not in OBSERVATIONS:
-            raise EnvironmentConfigurationError(
-                f'observation: {short_repr(observation)} is not {" or ".join(OBSERVATIONS)}'
-            )
         if render_mode not in (None, 'rgb_array'):
             mode = short_repr(render_mode)
             raise EnvironmentConfigurationError(f"render_mode: {mode} is not None or 'rgb_array'")
         self.render_mode = render_mode
         self._painter: Painter | None = None
-        self.step_ms = check_step(step_ms)
+        setup = Setup.of(self.task, observation, step_ms, duration, profile, parameters)
+        self._setup, self.step_ms, self.duration = setup, setup.step_ms, setup.duration
         self.metadata = {**self.metadata, 'render_fps': 1000 // self.step_ms}
-        given = self.default_duration if duration is None else duration
-        self._steps_of_episode = steps_of(given, self.step_ms)
-        self.duration = float(given)
-        self._observes_state = observation == STATE
-        self._parameters = parameters_of_environment(profile, parameters)
-        check_hold(self._parameters)
-        plant = self._parameters.of(PlantParameters)
-        self._start_position = (plant.start_position_x, plant.start_position_y)
-        self._settings = self._parameters.of(ControllerParameters)
-        self._configuration = (
-            ('task', self.task),
-            ('observation', observation),
-            ('step_ms', self.step_ms),
-            ('duration', self.duration),
-            *fingerprint(self._parameters),
-        )
-        state = state_quantities(self.duration)
-        self.state_names = tuple(each.name for each in state)
-        quantities = self._quantities(state)
-        self.observation_names = tuple(each.name for each in quantities)
-        space = box(quantities)
-        self.observation_space, self._low, self._high = space, space.low, space.high
+        self.state_names = tuple(each.name for each in setup.state_components)
+        self.observation_names = tuple(each.name for each in setup.components)
+        self.observation_space = setup.space
+        self._low, self._high = setup.space.low, setup.space.high
         self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
-        self._episode: Episode | None = None
-        self._observation: tuple[float, ...] = ()
-        self._steps = 0
-        self._over = True
-        Robot(self._parameters)  # checks map and start position
+        self._episode = new_episode(setup)
+        self._has_begun, self._over, self._steps = False, True, 0
 
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
@@ -167,15 +114,12 @@ class BallbotEnv(gymnasium.Env[Floats, NDArray[np.float32]]):
         BallbotError
             If an option is not valid.
         """
-        given = self._checked_options({} if options is None else options)
+        given = self._setup.checked_options(options)
         super().reset(seed=seed)
-        start = self._start(given)
-        self._episode = Episode(self._parameters, start, drives=self.drives)
-        self._episode.hold()
+        self._episode.begin(self._setup.start(self.np_random, given))
         self._steps = 0
-        self._over = False
-        self._observation = self._observe(self._episode)
-        return self._bounded(), self._info(self._episode)
+        self._has_begun, self._over = True, False
+        return self._observation(), self._info()
 
     def step(self, action: Any) -> tuple[Floats, float, bool, bool, Info]:
         """Apply the duty of an action for a step.
@@ -207,37 +151,43 @@ class BallbotEnv(gymnasium.Env[Floats, NDArray[np.float32]]):
         gymnasium.error.InvalidAction
             If the action is not two finite numbers.
         """
-        if self._episode is None or self._over:
+        if self._over:
             raise ResetNeeded('the episode is over, or none has begun: call reset')
-        duty = duty_of(_checked(action))
         episode = self._episode
-        episode.step(duty, self.step_ms // TICK_MS)
+        episode.step(checked_action(action))
         self._steps += 1
-        self._observation = self._observe(episode)
-        terminated = episode.terminated
-        truncated = self._steps >= self._steps_of_episode
+        terminated = episode.is_over
+        truncated = self._steps >= self._setup.steps
         self._over = terminated or truncated
-        reward, parts = self._reward(episode, duty)
-        info = self._info(episode)
-        info['duty_percent'] = np.array(duty)
+        reward, parts = self._setup.reward(episode.measured, episode.true, episode.duty)
+        info = self._info()
+        info['duty_percent'] = np.array(episode.duty)
         info.update(parts)
-        return self._bounded(), reward, terminated, truncated, info
+        return self._observation(), reward, terminated, truncated, info
 
     def render(self) -> NDArray[np.uint8] | None:
         """Return a picture of the robot, of shape (528, 960, 3); None without a `render_mode`."""
         if self.render_mode is None:
             return None
-        if self._episode is None:
-            raise ResetNeeded('no episode has begun: call reset')
+        self._require_start()
         if self._painter is None:
             # Imported only here: it takes seconds, and few episodes are drawn.
             with importing_viewer():
                 from ballbot_ros.viewer.render import Painter, present_frames
 
-            plant = self._parameters.of(PlantParameters)
-            self._painter = Painter(present_frames(plant, lambda: self._truth))
-        self._truth = self._episode.truth
+            plant = self._setup.parameters.of(PlantParameters)
+            self._painter = Painter(present_frames(plant, self._pose))
         return self._painter.picture()
+
+    def _pose(self) -> tuple[Pair, Pair]:
+        """Return position [m] and pitch [rad]."""
+        plant = self._setup.parameters.of(PlantParameters)
+        x, y, _, _, *pitch = self._episode.true[:6]
+        return (plant.start_position_x + x, plant.start_position_y + y), (pitch[0], pitch[1])
+
+    def _require_start(self) -> None:
+        if not self._has_begun:
+            raise ResetNeeded('no episode has begun: call reset')
 
     def close(self) -> None:
         """Close the browser that has drawn the pictures, if any."""
@@ -253,14 +203,12 @@ class BallbotEnv(gymnasium.Env[Floats, NDArray[np.float32]]):
         gymnasium.error.ResetNeeded
             Before the first reset.
         """
-        if self._episode is None:
-            raise ResetNeeded('no episode has begun: call reset')
+        self._require_start()
         return EnvironmentState(
-            self._configuration,
+            self._setup.fingerprint,
             self._episode.save_state(),
             self._steps,
             self._over,
-            self._observation,
             self.np_random.bit_generator.state,
         )
 
@@ -281,125 +229,61 @@ class BallbotEnv(gymnasium.Env[Floats, NDArray[np.float32]]):
         """
         self._check_state(state)
         self.np_random.bit_generator.state = state.generator
-        self._episode = self._restored(state.episode)
-        self._steps, self._over = state.steps, state.over
-        self._observation = state.observation
-        return self._bounded(), self._info(self._episode)
-
-    def _restored(self, state: EpisodeState) -> Episode:
-        """Return the present episode, or a new one with the same start, in a saved state."""
-        episode = self._episode
-        if episode is None or episode.start != state.start:
-            episode = Episode(self._parameters, state.start, drives=self.drives)
-        episode.restore_state(state)
-        return episode
+        self._episode.restore_state(state.episode)
+        self._has_begun, self._steps, self._over = True, state.steps, state.over
+        return self._observation(), self._info()
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what a copy or another process needs; devices and browser can't be pickled."""
-        saved = self._episode.save_state() if self._episode else None
+        """Return what a copy or another process needs; compiled code and browser stay here."""
+        saved = self._episode.save_state() if self._has_begun else None
         return {**vars(self), '_episode': saved, '_painter': None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        vars(self).update({**state, '_episode': None})
+        vars(self).update(state)
+        self._episode = new_episode(self._setup)
         if saved := state['_episode']:
-            self._episode = self._restored(saved)
+            self._episode.restore_state(saved)
 
     def _check_state(self, state: object) -> None:
         if not isinstance(state, EnvironmentState):
             raise EnvironmentConfigurationError(
                 f'{short_repr(state)} is not a state that save_state returned'
             )
-        if len(state.configuration) != len(self._configuration):
+        own_configuration = self._setup.fingerprint
+        if len(state.configuration) != len(own_configuration):
             raise EnvironmentConfigurationError('the state is that of another version')
-        for (name, value), (_, own) in zip(state.configuration, self._configuration, strict=True):
+        for (name, value), (_, own) in zip(state.configuration, own_configuration, strict=True):
             if value != own:
                 raise EnvironmentConfigurationError(
                     f'the state is that of another environment: {name} is {short_repr(value)} '
                     f'there, {short_repr(own)} here'
                 )
 
-    def _quantities(self, state: tuple[Component, ...]) -> tuple[Component, ...]:
-        """Return the components of the observation, for those of the true state."""
-        if self._observes_state:
-            return state
-        return device_quantities(self.duration, self._settings.k_thetadot, drives=self.drives)
-
-    def _observe(self, episode: Episode) -> tuple[float, ...]:
-        """Return the components of the observation."""
-        if self._observes_state:
-            return self._state(episode)
-        return episode.observer.observe()
-
-    def _reward(self, episode: Episode, duty: Duty) -> tuple[float, dict[str, float]]:
-        """Return the reward of a step, and its parts by the names that they have in the info."""
-        raise NotImplementedError
-
-    def _commands(self) -> Commands:
-        """Return random commands for an episode."""
-        return ()
-
-    def _state(self, episode: Episode) -> tuple[float, ...]:
-        return state_of(episode.truth, self._start_position)
-
-    def _bounded(self) -> Floats:
+    def _observation(self) -> Floats:
         """Return the observation within its bounds, as a saturated device would report it."""
-        observation = np.array(self._observation)
+        episode = self._episode
+        observation = np.array(self._setup.observation(episode.measured, episode.true))
         np.maximum(observation, self._low, out=observation)
         np.minimum(observation, self._high, out=observation)
         return observation
 
-    def _info(self, episode: Episode) -> Info:
+    def _info(self) -> Info:
         info: Info = {
             'time_s': self._steps * self.step_ms / 1000.0,
-            'state': np.array(self._state(episode)),
+            'state': np.array(self._episode.true),
         }
         if self._steps == 0:
-            start = episode.start
-            info['seed'] = start.seed
-            info['start_pitch_x'], info['start_pitch_y'] = start.pitch
-            if self.drives:
-                info['commands'] = start.commands
+            info.update(self._setup.info_of(self._episode.start))
         return info
 
-    def _checked_options(self, options: object) -> dict[str, Any]:
-        """Return the options of a reset; refuse those that are not valid."""
-        if not isinstance(options, Mapping):
-            raise EnvironmentConfigurationError(f'options: {short_repr(options)} are no mapping')
-        nodes = {'start_pitch_x': PLANT, 'start_pitch_y': PLANT, 'seed': GYRO}
-        known = (*nodes, *(['commands'] if self.drives else []))
-        if unknown := [name for name in options if name not in known]:
-            raise EnvironmentConfigurationError(
-                f'options: unknown {short_repr(unknown[0])}; known: {", ".join(known)}'
-            )
-        return {
-            name: parameters_of(nodes[name])[name].check(plain_value(value), 'options: ')
-            if name in nodes
-            else checked_commands(value)
-            for name, value in options.items()
-        }
 
-    def _start(self, given: Mapping[str, Any]) -> Start:
-        """Draw a start, and replace what is given."""
-        generator = self.np_random
-        seed = int(generator.integers(MAX_SEED, endpoint=True))
-        limit = self.largest_pitch
-        x, y = generator.uniform(-limit, limit, 2).tolist()
-        commands = self._commands()
-        return Start(
-            given.get('seed', seed),
-            (given.get('start_pitch_x', x), given.get('start_pitch_y', y)),
-            given.get('commands', commands),
-        )
+class BalanceEnv(BallbotEnv):
+    """``ballbot_ros/Balance-v0``: balance on the spot, with little duty."""
+
+    task: ClassVar[Task] = BALANCE
 
 
-def _checked(action: Any) -> list[float]:
-    """Return an action as two finite numbers."""
-    try:
-        array = np.asarray(action)
-        is_number = array.dtype.kind in 'iuf' and array.shape == (2,)
-    except (TypeError, ValueError, OverflowError):
-        is_number = False
-    if not is_number or not np.isfinite(array).all():
-        raise InvalidAction(f'the action {short_repr(action)} is not two finite numbers')
-    values: list[float] = array.astype(np.float64).tolist()
-    return values
+class DriveEnv(BallbotEnv):
+    """``ballbot_ros/Drive-v0``: follow a commanded speed that changes every 3 s."""
+
+    task: ClassVar[Task] = DRIVE

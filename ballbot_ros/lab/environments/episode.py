@@ -1,49 +1,81 @@
-"""An episode: the robot from the start of a run on, with held duties and observations."""
+"""Robots from the start of an episode on: one by the interpreter, or many by compiled code."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-from gymnasium import spaces
-from numpy.typing import NDArray
 
-from ballbot_ros.controllers.controller import Duty, next_readings
-from ballbot_ros.controllers.policy import DRIVING_NAMES, DeviceObserver, ObserverState
-from ballbot_ros.engine.closed_loop import Robot
-from ballbot_ros.engine.plant import SavedPlant
-from ballbot_ros.lab.environments.configuration import Commands, commanded_scenario, release_s
-from ballbot_ros.parameters import GYRO, PLANT, ControllerParameters, ParameterSet
-from ballbot_ros.parameters.timing import MILLISECOND_NS
-from ballbot_ros.robot.plant.ground_truth import GroundTruth, Pair
+from ballbot_ros.controllers.controller import Duty
+from ballbot_ros.controllers.policy import (
+    NOTHING_OBSERVED,
+    DrivingObservation,
+    ObserverState,
+    observation_of,
+    observed,
+    percent,
+)
+from ballbot_ros.engine.compilation import (
+    can_compile,
+    compiled_and_kept,
+    is_kept,
+    is_loaded,
+)
+from ballbot_ros.engine.compiled_loop import floor_of, points_of, rings_of
+from ballbot_ros.engine.devices import numbers_of
+from ballbot_ros.engine.moved_robots import (
+    MOVED_ROBOT,
+    TrueState,
+    move_robot,
+    move_robots,
+    true_state,
+)
+from ballbot_ros.engine.plant_tick import (
+    STEP_VALUES,
+    PlantState,
+    initial_state,
+    plant_constants,
+    waiting_count,
+)
+from ballbot_ros.engine.rows import RobotRows, state_of
+from ballbot_ros.engine.run import clear_rings, longest_age, robot_constants
+from ballbot_ros.lab.environments.setup import Setup, Start
+from ballbot_ros.parameters import (
+    DEVICES,
+    ControllerParameters,
+    EncoderParameters,
+    GyroParameters,
+    NodeParameters,
+    PlantParameters,
+    SonarParameters,
+)
+from ballbot_ros.parameters.timing import FIRST_TICK_NS
+from ballbot_ros.robot.world.world import World
 
+PARAMETERS: dict[str, type[NodeParameters]] = {
+    'plant_parameters': PlantParameters,
+    'gyro': GyroParameters,
+    'encoder': EncoderParameters,
+    'sonar': SonarParameters,
+    'settings': ControllerParameters,
+}
+"""The parameters in a row of a robot."""
 
-class Start(NamedTuple):
-    """What differs between the episodes of an environment.
-
-    Attributes
-    ----------
-    seed : int
-        Seed of the device noise and jitter: the parameter ``gyro_driver.seed``.
-    pitch : tuple of float
-        Body pitch [rad] of planes x and y, in which the robot is held.
-    commands : tuple of Command
-        The commanded speeds.
-    """
-
-    seed: int
-    pitch: Pair
-    commands: Commands = ()
+NEUTRAL_FROM_THEN = (np.inf, 0.0)
+"""A point of a stick signal that follows all others."""
 
 
 class EpisodeState(NamedTuple):
     """Everything in an episode that changes with time."""
 
     start: Start
-    plant: SavedPlant
+    plant: PlantState
     observer: ObserverState
+    rings: tuple[tuple[float, ...], ...]
+    measured: DrivingObservation
+    true: TrueState
 
 
 @dataclass(frozen=True)
@@ -57,150 +89,226 @@ class EnvironmentState:
     episode: EpisodeState
     steps: int
     over: bool
-    observation: tuple[float, ...]
     generator: Mapping[str, Any]
 
 
-MOTORS_OFF: Duty = (0, 0)
-
-
-class Episode:
+class Episode(Protocol):
     """The robot under the duties of a policy, in the order of the node graph.
 
-    At each tick the devices are sampled, and then the duty acts. The episode begins when the gyros
+    In each tick the duty acts, and then the devices are sampled. An episode begins when the gyros
     are calibrated; until then the robot is held still, with the motors off.
-
-    Parameters
-    ----------
-    drives : bool
-        Whether the observation of the devices has distance and commanded speed.
 
     Attributes
     ----------
     start : Start
         What differs from other episodes.
-    truth : GroundTruth
-        The present true state.
-    observer : DeviceObserver
-        Makes the observations of the devices.
-
-    Raises
-    ------
-    BallbotError
-        If the map can't be read, or the robot can't start there.
+    duty : tuple of int
+        That of the last step [%].
+    measured, true : tuple of float
+        Observation of the devices and true state after it.
     """
 
-    def __init__(self, parameters: ParameterSet, start: Start, *, drives: bool) -> None:
-        self.start = start
-        values = ParameterSet()
-        values.update(parameters)
-        values.set(GYRO, 'seed', start.seed)
-        values.set(PLANT, 'start_pitch_x', start.pitch[0])
-        values.set(PLANT, 'start_pitch_y', start.pitch[1])
-        settings = values.of(ControllerParameters)
-        self._robot = Robot(values, commanded_scenario(start.commands, release_s(settings)))
-        self._plant = self._robot.plant
-        self.observer = DeviceObserver(settings, drives=drives)
-        self.truth: GroundTruth = self._plant.truth()
+    start: Start
+    duty: Duty
+    measured: DrivingObservation
+    true: TrueState
 
-    def hold(self) -> None:
-        """Let the robot be held until the gyros are calibrated, the time of the first action."""
-        self._sample()
-        while not self.observer.calibrated:
-            self._plant.tick(*MOTORS_OFF)
-            self._sample()
+    def begin(self, start: Start) -> None:
+        """Begin an episode: the robot is held until the time of the first action."""
 
-    def step(self, duty: Duty, ticks: int) -> None:
-        """Apply a duty for a number of ticks; a wall hit ends them."""
-        plant = self._plant
-        for _ in range(ticks):
-            plant.tick(*duty)
-            self._sample()
-            if plant.stopped:
-                return
+    def step(self, action: Sequence[float]) -> None:
+        """Apply the duty of an action, two finite numbers, for a step; a wall hit ends it."""
 
     @property
-    def terminated(self) -> bool:
+    def is_over(self) -> bool:
         """Whether the robot has fallen, or hit a wall."""
-        return self._plant.fallen or self._plant.stopped
 
     def save_state(self) -> EpisodeState:
         """Return the present state."""
-        return EpisodeState(self.start, self._plant.save_state(), self.observer.save_state())
 
     def restore_state(self, state: EpisodeState) -> None:
-        """Continue from a state of an episode with the same parameters and start."""
-        self._plant.restore_state(state.plant)
-        self.observer.restore_state(state.observer)
-        self.truth = self._plant.truth()
-
-    def _sample(self) -> None:
-        self.truth = truth = self._plant.truth()
-        elapsed_ms = (truth.stamp_ns - self._robot.start_ns) // MILLISECOND_NS
-        inputs = self._robot.sample()
-        self.observer.update(next_readings(self.observer.readings, elapsed_ms, inputs))
+        """Continue from a state of an episode with the same set-up."""
 
 
-Floats = NDArray[np.float64]
-
-RATE_DEG_PER_S = 1023.0
-"""The gyro reads 0 ... 1023 deg/s, and so its offset is."""
-
-ENCODER_DEG_PER_S = 5000.0
-SPEED_M_PER_S = 2.0
-"""More than motors of any battery can reach; times the duration they bound angles and distances."""
+def new_episode(setup: Setup) -> Episode:
+    """Return an episode by compiled code, if it is at hand, or by the interpreter."""
+    return CompiledEpisode(setup) if has_compiled_code() else InterpretedEpisode(setup)
 
 
-class Component(NamedTuple):
-    """A component of a vector: its name, which has the unit, and the largest and least value."""
-
-    name: str
-    low: float
-    high: float
+def has_compiled_code() -> bool:
+    """Return whether there is compiled code for robots of environments."""
+    return can_compile() and (is_loaded(move_robots) or is_kept(move_robots))
 
 
-def pair(name: str, bound: float) -> tuple[Component, Component]:
-    """Return the quantity of planes x and y; the name has a place for the plane."""
-    return Component(name.format('x'), -bound, bound), Component(name.format('y'), -bound, bound)
+class InterpretedEpisode:
+    """An episode by the interpreter."""
+
+    def __init__(self, setup: Setup) -> None:
+        self._setup = setup
+        self.duty: Duty = (0, 0)
+
+    def begin(self, start: Start) -> None:
+        """Begin an episode."""
+        self._prepare(start)
+        self._move(self._setup.held_ticks + 1, is_new=True)
+
+    def _prepare(self, start: Start) -> None:
+        self.start = start
+        values = self._setup.parameters_at(start)
+        plant = values.of(PlantParameters)
+        world = World.of(plant)
+        self._walls: tuple[Any, Any] = world.walls_as_numbers if world else ((), ())
+        constants = self._constants = robot_constants(
+            plant_constants(numbers_of(plant), FIRST_TICK_NS),
+            *(numbers_of(values.of(each)) for each in DEVICES),
+        )
+        waiting = waiting_count(constants.plant.actuator_delay + constants.plant.actuator_jitter)
+        age = longest_age(constants)
+        self._effects_ns, self._duties = [0] * waiting, [0] * (2 * waiting)
+        self._steps = [0.0] * (STEP_VALUES * (age + 1) if age else 0)
+        clear_rings(constants.plant, self._effects_ns, self._steps)
+        sticks = self._setup.scenario(start)
+        self._points = (*sticks.vertical.points, *sticks.horizontal.points)
+        self._state = initial_state(constants.plant, FIRST_TICK_NS)
+        self._observer = NOTHING_OBSERVED
+        self.duty = 0, 0
+
+    def step(self, action: Sequence[float]) -> None:
+        """Apply the duty of an action for a step."""
+        self.duty = percent(action[0]), percent(action[1])
+        self._move(self._setup.ticks)
+
+    def _move(self, ticks: int, *, is_new: bool = False) -> None:
+        settings = self._setup.settings
+        self._state, observer = move_robot(
+            self._constants, settings.time_start, is_new, self._state, self._observer,
+            *self.duty, ticks, *self._points, self._effects_ns, self._duties, self._steps,
+            *self._walls,
+        )  # fmt: skip
+        self.measured = observation_of(observer, settings)
+        self.true = true_state(self._constants.plant, self._state)
+        self._observer = observed(observer)
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the robot has fallen, or hit a wall."""
+        return self._state.is_fallen or self._state.is_stopped
+
+    def save_state(self) -> EpisodeState:
+        """Return the present state."""
+        rings = tuple(self._effects_ns), tuple(self._duties), tuple(self._steps)
+        return EpisodeState(
+            self.start, self._state, self._observer, rings, self.measured, self.true
+        )
+
+    def restore_state(self, state: EpisodeState) -> None:
+        """Continue from a state."""
+        self._prepare(state.start)
+        _, self._state, self._observer, rings, self.measured, self.true = state
+        self._effects_ns, self._duties, self._steps = map(list, rings)  # type: ignore[assignment]
 
 
-def device_quantities(duration: float, full_rate: float, *, drives: bool) -> tuple[Component, ...]:
-    """Return the components of the observation of the devices."""
-    all_of_them = (
-        *pair('rate_{}_deg_per_s', RATE_DEG_PER_S),
-        *pair('encoder_{}_deg', ENCODER_DEG_PER_S * duration),
-        Component('battery_v', 0.0, 15.0),
-        Component('distance_cm', 0.0, 255.0),
-        *pair('commanded_rate_{}_deg_per_s', full_rate),
-    )
-    assert tuple(each.name for each in all_of_them) == DRIVING_NAMES
-    return all_of_them if drives else all_of_them[:5]
+class MovedRobots:
+    """The robots of many episodes, moved by compiled code.
+
+    Attributes
+    ----------
+    rows : rows of MOVED_ROBOT
+        The robots.
+    rings : Rings
+        Their rings.
+
+    Raises
+    ------
+    CompilationError
+        If numba is not installed.
+    """
+
+    def __init__(self, setup: Setup, count: int) -> None:
+        self._setup = setup
+        self._run = compiled_and_kept(move_robots)
+        parameters = RobotRows(setup.parameters, {}, count)
+        self.rows = np.zeros(count, MOVED_ROBOT)
+        for name, cls in PARAMETERS.items():
+            self.rows[name] = parameters[cls]
+        self._floor = floor_of(World.of(setup.parameters.of(PlantParameters)))
+        self.rings = rings_of(parameters)
+        self._sticks = [np.zeros((count, 0, 2)) for _ in range(2)]
+
+    def begin(self, at: int, start: Start) -> None:
+        """Let a robot begin an episode with the next move, which is to hold it."""
+        row = self.rows[at]
+        for name in PARAMETERS:
+            if 'seed' in row[name].dtype.names:
+                row[name]['seed'] = start.seed
+        plant = row['plant_parameters']
+        plant['start_pitch_x'], plant['start_pitch_y'] = start.pitch
+        sticks = self._setup.scenario(start)
+        for number, signal in enumerate((sticks.vertical, sticks.horizontal)):
+            points = points_of([signal])[0]
+            if (missing := len(points) - self._sticks[number].shape[1]) > 0:
+                self._sticks[number] = np.pad(self._sticks[number], ((0, 0), (0, missing), (0, 0)))
+                self._sticks[number][:, -missing:] = NEUTRAL_FROM_THEN
+            table = self._sticks[number]
+            table[at] = NEUTRAL_FROM_THEN
+            table[at, : len(points)] = points
+        row['has_begun'], row['ticks'], row['action'] = False, self._setup.held_ticks + 1, 0.0
+
+    def move(self) -> None:
+        """Move the robots."""
+        self._run(self._floor, *self._sticks, self.rings, self.rows)
 
 
-def state_quantities(duration: float) -> tuple[Component, ...]:
-    """Return the components of :func:`state_of`."""
-    return (
-        *pair('position_{}_m', SPEED_M_PER_S * duration),
-        *pair('velocity_{}_m_per_s', 10.0),
-        *pair('pitch_{}_rad', 1.5),
-        *pair('pitch_rate_{}_rad_per_s', 100.0),
-        Component('battery_v', 0.0, 15.0),
-    )
+class CompiledEpisode:
+    """An episode by compiled code."""
 
+    def __init__(self, setup: Setup) -> None:
+        self._setup = setup
+        self._robots = MovedRobots(setup, 1)
+        row = self._row = self._robots.rows[0]
+        self._action, self._is_over = row['action'], self._robots.rows['is_over']
+        self._duty, self._measured, self._true = row['duty'], row['measured'], row['true']
+        self.duty: Duty = (0, 0)
 
-def state_of(truth: GroundTruth, start: tuple[float, float]) -> tuple[float, ...]:
-    """Return the true state; the position is the one from the start [m]."""
-    return (
-        truth.position[0] - start[0],
-        truth.position[1] - start[1],
-        *truth.velocity,
-        *truth.psi,
-        *truth.psi_rate,
-        truth.battery_voltage,
-    )
+    def begin(self, start: Start) -> None:
+        """Begin an episode."""
+        self.start = start
+        self._robots.begin(0, start)
+        self._move()
+        self._row['ticks'] = self._setup.ticks
 
+    def step(self, action: Sequence[float]) -> None:
+        """Apply the duty of an action for a step."""
+        self._action[0], self._action[1] = action
+        self._move()
 
-def box(quantities: tuple[Component, ...]) -> spaces.Box[np.float64]:
-    """Return the space of a vector."""
-    low, high = (np.array([getattr(each, end) for each in quantities]) for end in ('low', 'high'))
-    return spaces.Box(low, high, dtype=np.float64)
+    def _move(self) -> None:
+        self._robots.move()
+        self.duty = tuple(self._duty.tolist())
+        self.measured = tuple(self._measured.tolist())
+        self.true = tuple(self._true.tolist())
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the robot has fallen, or hit a wall."""
+        is_over: bool = self._is_over.item()
+        return is_over
+
+    def save_state(self) -> EpisodeState:
+        """Return the present state."""
+        return EpisodeState(
+            self.start,
+            state_of(PlantState, self._row['plant']),
+            state_of(ObserverState, self._row['observer']),
+            tuple(tuple(each[0].tolist()) for each in self._robots.rings),
+            self.measured,
+            self.true,
+        )
+
+    def restore_state(self, state: EpisodeState) -> None:
+        """Continue from a state."""
+        self.begin(state.start)
+        _, plant, observer, rings, self.measured, self.true = state
+        self._row['plant'], self._row['observer'] = plant, observer
+        for ring, saved in zip(self._robots.rings, rings, strict=True):
+            ring[0] = saved

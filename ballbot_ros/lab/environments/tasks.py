@@ -1,78 +1,85 @@
-"""The tasks: balancing on the spot, and driving at a commanded speed."""
+"""The tasks: balancing on the spot, and driving at a commanded speed.
+
+What they compute is that of one robot, or in columns that of many.
+"""
 
 from __future__ import annotations
 
 import math
-from functools import cached_property
-from typing import ClassVar
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
 
-from ballbot_ros.controllers.controller import Duty
-from ballbot_ros.lab.environments import rewards
-from ballbot_ros.lab.environments.configuration import Commands, random_commands
-from ballbot_ros.lab.environments.environment import BallbotEnv
-from ballbot_ros.lab.environments.episode import Component, Episode, pair
-from ballbot_ros.parameters import PlantParameters
-from ballbot_ros.robot.plant.ground_truth import Pair
+TOLERATED_PITCH_RAD = 0.035
+TOLERATED_DISTANCE_M = 0.05
+TOLERATED_SPEED_M_PER_S = 0.05
+TOLERATED_DUTY_PERCENT = 42.4
+"""Length of the vector of both duties."""
 
+Numbers = Any
+"""A number, or a column of them."""
 
-class BalanceEnv(BallbotEnv):
-    """``ballbot_ros/Balance-v0``: balance on the spot, with little duty."""
+Vector = tuple[Numbers, ...]
 
-    task: ClassVar[str] = 'Balance'
-    default_duration: ClassVar[float] = 10.0
-    largest_pitch: ClassVar[float] = math.radians(4.0)
-
-    def _reward(self, episode: Episode, duty: Duty) -> tuple[float, dict[str, float]]:
-        state = self._state(episode)
-        upright = rewards.upright(episode.truth.psi)
-        near = rewards.near((state[0], state[1]))
-        calm = rewards.calm(duty)
-        return 0.4 * upright + 0.4 * near + 0.2 * calm, {
-            'reward_upright': upright,
-            'reward_near': near,
-            'reward_calm': calm,
-        }
+Parts = dict[str, Numbers]
+"""The parts of a reward, by the names that they have in the info."""
 
 
-class DriveEnv(BallbotEnv):
-    """``ballbot_ros/Drive-v0``: follow a commanded speed that changes every 3 s."""
+@dataclass(frozen=True)
+class Task:
+    """A task.
 
-    task: ClassVar[str] = 'Drive'
-    default_duration: ClassVar[float] = 20.0
-    largest_pitch: ClassVar[float] = math.radians(1.0)
-    drives: ClassVar[bool] = True
+    Attributes
+    ----------
+    duration : float
+        Time after which an episode is truncated, unless another one is given [s].
+    largest_pitch : float
+        Largest random pitch at the start, in each plane [rad].
+    drives : bool
+        Whether speeds are commanded.
+    reward : callable
+        Returns the reward of a step, and its parts, for the true state that it ends in, the
+        velocity that was commanded [m/s] and the duty [%].
+    """
 
-    @cached_property
-    def _metres_per_degree(self) -> float:
-        return math.radians(self._parameters.of(PlantParameters).ball_radius)
+    name: str
+    duration: float
+    largest_pitch: float
+    drives: bool
+    reward: Callable[[Vector, Vector, Vector], tuple[Numbers, Parts]]
 
-    def _quantities(self, state: tuple[Component, ...]) -> tuple[Component, ...]:
-        quantities = super()._quantities(state)
-        if not self._observes_state:
-            return quantities
-        full_speed = self._settings.k_thetadot * self._metres_per_degree
-        return (*quantities, *pair('commanded_velocity_{}_m_per_s', full_speed))
 
-    def _observe(self, episode: Episode) -> tuple[float, ...]:
-        observation = super()._observe(episode)
-        if not self._observes_state:
-            return observation
-        return (*observation, *self._commanded_velocity(episode))
+def closeness(x: Numbers, y: Numbers, tolerated: float) -> Numbers:
+    """Return how small a vector is: 1 for zero, 0.5 for one of `tolerated` length."""
+    scale = tolerated * tolerated
+    return scale / (scale + x * x + y * y)
 
-    def _commanded_velocity(self, episode: Episode) -> Pair:
-        x, y = episode.observer.commanded_rates
-        return x * self._metres_per_degree, y * self._metres_per_degree
 
-    def _commands(self) -> Commands:
-        return random_commands(self.np_random, self.duration)
+def _balance_reward(state: Vector, commanded: Vector, duty: Vector) -> tuple[Numbers, Parts]:
+    x, y, _, _, pitch_x, pitch_y, *_ = state
+    upright = closeness(pitch_x, pitch_y, TOLERATED_PITCH_RAD)
+    near = closeness(x, y, TOLERATED_DISTANCE_M)
+    calm = closeness(duty[0], duty[1], TOLERATED_DUTY_PERCENT)
+    return 0.4 * upright + 0.4 * near + 0.2 * calm, {
+        'reward_upright': upright,
+        'reward_near': near,
+        'reward_calm': calm,
+    }
 
-    def _reward(self, episode: Episode, duty: Duty) -> tuple[float, dict[str, float]]:
-        commanded, velocity = self._commanded_velocity(episode), episode.truth.velocity
-        upright = rewards.upright(episode.truth.psi)
-        follow = rewards.follow((velocity[0] - commanded[0], velocity[1] - commanded[1]))
-        calm = rewards.calm(duty)
-        return 0.3 * upright + 0.5 * follow + 0.2 * calm, {
-            'reward_upright': upright,
-            'reward_follow': follow,
-            'reward_calm': calm,
-        }
+
+def _drive_reward(state: Vector, commanded: Vector, duty: Vector) -> tuple[Numbers, Parts]:
+    _, _, velocity_x, velocity_y, pitch_x, pitch_y, *_ = state
+    upright = closeness(pitch_x, pitch_y, TOLERATED_PITCH_RAD)
+    follow = closeness(
+        velocity_x - commanded[0], velocity_y - commanded[1], TOLERATED_SPEED_M_PER_S
+    )
+    calm = closeness(duty[0], duty[1], TOLERATED_DUTY_PERCENT)
+    return 0.3 * upright + 0.5 * follow + 0.2 * calm, {
+        'reward_upright': upright,
+        'reward_follow': follow,
+        'reward_calm': calm,
+    }
+
+
+BALANCE = Task('Balance', 10.0, math.radians(4.0), False, _balance_reward)
+DRIVE = Task('Drive', 20.0, math.radians(1.0), True, _drive_reward)

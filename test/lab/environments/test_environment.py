@@ -111,7 +111,7 @@ def test_a_wall_ends_the_episode():
     assert 0.0 < distance < 255.0
     found = episode(env, [(1.0, 0.0)] * 500, options={'start_pitch_x': 0.15})
     assert found[-1][2] is True
-    assert env.save_state().episode.plant.state.is_stopped
+    assert env.save_state().episode.plant.is_stopped
 
 
 def test_rewards_are_best_at_rest_and_bounded():

@@ -1,0 +1,210 @@
+"""Robots under duties from outside, as those of environments: plant, devices and observations."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ballbot_ros.controllers.policy import (
+    DRIVING_NAMES,
+    NOTHING_OBSERVED,
+    ObserverState,
+    observation_of,
+    observed,
+    observer_tick,
+    percent,
+)
+from ballbot_ros.engine.plant_tick import (
+    PlantConstants,
+    PlantState,
+    initial_state,
+    plant_constants,
+    plant_tick,
+    position,
+)
+from ballbot_ros.engine.rows import row_functions, row_type
+from ballbot_ros.engine.run import (
+    FloorTables,
+    Rings,
+    RobotConstants,
+    clear_rings,
+    robot_constants,
+    sample,
+)
+from ballbot_ros.engine.scenario.scenario import signal_value
+from ballbot_ros.parameters import (
+    ControllerParameters,
+    EncoderParameters,
+    GyroParameters,
+    PlantParameters,
+    SonarParameters,
+)
+from ballbot_ros.parameters.timing import FIRST_TICK_NS, MILLISECOND_NS, SLOW_PERIOD_NS
+from ballbot_ros.robot.numerics.compiler_hints import inlined
+
+TrueState = tuple[float, float, float, float, float, float, float, float, float]
+"""Position from the start [m], velocity [m/s], pitch [rad] and its rate [rad/s] of planes x and y,
+and the battery's voltage [V].
+"""
+
+
+def true_state(constants: PlantConstants, state: PlantState) -> TrueState:
+    """Return the true state."""
+    x, y = position(constants, state)
+    return (
+        x - constants.start_x, y - constants.start_y,
+        constants.radius * state.x[2], constants.radius * state.y[2],
+        state.x[1], state.y[1], state.x[3], state.y[3],
+        # In its message the voltage has single precision.
+        np.float64(np.float32(state.volts)),
+    )  # fmt: skip
+
+
+@inlined
+def move_robot(
+    constants: RobotConstants,
+    time_start: int,
+    is_new: bool,
+    state: PlantState,
+    observer: ObserverState,
+    duty_x: int,
+    duty_y: int,
+    ticks: int,
+    vertical_times: Any,
+    vertical_values: Any,
+    horizontal_times: Any,
+    horizontal_values: Any,
+    effects_ns: Any,
+    waiting_duties: Any,
+    steps: Any,
+    sides: Any,
+    walls_before: Any,
+) -> tuple[PlantState, ObserverState]:
+    """Return the states after some ticks under a duty; a wall hit ends them.
+
+    In each tick the plant moves, and is sampled then; in the first of a new robot it is only
+    sampled.
+
+    Parameters
+    ----------
+    time_start : int
+        How long the gyros are calibrated [ms].
+    vertical_times, vertical_values, horizontal_times, horizontal_values : sequence of float
+        The points of both stick signals.
+    effects_ns, waiting_duties, steps, sides, walls_before : sequence
+        As in :func:`~ballbot_ros.engine.plant_tick.plant_tick`.
+    """
+    push_times, push_forces = effects_ns[:0], steps[:0]  # none, of the types of some
+    for tick in range(ticks):
+        if tick or not is_new:
+            state = plant_tick(
+                constants.plant, state, duty_x, duty_y, push_times, push_forces,
+                effects_ns, waiting_duties, steps, sides, walls_before,
+            )  # fmt: skip
+        elapsed_ns = state.time_ns - FIRST_TICK_NS
+        vertical = horizontal = 0
+        if state.time_ns % SLOW_PERIOD_NS == 0:
+            elapsed_s = elapsed_ns * 1e-9
+            vertical = signal_value(vertical_times, vertical_values, elapsed_s)
+            horizontal = signal_value(horizontal_times, horizontal_values, elapsed_s)
+        inputs = sample(constants, state, vertical, horizontal, steps, sides)
+        observer = observer_tick(observer, inputs, elapsed_ns // MILLISECOND_NS >= time_start)
+        if state.is_stopped:
+            break
+    return state, observer
+
+
+MOVED_ROBOT = np.dtype([
+    ('plant_parameters', row_type(PlantParameters)),
+    ('gyro', row_type(GyroParameters)),
+    ('encoder', row_type(EncoderParameters)),
+    ('sonar', row_type(SonarParameters)),
+    ('settings', row_type(ControllerParameters)),
+    ('ticks', 'i8'),
+    ('action', 'f8', (2,)),
+    ('has_begun', '?'),
+    ('constants', row_type(RobotConstants)),
+    ('plant', row_type(PlantState)),
+    ('observer', row_type(ObserverState)),
+    ('duty', 'i8', (2,)),
+    ('measured', 'f8', (len(DRIVING_NAMES),)),
+    ('true', 'f8', (9,)),
+    ('is_over', '?'),
+])  # fmt: skip
+"""A robot.
+
+The parameters of its nodes; for how many ticks it is to move, and the shares of full duty of its
+action; whether it has begun, and its state; after a move the duty [%], the observation of the
+devices, the true state, and whether the robot has fallen or been stopped by a wall.
+"""
+
+read_constants, write_constants = row_functions(RobotConstants)
+read_plant, write_plant = row_functions(PlantState)
+read_observer, write_observer = row_functions(ObserverState)
+
+
+def move_robots(
+    floor: FloorTables, vertical: Any, horizontal: Any, rings: Rings, robots: Any
+) -> None:
+    """Move robots, each for its number of ticks.
+
+    Parameters
+    ----------
+    floor : FloorTables
+        The walls of all robots.
+    vertical, horizontal : ndarray of float64, shape (r, k, 2)
+        As in :class:`~ballbot_ros.engine.run.Events`.
+    rings : Rings
+        They are changed.
+    robots : rows of MOVED_ROBOT
+        They are changed.
+    """
+    for run in range(len(robots)):
+        if robots[run].ticks:
+            move_row(
+                floor.sides, floor.walls_before, vertical[run], horizontal[run],
+                rings.effects_ns[run], rings.waiting_duties[run], rings.steps[run], robots[run],
+            )  # fmt: skip
+
+
+def move_row(
+    sides: Any,
+    walls_before: Any,
+    vertical: Any,
+    horizontal: Any,
+    effects_ns: Any,
+    waiting_duties: Any,
+    steps: Any,
+    robot: Any,
+) -> None:
+    """Move one of the robots of :func:`move_robots`."""
+    is_new = not robot.has_begun
+    if is_new:
+        robot.has_begun = True
+        begun = robot_constants(
+            plant_constants(robot.plant_parameters, FIRST_TICK_NS),
+            robot.gyro, robot.encoder, robot.sonar,
+        )  # fmt: skip
+        write_constants(robot.constants, begun)
+        write_plant(robot.plant, initial_state(begun.plant, FIRST_TICK_NS, 0))
+        write_observer(robot.observer, NOTHING_OBSERVED)
+        clear_rings(begun.plant, effects_ns, steps)
+    constants = read_constants(robot.constants)
+    duty_x, duty_y = percent(robot.action[0]), percent(robot.action[1])
+    state, observer = move_robot(
+        constants, robot.settings.time_start, is_new,
+        read_plant(robot.plant), read_observer(robot.observer), duty_x, duty_y, robot.ticks,
+        vertical[:, 0], vertical[:, 1], horizontal[:, 0], horizontal[:, 1],
+        effects_ns, waiting_duties, steps, sides, walls_before,
+    )  # fmt: skip
+    write_plant(robot.plant, state)
+    write_observer(robot.observer, observed(observer))
+    robot.duty[0], robot.duty[1] = duty_x, duty_y
+    observation = observation_of(observer, robot.settings)
+    for number in range(len(robot.measured)):
+        robot.measured[number] = observation[number]
+    reached = true_state(constants.plant, state)
+    for number in range(len(robot.true)):
+        robot.true[number] = reached[number]
+    robot.is_over = state.is_fallen or state.is_stopped
