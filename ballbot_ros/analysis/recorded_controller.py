@@ -12,8 +12,6 @@ from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from ballbot_ros.controllers.loading import (
     GROUP,
     MAIN,
@@ -30,7 +28,7 @@ from ballbot_ros.errors import ControllerError, one_line, printable
 from ballbot_ros.files import write_temporary
 from ballbot_ros.lockstep.participants import SOURCE_HASH, Participant
 from ballbot_ros.parameters import DOCUMENTS_PROGRAM
-from ballbot_ros.parameters.yaml_document import parse_data
+from ballbot_ros.parameters.yaml_document import parse_data, yaml_text
 from ballbot_ros.recording.reader import AttachedFile
 from ballbot_ros.recording.rosbag2 import CONTROLLER_INFO, CONTROLLER_SOURCES
 
@@ -99,7 +97,7 @@ def encode_controller(loaded: LoadedController) -> dict[str, bytes]:
     """Return the attachments of a controller, by file name."""
     identity, source = asdict(ControllerIdentity.of(loaded)), loaded.code.source
     return {
-        CONTROLLER_INFO: yaml.safe_dump(identity, sort_keys=False).encode(),
+        CONTROLLER_INFO: yaml_text(identity).encode(),
         f'controller{source.suffix}': source.data,
     }
 

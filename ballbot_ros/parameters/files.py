@@ -8,13 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from ballbot_ros.parameters.controller import is_own
 from ballbot_ros.parameters.parameter import ParameterError
 from ballbot_ros.parameters.parameter_set import ParameterSet
 from ballbot_ros.parameters.table import ALL_NODES, NODES, parameters_of
-from ballbot_ros.parameters.yaml_document import YamlDocument, parse_value
+from ballbot_ros.parameters.yaml_document import YamlDocument, parse_value, yaml_text
 
 
 def read_parameter_file(path: str | Path) -> ParameterSet:
@@ -94,7 +93,7 @@ def format_parameters(
         for node in nodes
         if parameters_of(node)
     }
-    return yaml.safe_dump(content, sort_keys=False, allow_unicode=True, default_flow_style=None)
+    return yaml_text(content, has_inner_lines=False)
 
 
 Parameters = Mapping[str, object] | str | os.PathLike[str]

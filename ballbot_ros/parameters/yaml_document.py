@@ -53,6 +53,33 @@ _Loader.add_implicit_resolver(
 _Loader.add_constructor(_INT, lambda loader, node: int(loader.construct_scalar(node)))  # type: ignore[arg-type]
 
 
+class _Dumper(getattr(yaml, 'CSafeDumper', yaml.SafeDumper)):  # type: ignore[misc]
+    """Writes as libyaml does, which takes a tenth of the time, and without aliases."""
+
+    def ignore_aliases(self, data: object) -> bool:
+        return True
+
+
+def yaml_text(data: object, *, has_inner_lines: bool = True) -> str:
+    """Return data as YAML.
+
+    Parameters
+    ----------
+    has_inner_lines : bool
+        Whether each element of the innermost lists has a line of its own.
+
+    Raises
+    ------
+    yaml.YAMLError
+        If a value is neither a number, a text, a list nor a mapping.
+    """
+    style = False if has_inner_lines else None
+    text: str = yaml.dump(
+        data, Dumper=_Dumper, sort_keys=False, allow_unicode=True, default_flow_style=style
+    )
+    return text
+
+
 def parse_value(text: str) -> object:
     """Return the value that `text` has in a YAML file, or `text` itself if it is not valid YAML."""
     return _parse(text, text)

@@ -8,9 +8,7 @@ from functools import lru_cache
 from pathlib import PurePath
 from typing import Any, NamedTuple
 
-import yaml
-
-from ballbot_ros.parameters.yaml_document import parse_data
+from ballbot_ros.parameters.yaml_document import parse_data, yaml_text
 
 INFINITE = 2**63 - 1
 """An infinite duration [ns]."""
@@ -151,7 +149,7 @@ class TimeRange(NamedTuple):
 @lru_cache(64)
 def offered_qos_profiles(profiles: tuple[QosProfile, ...]) -> str:
     """Return `profiles`, one per publisher, as the channel metadata ``offered_qos_profiles``."""
-    return _yaml(_qos(profiles))
+    return yaml_text(_qos(profiles))
 
 
 def parse_offered_qos(text: str) -> list[QosProfile]:
@@ -204,7 +202,7 @@ def serialized_metadata(
         'duration': {'nanoseconds': end - start},
         'message_count': sum(topic.count for topic in topics),
     }
-    return _yaml(
+    return yaml_text(
         {
             'version': _VERSION,
             'storage_identifier': 'mcap',
@@ -252,12 +250,3 @@ def _qos(profiles: Iterable[QosProfile]) -> list[dict[str, object]]:
         }
         for profile in profiles
     ]
-
-
-class _Dumper(yaml.SafeDumper):
-    def ignore_aliases(self, data: object) -> bool:
-        return True
-
-
-def _yaml(value: object) -> str:
-    return yaml.dump(value, Dumper=_Dumper, sort_keys=False, allow_unicode=True)

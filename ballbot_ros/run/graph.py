@@ -7,8 +7,6 @@ from collections.abc import Iterable, Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-import yaml
-
 from ballbot_ros import __version__
 from ballbot_ros.analysis.recorded_controller import encode_controller
 from ballbot_ros.controllers.loading import public_reference
@@ -16,6 +14,7 @@ from ballbot_ros.files import write_temporary
 from ballbot_ros.nodes.middleware import DOMAIN, ros_domain
 from ballbot_ros.parameters import CONTROLLER, GAMEPAD, PLANT, RECORDER, ParameterSet
 from ballbot_ros.parameters.files import format_parameters
+from ballbot_ros.parameters.yaml_document import yaml_text
 from ballbot_ros.recording.rosbag2 import PARAMETERS, SCENARIO, VERSIONS
 from ballbot_ros.robot.world.floor_map import image_suffix, is_file_name, read_map_file
 from ballbot_ros.run.observer import RunObserver
@@ -48,7 +47,7 @@ def attachments_of(spec: RunSpec) -> Mapping[str, bytes]:
     return {
         **({SCENARIO: text.encode()} if text else {}),
         PARAMETERS: format_parameters(parameters).encode(),
-        VERSIONS: yaml.safe_dump(_versions(), sort_keys=False).encode(),
+        VERSIONS: yaml_text(_versions()).encode(),
         **files,
     }
 

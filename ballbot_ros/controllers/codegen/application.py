@@ -8,7 +8,6 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
-import yaml
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from ballbot_ros import __version__
@@ -18,6 +17,7 @@ from ballbot_ros.controllers.document.program import LOWEST_TONE_HZ, VOLTAGE_OFF
 from ballbot_ros.errors import CodegenError
 from ballbot_ros.files import program, read_bytes, read_text
 from ballbot_ros.parameters import CONTROLLER, ControllerParameters, Parameter, parameters_of
+from ballbot_ros.parameters.yaml_document import yaml_text
 from ballbot_ros.robot.brick.bluetooth import PACKET_SIZE
 from ballbot_ros.robot.brick.schedule import TaskTiming
 from ballbot_ros.robot.brick.sensors import NO_ECHO_CM
@@ -195,7 +195,7 @@ def _parameter_file(parameters: ControllerParameters) -> str:
         if (value := getattr(parameters, name, None)) is not None
     }
     document = {f'/**/{CONTROLLER}': {'ros__parameters': content}}
-    return yaml.safe_dump(document, sort_keys=False, default_flow_style=None)
+    return yaml_text(document, has_inner_lines=False)
 
 
 def write_application(folder: Path, parameters: ControllerParameters) -> list[Path]:

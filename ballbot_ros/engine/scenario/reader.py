@@ -9,8 +9,6 @@ from itertools import pairwise
 from pathlib import Path
 from typing import ClassVar, TypeVar, cast
 
-import yaml
-
 from ballbot_ros.controllers.loading import resolve_reference
 from ballbot_ros.engine.scenario.metrics import METRICS
 from ballbot_ros.engine.scenario.scenario import (
@@ -34,7 +32,7 @@ from ballbot_ros.parameters import (
     parameters_of,
 )
 from ballbot_ros.parameters.files import leaves
-from ballbot_ros.parameters.yaml_document import YamlDocument
+from ballbot_ros.parameters.yaml_document import YamlDocument, yaml_text
 from ballbot_ros.robot.plant.ground_truth import FORCE_LIMIT
 from ballbot_ros.robot.world.floor_map import is_file_name, load_map
 from ballbot_ros.robot.world.world import World
@@ -237,7 +235,7 @@ class ScenarioReader(ExpectationReader):
         """Return the file's text; if `profile` is given, it replaces the one in the file."""
         if profile is None:
             return read_text(self._document.path)
-        return yaml.safe_dump({**data, 'profile': profile}, sort_keys=False, allow_unicode=True)
+        return yaml_text({**data, 'profile': profile})
 
     def _parameters(self, data: Mapping[str, object], profile: str | None) -> ParameterSet:
         try:

@@ -22,6 +22,7 @@ from ballbot_ros.lab.studies.reader import read_study
 from ballbot_ros.lab.studies.sampling import Sampler
 from ballbot_ros.lab.studies.study_data import StudyData
 from ballbot_ros.parameters.files import plain_value
+from ballbot_ros.parameters.yaml_document import yaml_text
 
 if TYPE_CHECKING:
     import pandas
@@ -113,7 +114,7 @@ def _reference(study: str | os.PathLike[str] | Mapping[str, object], scratch: Pa
             content[key] = str(Path.cwd() / reference)
     path = scratch / 'study.yaml'
     try:
-        text = yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
+        text = yaml_text(content)
     except yaml.YAMLError:
         raise BallbotError(
             'study: a value is neither a number, a text, a list nor a mapping'

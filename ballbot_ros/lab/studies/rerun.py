@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import yaml
 
 from ballbot_ros.controllers.loading import is_installed
 from ballbot_ros.engine.scenario.library import load_scenario
@@ -25,6 +24,7 @@ from ballbot_ros.parameters import (
     PlantParameters,
 )
 from ballbot_ros.parameters.files import format_parameters, read_parameter_file
+from ballbot_ros.parameters.yaml_document import yaml_text
 from ballbot_ros.run.processes import Processes
 from ballbot_ros.run.spec import RunOptions, RunSpec
 
@@ -38,7 +38,7 @@ _OF_A_RUN = ('scenario', 'device', 'output', 'attachments', 'trajectory_file')
 def scenario_text(scenario: Scenario, plant: PlantParameters) -> str:
     """Return the text of a file of a scenario with a plant; it can be in any folder."""
     data = scenario_data(scenario, plant)
-    return yaml.safe_dump(data, sort_keys=False, allow_unicode=True)
+    return yaml_text(data)
 
 
 def parameter_text(parameters: ParameterSet) -> str:

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
 from ballbot_ros.errors import WorldError
+from ballbot_ros.parameters.yaml_document import yaml_text
 from ballbot_ros.robot.world.floor_map import CELL_M, FLOOR, LINE, WALL, FloorMap
 
 WALL_HEIGHT_CM = 20
@@ -144,7 +144,7 @@ def _write_nav2(floor_map: FloorMap, image: str, stream: BinaryIO) -> None:
         'occupied_thresh': 0.65,
         'free_thresh': 0.196,
     }
-    stream.write(yaml.safe_dump(content, sort_keys=False, allow_unicode=True).encode())
+    stream.write(yaml_text(content).encode())
 
 
 def _write_pgm(floor_map: FloorMap, stream: BinaryIO) -> None:
