@@ -13,6 +13,7 @@ from graph import Node, Run, call, free_domain
 
 from ballbot_ros.cli import progress
 from ballbot_ros.controllers import controller_program
+from ballbot_ros.engine.compilation import NO_BACKGROUND
 from ballbot_ros.errors import ViewerError
 from ballbot_ros.files import COMMAND_ENV
 from ballbot_ros.nodes.middleware import prepare_middleware
@@ -26,6 +27,9 @@ prepare_middleware()
 
 # The name of the command in its output does not depend on PATH or on how the tests were started.
 os.environ[COMMAND_ENV] = 'ballbot'
+
+# A test compiles what it needs.
+os.environ[NO_BACKGROUND] = '1'
 
 # What a command prints must not depend on the speed of the machine.
 progress.LINE_PERIOD_S = threading.TIMEOUT_MAX

@@ -8,6 +8,7 @@ import hashlib
 import os
 import platform
 import shutil
+import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -39,8 +40,12 @@ class CompilationError(BallbotError):
     """Functions can't be compiled here."""
 
 
+NO_BACKGROUND = 'BALLBOT_NO_BACKGROUND'
+"""Environment variable: if it is set, nothing is compiled in the background."""
+
 _functions: dict[Function, Any] = {}
 _kept_functions: dict[tuple[Function, str], Function] = {}
+_in_background: set[Function] = set()
 
 
 def compiled(function: Function) -> Function:
@@ -141,6 +146,28 @@ def has_kept_code(name: str = '*') -> bool:
     """Return whether machine code of a function, or of any, is on disk."""
     folder = _folder()
     return folder is not None and any(folder.rglob(f'*.{name}-*.nbi'))
+
+
+def compile_in_background(function: Function, compiles: Callable[[], None]) -> None:
+    """Let a process of the lowest priority compile a function for the next time, unless it is kept.
+
+    It goes on when this one has ended. Each process starts at most one for a function.
+
+    Parameters
+    ----------
+    compiles : callable
+        A function at the top of a module that does it.
+    """
+    if not can_compile() or NO_BACKGROUND in os.environ or _folder() is None or is_kept(function):
+        return
+    if function in _in_background:
+        return
+    _in_background.add(function)
+    module, name = compiles.__module__, compiles.__name__
+    idle = 'import os; os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))'
+    nothing = [(os.POSIX_SPAWN_OPEN, number, os.devnull, os.O_RDWR, 0) for number in range(3)]
+    words = [sys.executable, '-c', f'{idle}; import {module}; {module}.{name}()']
+    os.posix_spawn(sys.executable, words, os.environ, file_actions=nothing, setsid=True)
 
 
 @cache

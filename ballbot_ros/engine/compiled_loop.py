@@ -14,6 +14,7 @@ from ballbot_ros.controllers.document.program import ControlProgram, ProgramStat
 from ballbot_ros.engine.closed_loop import ClosedLoop
 from ballbot_ros.engine.compilation import (
     can_compile,
+    compile_in_background,
     compiled_and_kept,
     is_kept,
     is_loaded,
@@ -62,6 +63,20 @@ def pays(ticks: int) -> bool:
     _asked['ticks'] += ticks
     is_worth_loading = _asked['ticks'] >= MIN_TICKS
     return is_loaded(simulate_runs) or (is_worth_loading and is_kept(simulate_runs))
+
+
+def compile_for_the_next_time() -> None:
+    """Let the code be compiled in the background if the runs so far would have been worth it."""
+    if _asked['ticks'] >= MIN_TICKS:
+        compile_in_background(simulate_runs, compile_runs)
+
+
+def compile_runs() -> None:
+    """Compile the code of runs, and keep it."""
+    parameters = ParameterSet()
+    program = ControlProgram(parameters.of(ControllerParameters))
+    loop = ClosedLoop(parameters, program=program)
+    CompiledLoop(loop, program, parameters, Scenario()).advance(1)
 
 
 class TickColumns(NamedTuple):

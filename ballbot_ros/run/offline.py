@@ -11,7 +11,7 @@ import numpy as np
 from ballbot_ros.controllers.codegen.implementation import implementation_for
 from ballbot_ros.controllers.document.program import ControlProgram
 from ballbot_ros.engine.closed_loop import ClosedLoop
-from ballbot_ros.engine.compiled_loop import CompiledLoop, pays
+from ballbot_ros.engine.compiled_loop import CompiledLoop, compile_for_the_next_time, pays
 from ballbot_ros.engine.pacer import Pacer
 from ballbot_ros.engine.trajectory import TrajectoryLog
 from ballbot_ros.errors import ControllerError, RecordingError
@@ -51,6 +51,8 @@ def run_offline(spec: RunSpec, recording: Path | None, observer: RunObserver) ->
         except RecordingError as error:
             summary = run.summary(str(error))
             observer.notice(str(error))
+    if run.engine is Engine.INTERPRETED:
+        compile_for_the_next_time()
     result = RunResult.from_summary(summary_json(summary), run.log.trajectory())
     result = replace(result, engine=run.engine)
     return replace(result, failure_status=128 + stop.signal) if stop.signal else result

@@ -9,6 +9,7 @@ import pytest
 pytest.importorskip('numba')
 
 from ballbot_ros.engine import compiled_loop
+from ballbot_ros.engine.compilation import is_kept
 from ballbot_ros.lockstep.run_actions import Outcome
 from ballbot_ros.run import offline
 from ballbot_ros.run.observer import LogObserver
@@ -97,6 +98,24 @@ def test_few_ticks_do_not_load_compiled_code(monkeypatch):
     assert not compiled_loop.pays(most)
     monkeypatch.setattr(compiled_loop, 'is_loaded', lambda function: True)
     assert compiled_loop.pays(1)
+
+
+def test_runs_that_would_have_been_worth_it_let_the_code_be_compiled(monkeypatch):
+    started = []
+    with monkeypatch.context() as patch:
+        patch.setattr(compiled_loop, 'compile_in_background', lambda *what: started.append(what))
+        patch.setattr(compiled_loop, '_asked', Counter())
+        patch.setattr(compiled_loop, 'is_loaded', lambda function: False)
+        patch.setattr(compiled_loop, 'is_kept', lambda function: False)
+        patch.setattr(compiled_loop, 'MIN_TICKS', 50)
+        spec = spec_of('stationary', 'plant_sim.duration=0.1')
+        assert run(spec).engine is Engine.INTERPRETED
+        run(spec_of('stationary', 'plant_sim.duration=9', controller='pid'))
+        assert not started
+        run(spec)
+    assert started == [(compiled_loop.simulate_runs, compiled_loop.compile_runs)]
+    compiled_loop.compile_runs()
+    assert is_kept(compiled_loop.simulate_runs)
 
 
 def test_a_signal_ends_a_long_compiled_run(always):

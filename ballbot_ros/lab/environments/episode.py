@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
@@ -19,6 +20,7 @@ from ballbot_ros.controllers.policy import (
 )
 from ballbot_ros.engine.compilation import (
     can_compile,
+    compile_in_background,
     compiled_and_kept,
     is_kept,
     is_loaded,
@@ -41,7 +43,9 @@ from ballbot_ros.engine.plant_tick import (
 )
 from ballbot_ros.engine.rows import RobotRows, state_of
 from ballbot_ros.engine.run import clear_rings, longest_age, robot_constants
+from ballbot_ros.lab.environments.setup import DEVICES as DEVICES_OBSERVED
 from ballbot_ros.lab.environments.setup import Setup, Start
+from ballbot_ros.lab.environments.tasks import BALANCE
 from ballbot_ros.parameters import (
     DEVICES,
     ControllerParameters,
@@ -51,7 +55,7 @@ from ballbot_ros.parameters import (
     PlantParameters,
     SonarParameters,
 )
-from ballbot_ros.parameters.timing import FIRST_TICK_NS
+from ballbot_ros.parameters.timing import FIRST_TICK_NS, TICK_MS
 from ballbot_ros.robot.world.world import World
 
 PARAMETERS: dict[str, type[NodeParameters]] = {
@@ -62,6 +66,12 @@ PARAMETERS: dict[str, type[NodeParameters]] = {
     'settings': ControllerParameters,
 }
 """The parameters in a row of a robot."""
+
+MANY_TICKS = 100_000
+"""The interpreter makes them in a quarter of the time that compiling takes."""
+
+_interpreted = Counter[str]()
+"""The number of ticks that the interpreter has made."""
 
 NEUTRAL_FROM_THEN = (np.inf, 0.0)
 """A point of a stick signal that follows all others."""
@@ -135,6 +145,11 @@ def new_episode(setup: Setup) -> Episode:
     return CompiledEpisode(setup) if has_compiled_code() else InterpretedEpisode(setup)
 
 
+def compile_moves() -> None:
+    """Compile the code that moves robots, and keep it."""
+    MovedRobots(Setup.of(BALANCE, DEVICES_OBSERVED, TICK_MS, None, None, None), 1).move()
+
+
 def has_compiled_code() -> bool:
     """Return whether there is compiled code for robots of environments."""
     return can_compile() and (is_loaded(move_robots) or is_kept(move_robots))
@@ -149,6 +164,8 @@ class InterpretedEpisode:
 
     def begin(self, start: Start) -> None:
         """Begin an episode."""
+        if _interpreted['ticks'] > MANY_TICKS:
+            compile_in_background(move_robots, compile_moves)
         self._prepare(start)
         self._move(self._setup.held_ticks + 1, is_new=True)
 
@@ -180,6 +197,7 @@ class InterpretedEpisode:
 
     def _move(self, ticks: int, *, is_new: bool = False) -> None:
         settings = self._setup.settings
+        _interpreted['ticks'] += ticks
         self._state, observer = move_robot(
             self._constants, settings.time_start, is_new, self._state, self._observer,
             *self.duty, ticks, *self._points, self._effects_ns, self._duties, self._steps,

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from collections import Counter
 
 import gymnasium
 import numpy as np
@@ -175,6 +176,23 @@ def test_an_invalid_argument_is_told_in_one_line(arguments, message):
 def test_an_invalid_reset_is_told_in_one_line(arguments):
     with pytest.raises(EnvironmentConfigurationError, match=r'^(seed|options): .*robots|bool'):
         BalanceVectorEnv(2).reset(**arguments)
+
+
+def test_many_ticks_of_the_interpreter_let_the_code_be_compiled(monkeypatch):
+    started = []
+    with monkeypatch.context() as patch:
+        patch.setattr(episode, 'has_compiled_code', lambda: False)
+        patch.setattr(episode, 'compile_in_background', lambda *what: started.append(what))
+        patch.setattr(episode, '_interpreted', Counter())
+        patch.setattr(episode, 'MANY_TICKS', 300)
+        env = BalanceEnv()
+        env.reset()
+        env.reset()
+        assert not started
+        env.reset()
+    assert started == [(episode.move_robots, episode.compile_moves)]
+    episode.compile_moves()
+    assert episode.has_compiled_code()
 
 
 def test_without_numba_it_says_what_to_install():

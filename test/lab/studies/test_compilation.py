@@ -4,10 +4,16 @@ import contextlib
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
 pytest.importorskip('numba')
+
+from compiled_logarithm import compile_logarithm
+
+from ballbot_ros.engine import compilation
+from ballbot_ros.robot.numerics.elementary import natural_log
 
 PROGRAM = """
 from numba.core.event import install_recorder
@@ -23,6 +29,33 @@ with install_recorder('numba:compile') as recorder:
 compiled = [event.data['dispatcher'].py_func.__name__ for _, event in recorder.buffer]
 print('natural_log' in compiled)
 """
+
+
+def test_a_function_is_compiled_in_the_background_and_only_once(tmp_path, monkeypatch):
+    monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path))
+    monkeypatch.setenv('PYTHONPATH', str(Path(__file__).parents[2]), prepend=os.pathsep)
+    monkeypatch.delenv(compilation.NO_BACKGROUND)
+    monkeypatch.setattr(compilation, '_in_background', set())
+    started, spawn = [], os.posix_spawn
+
+    def counted(*words, **options):
+        started.append(spawn(*words, **options))
+
+    monkeypatch.setattr(os, 'posix_spawn', counted)
+    compilation._folder.cache_clear()
+    try:
+        for _ in range(2):
+            compilation.compile_in_background(natural_log, compile_logarithm)
+        (process,) = started
+        assert os.getsid(process) == process
+        _, status = os.waitpid(process, 0)
+        assert status == 0
+        assert compilation.is_kept(natural_log)
+        monkeypatch.setattr(compilation, '_in_background', set())
+        compilation.compile_in_background(natural_log, compile_logarithm)
+        assert len(started) == 1
+    finally:
+        compilation._folder.cache_clear()
 
 
 def test_of_several_processes_that_need_it_at_once_one_compiles(tmp_path):
