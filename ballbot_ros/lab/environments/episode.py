@@ -253,6 +253,14 @@ class MovedRobots:
         self.rings = rings_of(parameters)
         self._sticks = [np.zeros((count, 0, 2)) for _ in range(2)]
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what a copy or another process needs; compiled code can't be pickled."""
+        return {name: value for name, value in vars(self).items() if name != '_run'}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self._run = compiled_and_kept(move_robots)
+
     def begin(self, at: int, start: Start) -> None:
         """Let a robot begin an episode with the next move, which is to hold it."""
         row = self.rows[at]

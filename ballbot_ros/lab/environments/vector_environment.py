@@ -122,16 +122,14 @@ class BallbotVectorEnv(VectorEnv[Floats, Any, NDArray[Any]]):
         infos : dict
             The infos of the robots in columns, each with a mask.
         """
-        options = dict(options or {})
-        mask = self._checked_mask(options.pop(RESET_MASK, None))
+        mask = np.ones(self.num_envs, np.bool_)
+        if isinstance(options, Mapping) and RESET_MASK in options:
+            mask = self._checked_mask(options[RESET_MASK])
+            options = {name: value for name, value in options.items() if name != RESET_MASK}
         given = self._setup.checked_options(options)
-        seeds = [seed + at for at in range(self.num_envs)] if isinstance(seed, int) else seed
-        if seeds is not None and len(seeds) != self.num_envs:
-            raise EnvironmentConfigurationError(
-                f'seed: {len(seeds)} numbers for {self.num_envs} robots'
-            )
+        seeds = self._seeds(seed)
         for at in np.flatnonzero(mask).tolist():
-            if seeds is not None and seeds[at] is not None:
+            if seeds[at] is not None:
                 self._generators[at], _ = seeding.np_random(seeds[at])
         infos: Infos = {}
         self._rows['ticks'] = 0
@@ -227,9 +225,17 @@ class BallbotVectorEnv(VectorEnv[Floats, Any, NDArray[Any]]):
         np.minimum(observations, self._high, out=observations)
         return observations
 
+    def _seeds(self, seed: int | Sequence[int | None] | None) -> Sequence[int | None]:
+        if isinstance(seed, int | np.integer):
+            return [int(seed) + at for at in range(self.num_envs)]
+        seeds = [None] * self.num_envs if seed is None else seed
+        if not isinstance(seeds, Sequence) or len(seeds) != self.num_envs:
+            raise EnvironmentConfigurationError(
+                f'seed: {short_repr(seed)} is neither a number nor a list of {self.num_envs}'
+            )
+        return seeds
+
     def _checked_mask(self, mask: object) -> Mask:
-        if mask is None:
-            return np.ones(self.num_envs, np.bool_)
         array = np.asarray(mask)
         if array.dtype != np.bool_ or array.shape != (self.num_envs,) or not array.any():
             raise EnvironmentConfigurationError(

@@ -1,5 +1,7 @@
 """Many robots in one call of compiled code are those of single environments, to the last bit."""
 
+import copy
+import pickle
 import subprocess
 import sys
 from collections import Counter
@@ -105,6 +107,17 @@ def test_seeds_and_options_are_those_of_each_robot():
     assert len(set(many.reset()[1]['seed'].tolist())) == COUNT
 
 
+@pytest.mark.parametrize('duplicate', [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
+def test_a_copy_continues_alike_and_by_itself(duplicate):
+    env = DriveVectorEnv(2, step_ms=20, duration=0.1, profile='hardware')
+    env.reset(seed=3)
+    env.step(np.zeros((2, 2)))
+    again = duplicate(env)
+    for _ in range(8):
+        actions = np.full((2, 2), 0.2)
+        assert_same(env.step(actions), again.step(actions))
+
+
 def test_the_registry_makes_them():
     made = gymnasium.make_vec('ballbot_ros/Drive-v0', num_envs=3, step_ms=20, duration=0.1)
     assert isinstance(made.unwrapped, DriveVectorEnv)
@@ -168,13 +181,17 @@ def test_an_invalid_argument_is_told_in_one_line(arguments, message):
     'arguments',
     [
         {'seed': [1, 2, 3]},
+        {'seed': 1.5},
+        {'options': 3},
         {'options': {'reset_mask': [1, 0]}},
         {'options': {'reset_mask': np.zeros(2, bool)}},
         {'options': {'reset_mask': np.ones(3, bool)}},
     ],
 )
 def test_an_invalid_reset_is_told_in_one_line(arguments):
-    with pytest.raises(EnvironmentConfigurationError, match=r'^(seed|options): .*robots|bool'):
+    with pytest.raises(
+        EnvironmentConfigurationError, match=r'^(seed|options): .*(list of 2|bool|no mapping)'
+    ):
         BalanceVectorEnv(2).reset(**arguments)
 
 
