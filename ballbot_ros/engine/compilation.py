@@ -167,7 +167,8 @@ def compile_in_background(function: Function, compiles: Callable[[], None]) -> N
     idle = 'import os; os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))'
     nothing = [(os.POSIX_SPAWN_OPEN, number, os.devnull, os.O_RDWR, 0) for number in range(3)]
     words = [sys.executable, '-c', f'{idle}; import {module}; {module}.{name}()']
-    os.posix_spawn(sys.executable, words, os.environ, file_actions=nothing, setsid=True)
+    with suppress(OSError):  # nothing depends on it: the system may have no room for a process
+        os.posix_spawn(sys.executable, words, os.environ, file_actions=nothing, setsid=True)
 
 
 @cache

@@ -58,6 +58,15 @@ def test_a_function_is_compiled_in_the_background_and_only_once(tmp_path, monkey
         compilation._folder.cache_clear()
 
 
+def test_a_system_without_room_for_a_process_goes_on_without(tmp_path, monkeypatch):
+    monkeypatch.delenv(compilation.NO_BACKGROUND)
+    monkeypatch.setattr(compilation, '_in_background', set())
+    monkeypatch.setattr(compilation, 'is_kept', lambda function: False)
+    monkeypatch.setattr(sys, 'executable', str(tmp_path / 'missing'))
+    compilation.compile_in_background(natural_log, compile_logarithm)
+    assert compilation._in_background == {natural_log}
+
+
 def test_of_several_processes_that_need_it_at_once_one_compiles(tmp_path):
     environment = {**os.environ, 'XDG_CACHE_HOME': str(tmp_path)}
     with contextlib.ExitStack() as stack:
