@@ -81,6 +81,16 @@ def summary_holds(data: mmap, footer: Footer) -> bool:
     return zlib.crc32(data[start:end]) == footer.summary_crc
 
 
+def is_finished(path: Path) -> bool:
+    """Return whether a recording is there and has its end, so that nobody was killed writing it."""
+    try:
+        with open_regular(path) as file:
+            end = file.seek(-len(MCAP0_MAGIC), os.SEEK_END)
+            return end > 0 and file.read() == MCAP0_MAGIC
+    except OSError:
+        return False
+
+
 class RecordingReader:
     """A recording, read message by message in file order.
 

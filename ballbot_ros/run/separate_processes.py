@@ -27,6 +27,7 @@ from ballbot_ros.parameters import ALL_NODES, NODES, PLANT, RECORDER, ParameterS
 from ballbot_ros.parameters.files import write_parameter_file
 from ballbot_ros.parameters.timing import FIRST_TICK_NS, SECOND_NS
 from ballbot_ros.process import StopRequest
+from ballbot_ros.recording.reader import is_finished
 from ballbot_ros.run.graph import call_for_external, graph_parameters
 from ballbot_ros.run.node_process import ForkClient, NodeProcess, stop_all
 from ballbot_ros.run.observer import RunObserver
@@ -145,7 +146,12 @@ def run_in_separate_processes(
             trajectory, summary = load_trajectory(trajectory_file)
             plant_result = RunResult.from_summary(summary, trajectory)
         return merge_process_failures(
-            processes, plant_result, failure, stop, is_replaced=is_replaced()
+            processes,
+            plant_result,
+            failure,
+            stop,
+            is_replaced=is_replaced(),
+            is_recorded=recording is None or is_finished(recording),
         )
 
 
@@ -250,13 +256,16 @@ def merge_process_failures(
     stop: StopRequest,
     *,
     is_replaced: bool,
+    is_recorded: bool = True,
 ) -> RunResult:
     """Return the result of a run, including failures that the plant can't know.
 
     A run that the plant has completed stays completed, whatever happens to the processes
-    afterwards. `failure` is what :func:`watch` has returned.
+    afterwards, if its recording is finished. `failure` is what :func:`watch` has returned.
     """
     failed = {p.name: p.failure for p in processes.values() if p.exit_status in (1, 2)}
+    if not is_recorded and RECORDER in processes:
+        failed[RECORDER] = processes[RECORDER].failure
     is_complete = plant_result.is_complete
     if stop.signal:
         status = 128 + stop.signal

@@ -15,7 +15,7 @@ from text_messages import STRING, string
 from ballbot_ros.errors import RecordingError
 from ballbot_ros.recording import reader as reading
 from ballbot_ros.recording.mcap_records import LimitedReader
-from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.recording.reader import RecordingReader, is_finished
 from ballbot_ros.recording.schemas import encoder, new_message
 from ballbot_ros.recording.writer import RecordingWriter
 
@@ -51,6 +51,15 @@ def test_every_message_comes_back(recording, sample, plain):
     for (topic, type_name, stamp_ns, message, _), found in zip(sample, read, strict=True):
         assert found[:2] == (topic, stamp_ns)
         assert plain(found[2], type_name) == plain(message, type_name)
+
+
+def test_only_a_file_with_its_end_is_finished(recording, tmp_path):
+    assert is_finished(recording)
+    content, path = recording.read_bytes(), tmp_path / 'part.mcap'
+    assert not is_finished(path)
+    for size in (0, 3, MAGIC_SIZE, len(content) // 2, len(content) - 1):
+        path.write_bytes(content[:size])
+        assert not is_finished(path), size
 
 
 def test_raw_messages_are_as_recorded(recording, sample):

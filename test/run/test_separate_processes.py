@@ -64,6 +64,19 @@ def test_a_completed_run_is_completed():
         assert ended(outcome, failure, ends, signal) == expected, (outcome, failure, ends, signal)
 
 
+def test_a_run_whose_recorder_was_killed_before_it_finished_the_file_has_failed():
+    killed = {'recorder': -9}
+    assert ended('completed', '', killed, 0) == ('completed', '', 0)
+    found = ended('completed', '', killed, 0, is_recorded=False)
+    assert found == ('failed', f'recorder: {FULL}', 1)
+    assert ended('completed', '', {}, 0, is_recorded=False) == (
+        'completed',
+        '',
+        0,
+    )  # an external one
+    assert ended('stopped', '', killed, 15, is_recorded=False) == ('stopped', '', 143)
+
+
 def test_a_run_replaced_by_another_has_not_failed():
     for outcome, failure, signal, expected in (
         ('stopped', '', 0, ('stopped', '', 0)),
@@ -76,11 +89,13 @@ def test_a_run_replaced_by_another_has_not_failed():
         assert found == expected, (outcome, failure, signal)
 
 
-def ended(outcome, failure, ends, signal, *, is_replaced=False):
+def ended(outcome, failure, ends, signal, *, is_replaced=False, is_recorded=True):
     processes = {name: process(name, ends.get(name, 0)) for name in ('plant_sim', *ends)}
     by_the_plant = RunResult(Outcome(outcome))
     stop = SimpleNamespace(signal=signal)
-    result = merge_process_failures(processes, by_the_plant, failure, stop, is_replaced=is_replaced)
+    result = merge_process_failures(
+        processes, by_the_plant, failure, stop, is_replaced=is_replaced, is_recorded=is_recorded
+    )
     return result.outcome, result.reason, result.exit_status
 
 
