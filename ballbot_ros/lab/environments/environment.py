@@ -83,7 +83,6 @@ class BallbotEnv(gymnasium.Env[Floats, NDArray[np.float32]]):
         self.state_names = tuple(each.name for each in setup.state_components)
         self.observation_names = tuple(each.name for each in setup.components)
         self.observation_space = setup.space
-        self._low, self._high = setup.space.low, setup.space.high
         self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
         self._episode = new_episode(setup)
         self._has_begun, self._over, self._steps = False, True, 0
@@ -260,11 +259,9 @@ class BallbotEnv(gymnasium.Env[Floats, NDArray[np.float32]]):
                 )
 
     def _observation(self) -> Floats:
-        """Return the observation within its bounds, as a saturated device would report it."""
         episode = self._episode
         observation = np.array(self._setup.observation(episode.measured, episode.true))
-        np.maximum(observation, self._low, out=observation)
-        np.minimum(observation, self._high, out=observation)
+        self._setup.bound(observation)
         return observation
 
     def _info(self) -> Info:

@@ -223,6 +223,11 @@ class Setup:
             return measured[: len(self.components)]
         return (*state, *self._commanded(measured)) if self.task.drives else state
 
+    def bound(self, observations: Floats) -> None:
+        """Limit observations to their bounds, as a saturated device would report them."""
+        np.maximum(observations, self.space.low, out=observations)
+        np.minimum(observations, self.space.high, out=observations)
+
     def reward(self, measured: Vector, state: Vector, duty: Vector) -> tuple[Numbers, Parts]:
         """Return the reward of a step, and its parts by the names that they have in the info."""
         return self.task.reward(state, self._commanded(measured), duty)

@@ -83,7 +83,6 @@ class BallbotVectorEnv(VectorEnv[Floats, Any, NDArray[Any]]):
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._robots = MovedRobots(setup, num_envs)
         self._rows = self._robots.rows
-        self._low, self._high = setup.space.low, setup.space.high
         self._generators: list[np.random.Generator | None] = [None] * num_envs
         self._steps = np.zeros(num_envs, np.int64)
         self._over = np.ones(num_envs, np.bool_)
@@ -221,8 +220,7 @@ class BallbotVectorEnv(VectorEnv[Floats, Any, NDArray[Any]]):
         measured, true = self._rows['measured'], self._rows['true']
         columns = self._setup.observation(tuple(measured.T), tuple(true.T))
         observations = np.stack(columns, axis=1)
-        np.maximum(observations, self._low, out=observations)
-        np.minimum(observations, self._high, out=observations)
+        self._setup.bound(observations)
         return observations
 
     def _seeds(self, seed: int | Sequence[int | None] | None) -> Sequence[int | None]:
