@@ -14,6 +14,8 @@ from tempfile import TemporaryDirectory, TemporaryFile
 
 from ballbot_ros.errors import BallbotError
 
+OUR_PACKAGE = __name__.partition('.')[0]
+
 
 def open_regular(path: str | os.PathLike[str]) -> FileIO:
     """Open a regular file for reading.
@@ -109,7 +111,7 @@ def share_directory() -> Path:
         If the installation is incomplete.
     """
     for parent in Path(__file__).resolve().parents:
-        for candidate in (parent, parent / 'share' / 'ballbot_ros'):
+        for candidate in (parent, parent / 'share' / OUR_PACKAGE):
             if (candidate / 'package.xml').is_file() and (candidate / 'config').is_dir():
                 return candidate
     raise BallbotError('share/ballbot_ros/config not found in the installation of ballbot_ros')

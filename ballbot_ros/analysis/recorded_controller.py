@@ -15,7 +15,6 @@ from typing import Any
 from ballbot_ros.controllers.loading import (
     GROUP,
     MAIN,
-    OUR_PACKAGE,
     ControllerCode,
     LoadedController,
     find_code,
@@ -25,7 +24,7 @@ from ballbot_ros.controllers.loading import (
     resolve_reference,
 )
 from ballbot_ros.errors import ControllerError, one_line, printable
-from ballbot_ros.files import write_temporary
+from ballbot_ros.files import OUR_PACKAGE, write_temporary
 from ballbot_ros.lockstep.participants import SOURCE_HASH, Participant
 from ballbot_ros.parameters import DOCUMENTS_PROGRAM
 from ballbot_ros.parameters.yaml_document import parse_data, yaml_text

@@ -30,11 +30,11 @@ from ballbot_ros.analysis.replay import (
     replay_run,
 )
 from ballbot_ros.controllers.codegen.implementation import missing_tool_for, require_implementation
-from ballbot_ros.controllers.loading import OUR_PACKAGE, public_reference
+from ballbot_ros.controllers.loading import public_reference
 from ballbot_ros.controllers.own_parameters import own_rows
 from ballbot_ros.engine.closed_loop import Tick
 from ballbot_ros.errors import BallbotError, ControllerError, RecordingError, printable
-from ballbot_ros.files import write_temporary
+from ballbot_ros.files import OUR_PACKAGE, write_temporary
 from ballbot_ros.lockstep.participants import Participant
 from ballbot_ros.parameters import (
     CONTROLLER,

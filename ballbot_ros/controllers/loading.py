@@ -32,7 +32,7 @@ from ballbot_ros.errors import (
     one_line,
     short_repr,
 )
-from ballbot_ros.files import read_bytes, shown_path
+from ballbot_ros.files import OUR_PACKAGE, read_bytes, shown_path
 from ballbot_ros.parameters import DOCUMENTS_PROGRAM
 from ballbot_ros.robot.brick.schedule import TaskTiming
 
@@ -83,7 +83,6 @@ GROUP = 'ballbot_ros.controllers'
 MAIN = '__main__'
 """Module of a class that is defined in a notebook or in the main program."""
 
-OUR_PACKAGE = __name__.partition('.')[0]
 _MAX_LENGTH = 300
 
 

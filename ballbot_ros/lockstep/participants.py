@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple, cast
 
-from ballbot_ros.controllers.loading import OUR_PACKAGE
 from ballbot_ros.errors import one_line
+from ballbot_ros.files import OUR_PACKAGE
 from ballbot_ros.lockstep.lockstep import RunIdentity
 from ballbot_ros.parameters import parameters_of
 from ballbot_ros.parameters.timing import SECOND_NS

@@ -10,6 +10,7 @@ It serves the command that started it; the messages are described by
 from __future__ import annotations
 
 import ctypes
+import inspect
 import json
 import os
 import selectors
@@ -104,12 +105,18 @@ def import_nodes() -> str:
 
         from ballbot_ros.nodes.registry import REGISTRY
         from ballbot_ros.parameters import NODES
-        from ballbot_ros.recording.messages.topics import TOPICS
+        from ballbot_ros.recording.messages.topics import PARTICIPANTS, RUN, TOPICS
+        from ballbot_ros.recording.schemas import typestore
 
         for name in NODES:
             REGISTRY[name].load()
         for kind in (*(topic.message_class for topic in TOPICS), SetBool, Trigger):
             type(kind).__import_type_support__()
+        for topic in (PARTICIPANTS, RUN):
+            typestore().get_msgdef(topic.type_name)  # generates code for it
+    # The first line that a node logs makes `inspect` look up the files of all modules. It remembers
+    # them.
+    inspect.getmodule(inspect.currentframe())
     return ''
 
 

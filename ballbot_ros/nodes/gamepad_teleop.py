@@ -6,7 +6,7 @@ import sys
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
@@ -27,8 +27,6 @@ from ballbot_ros.nodes.teleop.gamepad import (
     list_devices,
 )
 from ballbot_ros.nodes.teleop.sticks import JoyMapping, VelocityMapping
-from ballbot_ros.nodes.teleop.terminal import keyboard_unavailable_reason
-from ballbot_ros.nodes.teleop_terminal import TeleopTerminal
 from ballbot_ros.parameters import GamepadParameters
 from ballbot_ros.parameters.timing import MILLISECOND_NS, SLOW_PERIOD_NS
 from ballbot_ros.recording.csv_log import CsvLog
@@ -48,6 +46,9 @@ from ballbot_ros.recording.messages.topics import (
     Topic,
 )
 from ballbot_ros.robot.brick.bluetooth import NEUTRAL, PacketError, Sticks
+
+if TYPE_CHECKING:
+    from ballbot_ros.nodes.teleop_terminal import TeleopTerminal
 
 TYPE_POLL_S = 0.2
 """Interval for looking up the type of ``cmd_vel``."""
@@ -247,9 +248,11 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
         path = parameters.log_csv
         if path and path != self.parameters.log_csv and Path(path).exists():
             raise TeleopError(f'{path}: already exists; choose another file')
-        is_new = parameters.keyboard and not self.parameters.keyboard
-        if is_new and (obstacle := keyboard_unavailable_reason()):
-            raise TeleopError(f'keyboard: {obstacle}')
+        if parameters.keyboard and not self.parameters.keyboard:
+            from ballbot_ros.nodes.teleop.terminal import keyboard_unavailable_reason
+
+            if obstacle := keyboard_unavailable_reason():
+                raise TeleopError(f'keyboard: {obstacle}')
         if parameters.device not in ('', ANY):
             SdlBackend()
 
@@ -277,8 +280,8 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
             self.terminal.close()
             self.terminal = None
         if self.parameters.keyboard:
-            # Imported only here: it takes a while, and only a terminal needs it.
-            from ballbot_ros.nodes.teleop_terminal import RobotStatus
+            # Imported only here: it takes a while, and most runs have no keyboard.
+            from ballbot_ros.nodes.teleop_terminal import RobotStatus, TeleopTerminal
 
             self.terminal = TeleopTerminal(
                 self, self._sources, lambda: self._command, RobotStatus(self)

@@ -332,3 +332,17 @@ assert line == b'x' * (len(line) - 1) + b'\\0', line
 
 def test_nothing_of_the_environment_follows_a_command_line_that_is_cut_off():
     subprocess.run([sys.executable, '-c', LONG_COMMAND_LINE], check=True)
+
+
+@pytest.mark.parametrize(
+    ('module', 'absent'),
+    [
+        ('ballbot_ros.cli.run', ('numpy', 'rclpy')),
+        ('ballbot_ros.nodes.fork_server', ('numpy', 'rclpy')),
+        ('ballbot_ros.nodes.gamepad_teleop', ('asyncio', 'websockets')),
+    ],
+)
+def test_a_run_imports_little_before_it_starts_the_nodes(module, absent):
+    code = f'import sys, {module}; print([name for name in {absent} if name in sys.modules])'
+    done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=False)
+    assert (done.stdout, done.stderr) == ('[]\n', '')
