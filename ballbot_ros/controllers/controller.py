@@ -92,19 +92,29 @@ class Readings(NamedTuple):
     @property
     def max_voltage(self) -> float:
         """Voltage of a motor at a duty of 100 % [V] (6.1)."""
-        return VOLTAGE_SLOPE * self.battery_mv + VOLTAGE_OFFSET
+        return max_voltage(self.battery_mv)
 
     def duty(self, voltage: float) -> int:
-        """Return the duty [%] nearest to a motor voltage [V], at most ±100.
+        """Return the duty [%] nearest to a motor voltage [V], as :func:`duty_of_voltage`."""
+        return duty_of_voltage(voltage, self.battery_mv)
 
-        It is 0 if the battery gives no voltage. It raises ValueError for NaN.
-        """
-        if math.isnan(voltage):
-            raise ValueError('the voltage is NaN')
-        if self.max_voltage <= 0.0:
-            return 0
-        duty = MAX_DUTY * voltage / self.max_voltage
-        return round(max(-MAX_DUTY, min(MAX_DUTY, duty)))
+
+def max_voltage(battery_mv: int) -> float:
+    """Return the voltage of a motor at a duty of 100 % [V] (6.1)."""
+    return VOLTAGE_SLOPE * battery_mv + VOLTAGE_OFFSET
+
+
+def duty_of_voltage(voltage: float, battery_mv: int) -> int:
+    """Return the duty [%] nearest to a motor voltage [V], at most ±100.
+
+    It is 0 if the battery gives no voltage. It raises ValueError for NaN.
+    """
+    if math.isnan(voltage):
+        raise ValueError('the voltage is NaN')
+    full = max_voltage(battery_mv)
+    if full <= 0.0:
+        return 0
+    return round(max(-100.0, min(100.0, MAX_DUTY * voltage / full)))
 
 
 NO_READINGS = Readings(0, (0, 0), (0, 0), 0)

@@ -3,22 +3,29 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
-from ballbot_ros.controllers.controller import Readings
+from ballbot_ros.controllers.controller import Duty, Readings, max_voltage
+from ballbot_ros.controllers.document import axis
 from ballbot_ros.controllers.document.axis import (
-    AT_REST,
     THOUSAND,
     TS1_PERIOD,
-    Constants,
-    PlaneValues,
     ProgramConstants,
     Single,
     constants_of,
     control,
 )
-from ballbot_ros.controllers.driving import DrivingController, PlaneController, PlaneInputs
-from ballbot_ros.controllers.interface import Estimates
+from ballbot_ros.controllers.driving import (
+    NO_MOTION,
+    STANDING_BY,
+    DrivingConstants,
+    DrivingController,
+    DrivingState,
+    Motion,
+    PlaneInputs,
+    drive,
+    driving_constants,
+)
 from ballbot_ros.parameters import ControllerParameters, quantity
 from ballbot_ros.parameters.timing import TICK_S
 from ballbot_ros.robot.plant.model import PhysicalParameters, mass_matrix
@@ -33,14 +40,130 @@ class DriftFilterParameters:
     )
 
 
+class LeanConstants(NamedTuple):
+    """Constants of :func:`observed_lean`: times [s] by which the rates of ball and body count."""
+
+    time: float
+    rolling: float
+    tilting: float
+
+
+def lean_constants(time_constant: float, model: PhysicalParameters) -> LeanConstants:
+    """Return the constants for a time constant of the correction [s].
+
+    Both poles of the error are at its inverse.
+    """
+    m = mass_matrix(model)
+    lean = model.body_mass * model.body_height * model.gravity
+    return LeanConstants(
+        time_constant,
+        (m.m11 + m.coupling - m.drive) / lean,
+        (m.m22 + m.coupling - m.drive) / lean,
+    )
+
+
+class Lean(NamedTuple):
+    """The state of :func:`observed_lean`.
+
+    Attributes
+    ----------
+    momentum : float
+        What the rates of ball and body amount to [deg s].
+    offset_error : float
+        Correction of the gyro's offset [deg/s].
+    """
+
+    momentum: float
+    offset_error: float
+
+
+def observed_lean(
+    p: LeanConstants, lean: Lean, psi: float, theta_dot: float, psi_dot: float
+) -> tuple[Lean, float]:
+    """Return the next state, and the error of the pitch [deg], from the estimates of a tick.
+
+    A body that leans makes the ball accelerate. The sum of both equations of motion (3.22) says so
+    without the motor, whose torque acts on ball and body alike, and without its dead zone:
+    ``lean · psi = rolling · theta_ddot + tilting · psi_ddot``. Integrated over a time, a lean of
+    the estimate that the rates of ball and body do not show is an error. It is also right in
+    accelerated motion, when the mean pitch is not 0.
+    """
+    momentum = p.rolling * theta_dot + p.tilting * psi_dot
+    error = TICK_S * psi - (momentum - lean.momentum)
+    offset_error = lean.offset_error + error / (p.time * p.time)
+    return Lean(momentum, offset_error), 2.0 / p.time * error
+
+
+class Constants(NamedTuple):
+    """The constants of the law; `axis` are those of the document's law."""
+
+    driving: DrivingConstants
+    axis: axis.Constants
+    lean: LeanConstants
+
+
+class Plane(NamedTuple):
+    """The state of a plane; `axis` is that of the document's law."""
+
+    motion: Motion
+    axis: axis.AxisState
+    lean: Lean
+
+
+class State(NamedTuple):
+    """The state of both planes, and of what they share."""
+
+    driving: DrivingState
+    x: Plane
+    y: Plane
+
+
+AT_REST = Plane(NO_MOTION, axis.AT_REST, Lean(0.0, 0.0))
+
+
+def law(constants: Constants, state: State, readings: Readings) -> tuple[State, Duty]:
+    """Return the next state, and the duty for the readings of a tick."""
+    driving, x, y, duty = drive(constants, state, readings, balance)
+    return State(driving, x, y), duty
+
+
+def balance(p: Constants, plane: Plane, inputs: PlaneInputs) -> tuple[Plane, int]:
+    """Return the next state of a plane, and its duty [%]."""
+    _, theta_ref_dot, sum_theta_ref_dot, sum_psi_dot, sum_theta_diff, smooth = plane.axis
+    offset = Single(inputs.gyro - inputs.rate + plane.lean.offset_error)
+    after, estimates, duty = control(
+        p.axis, (offset, theta_ref_dot, sum_theta_ref_dot, sum_psi_dot, sum_theta_diff, smooth),
+        Single(inputs.gyro), Single(inputs.revolution), Single(inputs.stick),
+        Single(max_voltage(inputs.battery_mv)),
+    )  # fmt: skip
+    gyro_offset, theta_ref_dot, sum_theta_ref_dot, sum_psi_dot, sum_theta_diff, smooth = after
+    theta, psi, theta_dot, psi_dot, theta_ref, _, _ = estimates
+    motion = Motion(
+        double(theta), double(psi), double(theta_dot), double(psi_dot), double(theta_ref),
+        double(theta_ref_dot),
+    )  # fmt: skip
+    lean, pitch_error = observed_lean(
+        p.lean, plane.lean, motion.psi, motion.theta_dot, motion.psi_dot
+    )
+    sum_psi_dot = sum_psi_dot - Single(pitch_error) * THOUSAND / TS1_PERIOD
+    corrected = gyro_offset, theta_ref_dot, sum_theta_ref_dot, sum_psi_dot, sum_theta_diff, smooth
+    return Plane(motion, corrected, lean), int(duty)
+
+
+def double(value: Single) -> float:
+    """Return a number in double precision; for the compiler, `float` alone does not change it."""
+    return float(value) * 1.0
+
+
 class DriftFilter(DrivingController[DriftFilterParameters]):
     """The document's law on a pitch that does not drift.
 
     The document's program takes the low-passed gyro reading for its offset. Its pitch is therefore
     too small when the body leans for long, and wrong while the offset changes. Here the ball tells
-    what the body really did, see :class:`LeanObserver`.
+    what the body really did, see :func:`observed_lean`.
     """
 
+    law = law
     tunable_settings: ClassVar[tuple[str, ...]] = (
         *DrivingController.tunable_settings,
         'k_f',
@@ -49,80 +172,21 @@ class DriftFilter(DrivingController[DriftFilterParameters]):
         'pwm_offset',
     )
 
-    def make_plane(self) -> PlaneController:
-        """Return the controller of a plane, at rest."""
-        return DriftFreeAxis(self.settings, self.parameters.drift_time, self.model)
+    @classmethod
+    def constants(
+        cls,
+        parameters: DriftFilterParameters,
+        model: PhysicalParameters,
+        settings: ControllerParameters,
+    ) -> Constants:
+        """Return constants with which the document's law keeps the gyro offset that it is given."""
+        return Constants(
+            driving_constants(settings),
+            constants_of(ProgramConstants.of(replace(settings, a_gd=1.0))),
+            lean_constants(parameters.drift_time, model),
+        )
 
-
-class DriftFreeAxis:
-    """The document's controller of a plane, whose gyro offset is known."""
-
-    def __init__(
-        self, settings: ControllerParameters, drift_time: float, model: PhysicalParameters
-    ) -> None:
-        self._constants, self._state = _constants(settings), AT_REST
-        self._observer = LeanObserver(drift_time, model)
-        self.estimates = Estimates(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-
-    def retune(self, _: DriftFilterParameters, settings: ControllerParameters) -> None:
-        """Use other gains of the document."""
-        self._constants = _constants(settings)
-
-    def duty(self, readings: Readings, inputs: PlaneInputs) -> int:
-        """Return the duty [%]."""
-        observer = self._observer
-        offset = Single(inputs.gyro - inputs.rate + observer.offset_error)
-        state, estimates, duty = control(
-            self._constants, (offset, *self._state[1:]), Single(inputs.gyro),
-            Single(inputs.revolution), Single(inputs.stick), Single(readings.max_voltage),
-        )  # fmt: skip
-        axis = PlaneValues(*state, *estimates)
-        pitch_error = observer.update(float(axis.psi), float(axis.theta_dot), float(axis.psi_dot))
-        sum_psi_dot = axis.sum_psi_dot - Single(pitch_error) * THOUSAND / TS1_PERIOD
-        self._state = (*state[:3], sum_psi_dot, *state[4:])
-        for name in vars(self.estimates):
-            setattr(self.estimates, name, float(getattr(axis, name)))
-        return int(duty)
-
-
-def _constants(settings: ControllerParameters) -> Constants:
-    """Return constants with which the law keeps the gyro offset that it is given."""
-    return constants_of(ProgramConstants.of(replace(settings, a_gd=1.0)))
-
-
-class LeanObserver:
-    """Finds the errors of pitch and gyro offset from the motion of the ball.
-
-    A body that leans makes the ball accelerate. The sum of both equations of motion (3.22) says so
-    without the motor, whose torque acts on ball and body alike, and without its dead zone:
-    ``lean · psi = rolling · theta_ddot + tilting · psi_ddot``. Integrated over a time, a lean of
-    the estimate that the rates of ball and body do not show is an error. It is also right in
-    accelerated motion, when the mean pitch is not 0.
-
-    Parameters
-    ----------
-    time_constant : float
-        Of the correction [s]; both poles of the error are at its inverse.
-
-    Attributes
-    ----------
-    offset_error : float
-        Correction of the gyro's offset [deg/s].
-    """
-
-    def __init__(self, time_constant: float, model: PhysicalParameters) -> None:
-        m = mass_matrix(model)
-        lean = model.body_mass * model.body_height * model.gravity
-        self._rolling = (m.m11 + m.coupling - m.drive) / lean
-        self._tilting = (m.m22 + m.coupling - m.drive) / lean
-        self._time = time_constant
-        self._momentum = 0.0
-        self.offset_error = 0.0
-
-    def update(self, psi: float, theta_dot: float, psi_dot: float) -> float:
-        """Return the error of the pitch [deg] to correct, from the estimates of a tick."""
-        momentum = self._rolling * theta_dot + self._tilting * psi_dot
-        error = TICK_S * psi - (momentum - self._momentum)
-        self._momentum = momentum
-        self.offset_error += error / (self._time * self._time)
-        return 2.0 / self._time * error
+    @classmethod
+    def initial_state(cls, constants: Constants) -> State:
+        """Return the state before the first tick."""
+        return State(STANDING_BY, AT_REST, AT_REST)

@@ -3,24 +3,104 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, ClassVar, NamedTuple, Protocol
+from typing import Any, ClassVar, NamedTuple
 
-from ballbot_ros.controllers.controller import Controller, Duty, P, Readings
+from ballbot_ros.controllers.controller import Duty, P, Readings
 from ballbot_ros.controllers.document.axis import LCD_MS, PROGRAM_NAME
-from ballbot_ros.controllers.document.program import logged
+from ballbot_ros.controllers.document.program import held_distance, logged
 from ballbot_ros.controllers.interface import Estimates, OperatingState
+from ballbot_ros.controllers.law import LawController
 from ballbot_ros.parameters import ControllerParameters
 from ballbot_ros.parameters.timing import TICK_S
 from ballbot_ros.robot.brick.sensors import NO_ECHO_CM
 
-MOTORS_OFF: Duty = (0, 0)
+OPERATING_STATES = tuple(OperatingState)
+"""The states of figure 7-1 by their numbers."""
+
+CALIBRATION, BALANCE, REMOTE, FORWARD, RIGHTWARD, BACKWARD, OUT_OF_CONTROL = range(
+    len(OPERATING_STATES)
+)
 
 
-class PlaneInputs(NamedTuple):
-    """What the controller of a plane gets.
+class DrivingConstants(NamedTuple):
+    """The parameters of the document's program that :func:`drive` uses, with their names."""
+
+    is_autonomous: bool
+    gp_max: int
+    k_thetadot: float
+    dst_thr: int
+    sonar_hold: int
+    time_start: int
+    time_auto: int
+    time_stop: int
+    theta_diff_thr: float
+    psi_diff_thr: float
+
+
+def driving_constants(settings: ControllerParameters) -> DrivingConstants:
+    """Return the constants for the parameters of the node ``controller``."""
+    return DrivingConstants(
+        settings.mode == 'autonomous',
+        *(getattr(settings, name) for name in DrivingConstants._fields[1:]),
+    )
+
+
+class DrivingState(NamedTuple):
+    """What :func:`drive` carries from one tick to the next.
 
     Attributes
     ----------
+    operating : int
+        Number of the state of figure 7-1, such as :data:`CALIBRATION`.
+    offset_x, offset_y : float
+        Mean gyro readings [deg/s] until the end of the calibration.
+    sum_x, sum_y, samples : int
+        Their sums and number.
+    distance_cm, echo_ms : int
+        As in :func:`~ballbot_ros.controllers.document.program.held_distance`.
+    in_control_ms : int
+        When both planes were last in control.
+    balanced : int
+        Number of ticks in which the planes were balanced.
+    """
+
+    operating: int
+    offset_x: float
+    offset_y: float
+    sum_x: int
+    sum_y: int
+    samples: int
+    distance_cm: int
+    echo_ms: int
+    in_control_ms: int
+    balanced: int
+
+
+STANDING_BY = DrivingState(CALIBRATION, 0.0, 0.0, 0, 0, 0, NO_ECHO_CM, 0, 0, 0)
+"""The state before the first tick."""
+
+
+class Motion(NamedTuple):
+    """One plane's estimates and references [deg, deg/s], in the order of :class:`Estimates`."""
+
+    theta: float
+    psi: float
+    theta_dot: float
+    psi_dot: float
+    theta_ref: float
+    theta_ref_dot: float
+
+
+NO_MOTION = Motion(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+class PlaneInputs(NamedTuple):
+    """What the law of a plane gets.
+
+    Attributes
+    ----------
+    axis : int
+        0 for plane x, 1 for plane y.
     gyro : int
         Gyro reading [deg/s + offset].
     rate : float
@@ -31,31 +111,197 @@ class PlaneInputs(NamedTuple):
         Speed command, -gp_max ... gp_max.
     speed : float
         Ball rate that it commands [deg/s].
+    battery_mv : int
+        Battery voltage [mV].
     """
 
+    axis: int
     gyro: int
     rate: float
     revolution: int
     stick: int
     speed: float
+    battery_mv: int
 
 
-class PlaneController(Protocol):
-    """The controller of one plane, with its state; both planes are alike."""
-
-    @property
-    def estimates(self) -> Estimates:
-        """What it estimates, updated by each call."""
-
-    def duty(self, readings: Readings, inputs: PlaneInputs) -> int:
-        """Return the duty [%]."""
-
-    def retune(self, parameters: Any, settings: ControllerParameters) -> None:
-        """Use other gains."""
+PlaneLaw = Callable[[Any, Any, PlaneInputs], tuple[Any, int]]
+"""Returns the next state of a plane, whose `motion` is a :class:`Motion`, and the duty [%]."""
 
 
-class DrivingController(Controller[P]):
-    """A controller that drives as the document's program does, with another law of balance."""
+def drive(
+    constants: Any, state: Any, readings: Readings, balance: PlaneLaw
+) -> tuple[DrivingState, Any, Any, Duty]:
+    """Decide everything but the balance: sections 7.5, 7.6 and figure 7-1.
+
+    Parameters
+    ----------
+    constants : named tuple
+        With those of :class:`DrivingConstants` as `driving`.
+    state : named tuple
+        With a :class:`DrivingState` as `driving`, and those of the planes as `x` and `y`.
+    balance : callable
+        The law of a plane.
+
+    Returns
+    -------
+    driving, x, y, duty
+        The next state, and the duty.
+    """
+    p = constants.driving
+    driving = driven(p, state.driving, readings)
+    if not is_balanced(driving.operating):
+        return driving, state.x, state.y, (0, 0)
+    (gyro_x, gyro_y), (revolution_x, revolution_y) = readings.gyro, readings.revolutions
+    stick_x, stick_y = command(p, driving.operating, readings.sticks)
+    x, duty_x = balance(
+        constants, state.x,
+        PlaneInputs(
+            0, gyro_x, gyro_x - driving.offset_x, revolution_x, stick_x,
+            commanded_rate(stick_x, p), readings.battery_mv,
+        ),
+    )  # fmt: skip
+    y, duty_y = balance(
+        constants, state.y,
+        PlaneInputs(
+            1, gyro_y, gyro_y - driving.offset_y, revolution_y, stick_y,
+            commanded_rate(stick_y, p), readings.battery_mv,
+        ),
+    )  # fmt: skip
+    are_in_control = is_in_control(p, x.motion) and is_in_control(p, y.motion)
+    return watched(driving, are_in_control, readings.elapsed_ms), x, y, (duty_x, duty_y)
+
+
+def driven(p: DrivingConstants, state: DrivingState, readings: Readings) -> DrivingState:
+    """Return the state for the readings of a tick, before the planes are balanced."""
+    (
+        operating, offset_x, offset_y, sum_x, sum_y, samples, distance_cm, echo_ms, in_control_ms,
+        balanced,
+    ) = state  # fmt: skip
+    now_ms = readings.elapsed_ms
+    distance_cm, echo_ms = held_distance(
+        distance_cm, echo_ms, readings.distance_cm, now_ms, p.sonar_hold
+    )
+    if operating != OUT_OF_CONTROL:
+        if now_ms < p.time_start or samples == 0:
+            gyro_x, gyro_y = readings.gyro
+            sum_x, sum_y, samples = sum_x + gyro_x, sum_y + gyro_y, samples + 1
+            offset_x, offset_y = sum_x / samples, sum_y / samples
+            in_control_ms = now_ms
+        elif now_ms - in_control_ms >= p.time_stop:
+            operating = OUT_OF_CONTROL
+        else:
+            operating = drive_state(p, distance_cm, now_ms)
+    return DrivingState(
+        operating, offset_x, offset_y, sum_x, sum_y, samples, distance_cm, echo_ms, in_control_ms,
+        balanced,
+    )  # fmt: skip
+
+
+def drive_state(p: DrivingConstants, distance_cm: int, now_ms: int) -> int:
+    """Return the state of figure 7-1 while the robot is in control."""
+    obstacle = distance_cm <= p.dst_thr
+    if not p.is_autonomous:
+        return BACKWARD if obstacle else REMOTE
+    if now_ms < p.time_auto:
+        return BALANCE
+    return RIGHTWARD if obstacle else FORWARD
+
+
+def is_balanced(operating: int) -> bool:
+    """Return whether the planes are balanced in a state; otherwise the motors are off."""
+    return operating not in (CALIBRATION, OUT_OF_CONTROL)
+
+
+def command(p: DrivingConstants, operating: int, sticks: tuple[int, int]) -> tuple[int, int]:
+    """Return the speed command for the planes x and y, -gp_max ... gp_max."""
+    vertical, horizontal = sticks
+    if operating == REMOTE:
+        return limited(-vertical, p), limited(horizontal, p)
+    if operating == BACKWARD:
+        return -p.gp_max, limited(horizontal, p)
+    if operating == FORWARD:
+        return p.gp_max, 0
+    if operating == RIGHTWARD:
+        return 0, p.gp_max
+    return 0, 0
+
+
+def limited(stick: int, p: DrivingConstants | ControllerParameters) -> int:
+    """Return a stick within its largest values; a packet may hold more."""
+    return max(-p.gp_max, min(p.gp_max, stick))
+
+
+def commanded_rate(stick: int, p: DrivingConstants | ControllerParameters) -> float:
+    """Return the ball rate [deg/s] that a stick commands."""
+    return limited(stick, p) / p.gp_max * p.k_thetadot
+
+
+def is_in_control(p: DrivingConstants, motion: Motion) -> bool:
+    """Return whether the errors of a plane are below their thresholds (7.6)."""
+    error = abs(motion.theta_ref - motion.theta)
+    return error < p.theta_diff_thr and abs(motion.psi) < p.psi_diff_thr
+
+
+def watched(state: DrivingState, are_in_control: bool, now_ms: int) -> DrivingState:
+    """Return the state after a tick in which the planes were balanced."""
+    (
+        operating, offset_x, offset_y, sum_x, sum_y, samples, distance_cm, echo_ms, in_control_ms,
+        balanced,
+    ) = state  # fmt: skip
+    return DrivingState(
+        operating, offset_x, offset_y, sum_x, sum_y, samples, distance_cm, echo_ms,
+        now_ms if are_in_control else in_control_ms, balanced + 1,
+    )  # fmt: skip
+
+
+class Reference(NamedTuple):
+    """Smooth reference of the ball angle for a speed command.
+
+    Attributes
+    ----------
+    theta, theta_dot, theta_ddot : float
+        Ball angle [deg], its rate [deg/s] and acceleration [deg/s²].
+    first : float
+        The speed after the first of the two low passes [deg/s].
+    """
+
+    theta: float
+    theta_dot: float
+    theta_ddot: float
+    first: float
+
+
+NO_REFERENCE = Reference(0.0, 0.0, 0.0, 0.0)
+
+
+def low_pass_share(time_constant: float) -> float:
+    """Return what a low pass with a time constant [s] takes over of a change in a tick."""
+    return TICK_S / (TICK_S + time_constant)
+
+
+def next_reference(share: float, reference: Reference, speed: float) -> Reference:
+    """Advance a reference by a tick towards a speed [deg/s].
+
+    The speed follows the command through two equal low passes, so that the acceleration, and with
+    it the pitch that it takes, does not jump.
+
+    Parameters
+    ----------
+    share : float
+        Result of :func:`low_pass_share`.
+    """
+    theta, theta_dot, _, first = reference
+    theta += TICK_S * theta_dot
+    first += share * (speed - first)
+    step = share * (first - theta_dot)
+    return Reference(theta, theta_dot + step, step / TICK_S, first)
+
+
+class DrivingController(LawController[P]):
+    """A controller that drives as the document's program does, with another law of balance.
+
+    Its law is that of :func:`drive`, and its state has the members that this needs.
+    """
 
     tunable_settings: ClassVar[tuple[str, ...]] = (
         'k_thetadot',
@@ -64,198 +310,23 @@ class DrivingController(Controller[P]):
         'psi_diff_thr',
     )
 
-    def make_plane(self) -> PlaneController:
-        """Return the controller of a plane, at rest."""
-        raise NotImplementedError
-
     def start(self) -> None:
-        """Start both planes at rest."""
-        self._driving = Driving(self.settings, self.sound)
-        self._planes = self.make_plane(), self.make_plane()
-        self._ticks = 0
-        self.x, self.y = (plane.estimates for plane in self._planes)
+        """Set the initial state, and publish its estimates."""
+        super().start()
+        self._publish_estimates()
 
-    def retune(self, parameters: P, settings: ControllerParameters) -> None:
-        """Use other gains and thresholds."""
-        super().retune(parameters, settings)
-        self._driving.retune(settings)
-        for plane in self._planes:
-            plane.retune(parameters, settings)
-
-    def tick(self, readings: Readings) -> Duty:
-        """Return the duties for the readings."""
+    def report(self, before: Any, readings: Readings) -> None:
+        """Publish estimates, operating state, tone and log as the document's program does."""
+        settings, operating = self.settings, self.state.driving.operating
         if readings.elapsed_ms % LCD_MS == 0:
             self.show(PROGRAM_NAME)
-        driving = self._driving
-        self.operating_state = driving.update(readings)
-        if not driving.balances:
-            return MOTORS_OFF
-        if self._ticks % self.settings.log_count == 0:
-            lsb = self.settings.lsb
-            self.log(adc1=logged(self.x.psi / lsb), adc2=logged(self.y.psi / lsb))
-        self._ticks += 1
-        x, y = self._planes
-        duty = (
-            x.duty(readings, driving.inputs(readings, 0)),
-            y.duty(readings, driving.inputs(readings, 1)),
-        )
-        driving.watch(readings, self.x, self.y)
-        return duty
+        if before.driving.operating == CALIBRATION != operating:
+            self.sound(settings.sound_freq, settings.sound_dur, settings.sound_volume)
+        if is_balanced(operating) and before.driving.balanced % settings.log_count == 0:
+            psi_x, psi_y = before.x.motion.psi, before.y.motion.psi
+            self.log(adc1=logged(psi_x / settings.lsb), adc2=logged(psi_y / settings.lsb))
+        self.operating_state = OPERATING_STATES[operating]
+        self._publish_estimates()
 
-
-def limited(stick: int, settings: ControllerParameters) -> int:
-    """Return a stick within its largest values; a packet may hold more."""
-    return max(-settings.gp_max, min(settings.gp_max, stick))
-
-
-def commanded_rate(stick: int, settings: ControllerParameters) -> float:
-    """Return the ball rate [deg/s] that a stick commands."""
-    return limited(stick, settings) / settings.gp_max * settings.k_thetadot
-
-
-class Driving:
-    """Decides everything but the balance: section 7.5, 7.6 and figure 7-1.
-
-    Call :meth:`update` at the start of a tick. If the robot then :attr:`balances`, compute the
-    duties for :attr:`sticks`, and call :meth:`watch` with the new estimates.
-
-    Parameters
-    ----------
-    settings : ControllerParameters
-        Those of the document's program: drive mode, speed, thresholds, times, tone.
-    sound : callable
-        :meth:`~ballbot_ros.controllers.controller.Controller.sound` of the controller.
-
-    Attributes
-    ----------
-    state : OperatingState
-        The state of figure 7-1.
-    gyro_offsets : tuple of float
-        Mean gyro readings [deg/s] of the planes x and y until the end of the calibration.
-    """
-
-    def __init__(
-        self, settings: ControllerParameters, sound: Callable[[int, int, int], None]
-    ) -> None:
-        self._p = settings
-        self._sound = sound
-        self.state = OperatingState.CALIBRATION
-        self.gyro_offsets = (0.0, 0.0)
-        self._sums = (0, 0)
-        self._samples = 0
-        self._sticks = (0, 0)
-        self._distance_cm = NO_ECHO_CM
-        self._echo_ms = 0
-        self._in_control_ms = 0
-
-    @property
-    def balances(self) -> bool:
-        """Whether the controller shall balance; otherwise the motors are off."""
-        return self.state not in (OperatingState.CALIBRATION, OperatingState.OUT_OF_CONTROL)
-
-    @property
-    def sticks(self) -> tuple[int, int]:
-        """Speed command for the planes x and y, -gp_max ... gp_max."""
-        if self.state is OperatingState.REMOTE:
-            vertical, horizontal = self._sticks
-            return limited(-vertical, self._p), limited(horizontal, self._p)
-        if self.state is OperatingState.BACKWARD:
-            return -self._p.gp_max, limited(self._sticks[1], self._p)
-        if self.state is OperatingState.FORWARD:
-            return self._p.gp_max, 0
-        if self.state is OperatingState.RIGHTWARD:
-            return 0, self._p.gp_max
-        return 0, 0
-
-    def retune(self, settings: ControllerParameters) -> None:
-        """Use other thresholds, and another speed at full stick."""
-        self._p = settings
-
-    def update(self, readings: Readings) -> OperatingState:
-        """Return the operating state for the readings of a tick."""
-        self._sticks = readings.sticks
-        self._follow_echo(readings)
-        if self.state is OperatingState.OUT_OF_CONTROL:
-            return self.state
-        now_ms = readings.elapsed_ms
-        if now_ms < self._p.time_start or not self._samples:
-            self._calibrate(readings.gyro)
-            self._in_control_ms = now_ms
-            return self.state
-        if self.state is OperatingState.CALIBRATION:
-            self._sound(self._p.sound_freq, self._p.sound_dur, self._p.sound_volume)
-        lost = now_ms - self._in_control_ms >= self._p.time_stop
-        self.state = OperatingState.OUT_OF_CONTROL if lost else self._drive_state(now_ms)
-        return self.state
-
-    def inputs(self, readings: Readings, axis: int) -> PlaneInputs:
-        """Return the inputs of the controller of plane x (axis 0) or y (axis 1)."""
-        stick = self.sticks[axis]
-        return PlaneInputs(
-            readings.gyro[axis],
-            readings.gyro[axis] - self.gyro_offsets[axis],
-            readings.revolutions[axis],
-            stick,
-            commanded_rate(stick, self._p),
-        )
-
-    def watch(self, readings: Readings, x: Estimates, y: Estimates) -> None:
-        """Check whether both planes are in control, by the estimates of a tick (7.6)."""
-        p = self._p
-        if all(
-            abs(plane.theta_ref - plane.theta) < p.theta_diff_thr
-            and abs(plane.psi) < p.psi_diff_thr
-            for plane in (x, y)
-        ):
-            self._in_control_ms = readings.elapsed_ms
-
-    def _calibrate(self, gyro: tuple[int, int]) -> None:
-        self._sums = self._sums[0] + gyro[0], self._sums[1] + gyro[1]
-        self._samples += 1
-        self.gyro_offsets = self._sums[0] / self._samples, self._sums[1] / self._samples
-
-    def _follow_echo(self, readings: Readings) -> None:
-        """Take the newest echo; it bridges missed ones for a while."""
-        if readings.distance_cm != NO_ECHO_CM:
-            self._distance_cm, self._echo_ms = readings.distance_cm, readings.elapsed_ms
-        elif readings.elapsed_ms - self._echo_ms > self._p.sonar_hold:
-            self._distance_cm = NO_ECHO_CM
-
-    def _drive_state(self, now_ms: int) -> OperatingState:
-        obstacle = self._distance_cm <= self._p.dst_thr
-        if self._p.mode == 'remote':
-            return OperatingState.BACKWARD if obstacle else OperatingState.REMOTE
-        if now_ms < self._p.time_auto:
-            return OperatingState.BALANCE
-        return OperatingState.RIGHTWARD if obstacle else OperatingState.FORWARD
-
-
-class SpeedReference:
-    """Smooth reference of the ball angle for a speed command.
-
-    The speed follows the command through two equal low passes, so that the acceleration, and with
-    it the pitch that it takes, does not jump.
-
-    Parameters
-    ----------
-    time_constant : float
-        Of each low pass [s].
-
-    Attributes
-    ----------
-    theta, theta_dot, theta_ddot : float
-        Ball angle [deg], its rate [deg/s] and acceleration [deg/s²].
-    """
-
-    def __init__(self, time_constant: float) -> None:
-        self._share = TICK_S / (TICK_S + time_constant)
-        self._first = 0.0
-        self.theta = self.theta_dot = self.theta_ddot = 0.0
-
-    def update(self, speed: float) -> None:
-        """Advance by a tick towards a speed [deg/s]."""
-        self.theta += TICK_S * self.theta_dot
-        self._first += self._share * (speed - self._first)
-        step = self._share * (self._first - self.theta_dot)
-        self.theta_ddot = step / TICK_S
-        self.theta_dot += step
+    def _publish_estimates(self) -> None:
+        self.x, self.y = Estimates(*self.state.x.motion), Estimates(*self.state.y.motion)

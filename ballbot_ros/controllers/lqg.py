@@ -3,19 +3,33 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
-from ballbot_ros.controllers.controller import MAX_DUTY, Readings
-from ballbot_ros.controllers.driving import (
-    DrivingController,
-    PlaneController,
-    PlaneInputs,
-    SpeedReference,
+from ballbot_ros.controllers.controller import (
+    MAX_DUTY,
+    Duty,
+    Readings,
+    duty_of_voltage,
+    max_voltage,
 )
-from ballbot_ros.controllers.interface import Estimates
+from ballbot_ros.controllers.driving import (
+    NO_MOTION,
+    NO_REFERENCE,
+    STANDING_BY,
+    DrivingConstants,
+    DrivingController,
+    DrivingState,
+    Motion,
+    PlaneInputs,
+    Reference,
+    drive,
+    driving_constants,
+    low_pass_share,
+    next_reference,
+)
 from ballbot_ros.errors import ControllerError
 from ballbot_ros.parameters import ControllerParameters, TakesEffect, designed, quantity
 from ballbot_ros.parameters.timing import TICK_MS, TICK_S
@@ -95,36 +109,6 @@ class LQGParameters:
         'ψ and voltage per rate of the reference, then both per its acceleration',
         takes_effect=TakesEffect.IMMEDIATELY,
     )
-
-
-class LQG(DrivingController[LQGParameters]):
-    """A Kalman filter that knows the gyro's drift, and an LQR with the integral of theta.
-
-    The filter corrects its prediction by the readings of a tick, the LQR answers, and the filter
-    predicts the next tick with the voltage that the whole duty gives. Without a dead time, the duty
-    acts at once and until the next tick. With one, the LQR answers the state that the voltages on
-    their way will have led to when the duty takes effect: from there on, the loop is as without.
-    """
-
-    @classmethod
-    def design(cls, parameters: LQGParameters, model: PhysicalParameters) -> LQGParameters:
-        """Return the parameters with the filter and the gains for a model."""
-        filter_a, filter_gain = kalman_filter(parameters, model)
-        gain, _ = regulator(parameters, model)
-        lead, effects = late_voltages(model, parameters.actuator_delay)
-        return replace(
-            parameters,
-            transition=_flat(filter_a),
-            input_effect=_flat(effects),
-            lead=_flat(lead),
-            filter_gain=_flat(filter_gain),
-            feedback=_flat(gain),
-            feedforward=_flat(feedforward(model)),
-        )
-
-    def make_plane(self) -> PlaneController:
-        """Return the controller of a plane, at rest."""
-        return Plane(self.parameters, self.model)
 
 
 def discrete_model(model: PhysicalParameters, dt: float = TICK_S) -> tuple[Matrix, Matrix]:
@@ -228,134 +212,224 @@ def feedforward(model: PhysicalParameters) -> Matrix:
     return np.asarray(np.linalg.solve(unknown, known).T, float)
 
 
-class Plane:
-    """Filter and regulator of a plane, in plain floats: the same on every machine."""
+class Constants(NamedTuple):
+    """The constants of the law: its parameters, and what follows from them."""
 
-    def __init__(self, parameters: LQGParameters, model: PhysicalParameters) -> None:
-        p = self._p = parameters
-        on_their_way = math.ceil(p.actuator_delay / TICK_MS)
+    driving: DrivingConstants
+    reference_share: float
+    ratio: float
+    dead_zone: float
+    dead_time: float
+    transition: tuple[float, ...]
+    input_effect: tuple[float, ...]
+    lead: tuple[float, ...]
+    filter_gain: tuple[float, ...]
+    feedback: tuple[float, ...]
+    feedforward: tuple[float, ...]
+
+
+class Plane(NamedTuple):
+    """The state of a plane.
+
+    Attributes
+    ----------
+    motion : Motion
+        The estimates.
+    reference : Reference
+    predicted : tuple of float
+        The filter's states at the next tick.
+    on_their_way : tuple of float
+        The voltages that do not act yet, the newest first [V].
+    integral : float
+        Of the error of the ball angle [deg s].
+    """
+
+    motion: Motion
+    reference: Reference
+    predicted: tuple[float, ...]
+    on_their_way: tuple[float, ...]
+    integral: float
+
+
+class State(NamedTuple):
+    """The state of both planes, and of what they share."""
+
+    driving: DrivingState
+    x: Plane
+    y: Plane
+
+
+def law(constants: Constants, state: State, readings: Readings) -> tuple[State, Duty]:
+    """Return the next state, and the duty for the readings of a tick."""
+    driving, x, y, duty = drive(constants, state, readings, balance)
+    return State(driving, x, y), duty
+
+
+def balance(p: Constants, plane: Plane, inputs: PlaneInputs) -> tuple[Plane, int]:
+    """Return the next state of a plane, and its duty [%]."""
+    task = tracking_task(p, plane, inputs)
+    voltage = task.voltage + regulated(p.feedback, task.error)
+    return next_plane(p, plane, task, voltage, inputs.battery_mv)
+
+
+class TrackingTask(NamedTuple):
+    """What the regulator of a plane has to do at a tick.
+
+    Attributes
+    ----------
+    reference : Reference
+    state : tuple of float
+        The filter's states, corrected by the readings.
+    error : tuple of float
+        Deviations of theta, psi and their rates when the voltage takes effect, and the integral of
+        that of theta.
+    voltage : float
+        What the reference takes [V].
+    psi_ref : float
+        Reference of the pitch [deg].
+    """
+
+    reference: Reference
+    state: tuple[float, float, float, float, float]
+    error: PlaneError
+    voltage: float
+    psi_ref: float
+
+
+def tracking_task(p: Constants, plane: Plane, inputs: PlaneInputs) -> TrackingTask:
+    """Return what the regulator has to do, by the filter and the reference."""
+    reference = next_reference(p.reference_share, plane.reference, inputs.speed)
+    theta, psi, theta_dot, psi_dot, drift = plane.predicted
+    gyro = inputs.rate - (psi_dot + drift)
+    encoder = inputs.revolution - p.ratio * (theta - psi)
+    gain = p.filter_gain
+    theta = theta + (gain[0] * gyro + gain[1] * encoder)
+    psi = psi + (gain[2] * gyro + gain[3] * encoder)
+    theta_dot = theta_dot + (gain[4] * gyro + gain[5] * encoder)
+    psi_dot = psi_dot + (gain[6] * gyro + gain[7] * encoder)
+    drift = drift + (gain[8] * gyro + gain[9] * encoder)
+
+    now = (theta, psi, theta_dot, psi_dot) + plane.on_their_way  # noqa: RUF005
+    psi_rate, voltage_rate, psi_acceleration, voltage_acceleration = p.feedforward
+    rate, acceleration = reference.theta_dot, reference.theta_ddot
+    psi_ref = psi_rate * rate + psi_acceleration * acceleration
+    error = (
+        product(p.lead, 0, now) - (reference.theta + p.dead_time * rate),
+        product(p.lead, 1, now) - psi_ref,
+        product(p.lead, 2, now) - rate,
+        product(p.lead, 3, now),
+        plane.integral,
+    )
+    voltage = voltage_rate * rate + voltage_acceleration * acceleration
+    return TrackingTask(reference, (theta, psi, theta_dot, psi_dot, drift), error, voltage, psi_ref)
+
+
+def product(matrix: tuple[float, ...], row: int, values: tuple[float, ...]) -> float:
+    """Return the product of a row of a matrix, which is stored row by row, and a vector."""
+    first = row * len(values)
+    # No sum(): since Python 3.12 it compensates the rounding.
+    total = matrix[first] * values[0]
+    for each in range(1, len(values)):
+        total += matrix[first + each] * values[each]
+    return total
+
+
+def regulated(feedback: tuple[float, ...], error: PlaneError) -> float:
+    """Return the voltage [V] that takes a deviation back to the reference."""
+    voltage = 0.0
+    for each in range(len(error)):
+        voltage -= feedback[each] * error[each]
+    return voltage
+
+
+def next_plane(
+    p: Constants, plane: Plane, task: TrackingTask, voltage: float, battery_mv: int
+) -> tuple[Plane, int]:
+    """Return the next state of a plane, and the duty [%] for a voltage [V]."""
+    reference, state = task.reference, task.state
+    theta, psi, theta_dot, psi_dot, _ = state
+    duty = duty_of_voltage(voltage, battery_mv)
+    integral = plane.integral
+    if abs(duty) < MAX_DUTY:  # else the integral would wind up
+        integral += TICK_S * (theta - reference.theta)
+    # What friction leaves of the duty.
+    rest = max(0.0, abs(duty) - p.dead_zone)
+    acting = (rest if duty > 0 else -rest) * max_voltage(battery_mv) / MAX_DUTY
+    voltages = (acting,) + plane.on_their_way  # noqa: RUF005
+    predicted = (
+        product(p.transition, 0, state) + product(p.input_effect, 0, voltages),
+        product(p.transition, 1, state) + product(p.input_effect, 1, voltages),
+        product(p.transition, 2, state) + product(p.input_effect, 2, voltages),
+        product(p.transition, 3, state) + product(p.input_effect, 3, voltages),
+        product(p.transition, 4, state) + product(p.input_effect, 4, voltages),
+    )
+    motion = Motion(theta, psi, theta_dot, psi_dot, reference.theta, reference.theta_dot)
+    return Plane(motion, reference, predicted, voltages[:-1], integral), duty
+
+
+class LQG(DrivingController[LQGParameters]):
+    """A Kalman filter that knows the gyro's drift, and an LQR with the integral of theta.
+
+    The filter corrects its prediction by the readings of a tick, the LQR answers, and the filter
+    predicts the next tick with the voltage that the whole duty gives. Without a dead time, the duty
+    acts at once and until the next tick. With one, the LQR answers the state that the voltages on
+    their way will have led to when the duty takes effect: from there on, the loop is as without.
+    """
+
+    law = law
+
+    @classmethod
+    def design(cls, parameters: LQGParameters, model: PhysicalParameters) -> LQGParameters:
+        """Return the parameters with the filter and the gains for a model."""
+        filter_a, filter_gain = kalman_filter(parameters, model)
+        gain, _ = regulator(parameters, model)
+        lead, effects = late_voltages(model, parameters.actuator_delay)
+        return replace(
+            parameters,
+            transition=_flat(filter_a),
+            input_effect=_flat(effects),
+            lead=_flat(lead),
+            filter_gain=_flat(filter_gain),
+            feedback=_flat(gain),
+            feedforward=_flat(feedforward(model)),
+        )
+
+    @classmethod
+    def constants(
+        cls, parameters: LQGParameters, model: PhysicalParameters, settings: ControllerParameters
+    ) -> Constants:
+        """Return the constants of the law.
+
+        Raises
+        ------
+        ControllerError
+            If a designed value belongs to another dead time.
+        """
+        on_their_way = math.ceil(parameters.actuator_delay / TICK_MS)
         for name, count in (
             ('input_effect', STATES * (1 + on_their_way)),
             ('lead', 4 * (4 + on_their_way)),
         ):
-            if len(getattr(p, name)) != count:
+            if len(getattr(parameters, name)) != count:
                 raise ControllerError(
                     f'user.{name} needs {count} numbers for an actuator_delay of '
-                    f'{p.actuator_delay:g} ms, not {len(getattr(p, name))}: omit it'
+                    f'{parameters.actuator_delay:g} ms, not {len(getattr(parameters, name))}: '
+                    'omit it'
                 )
-        self._ratio = model.ratio
-        self._transition = _rows(p.transition, STATES)
-        self._effects = _rows(p.input_effect, 1 + on_their_way)
-        self._lead = _rows(p.lead, 4 + on_their_way)
-        self._dead_time = p.actuator_delay * 1e-3
-        self._on_their_way = (0.0,) * on_their_way
-        self._gain = _rows(p.filter_gain, 2)
-        self._reference = SpeedReference(p.reference_time)
-        self._predicted = (0.0,) * STATES
-        self._integral = 0.0
-        self.estimates = Estimates(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        return Constants(
+            driving_constants(settings), low_pass_share(parameters.reference_time), model.ratio,
+            parameters.dead_zone, parameters.actuator_delay * 1e-3, parameters.transition,
+            parameters.input_effect, parameters.lead, parameters.filter_gain, parameters.feedback,
+            parameters.feedforward,
+        )  # fmt: skip
 
-    def duty(self, readings: Readings, inputs: PlaneInputs) -> int:
-        """Return the duty [%]."""
-        reference, now = self._reference, self.estimates
-        reference.update(inputs.speed)
-        now.theta_ref, now.theta_ref_dot = reference.theta, reference.theta_dot
-        state = self._corrected(inputs.rate, inputs.revolution)
-        now.theta, now.psi, now.theta_dot, now.psi_dot, _ = state
-        acting = _products(self._lead, (*state[:-1], *self._on_their_way))
-        duty = readings.duty(self._voltage(acting, readings.max_voltage))
-        if abs(duty) < MAX_DUTY:  # else the integral would wind up
-            self._integral += TICK_S * (now.theta - now.theta_ref)
-        self._predict(state, self._effective(duty) * readings.max_voltage / MAX_DUTY)
-        return duty
-
-    def retune(self, parameters: LQGParameters, _: ControllerParameters) -> None:
-        """Use other gains."""
-        self._p = parameters
-
-    def _corrected(self, rate: float, revolution: int) -> Sequence[float]:
-        """Return the state, corrected by the readings."""
-        theta, psi, _, psi_dot, drift = self._predicted
-        gyro = rate - (psi_dot + drift)
-        encoder = revolution - self._ratio * (theta - psi)
-        return [
-            predicted + (of_gyro * gyro + of_encoder * encoder)
-            for predicted, (of_gyro, of_encoder) in zip(self._predicted, self._gain, strict=True)
-        ]
-
-    def _voltage(self, acting: Sequence[float], max_voltage: float) -> float:
-        """Return the voltage of feedforward and feedback.
-
-        Parameters
-        ----------
-        acting : sequence of float
-            theta, psi and their rates when the voltage takes effect.
-        max_voltage : float
-            The largest one [V].
-        """
-        now, acceleration = self.estimates, self._reference.theta_ddot
-        theta, psi, theta_dot, psi_dot = acting
-        psi_rate, voltage_rate, psi_acceleration, voltage_acceleration = self._p.feedforward
-        psi_ref = psi_rate * now.theta_ref_dot + psi_acceleration * acceleration
-        voltage = voltage_rate * now.theta_ref_dot + voltage_acceleration * acceleration
-        error = (
-            theta - (now.theta_ref + self._dead_time * now.theta_ref_dot),
-            psi - psi_ref,
-            theta_dot - now.theta_ref_dot,
-            psi_dot,
-            self._integral,
-        )
-        low, high = -max_voltage - voltage, max_voltage - voltage
-        return voltage + self.feedback(error, (low, high), psi_ref)
-
-    def feedback(self, error: PlaneError, limits: tuple[float, float], psi_ref: float) -> float:
-        """Return the voltage [V] that takes a deviation back to the reference.
-
-        Parameters
-        ----------
-        error : tuple of float
-            Deviations of theta, psi and their rates, and the integral of that of theta.
-        limits : tuple of float
-            Lowest and highest voltage that the motor can give here [V].
-        psi_ref : float
-            Reference of the pitch [deg].
-        """
-        voltage = 0.0
-        for gain, deviation in zip(self._p.feedback, error, strict=True):
-            voltage -= gain * deviation
-        return voltage
-
-    def _effective(self, duty: int) -> float:
-        """Return what friction leaves of a duty [%]."""
-        rest = max(0.0, abs(duty) - self._p.dead_zone)
-        return rest if duty > 0 else -rest
-
-    def _predict(self, state: Sequence[float], voltage: float) -> None:
-        voltages = (voltage, *self._on_their_way)
-        self._on_their_way = voltages[:-1]
-        self._predicted = tuple(
-            moved + effect
-            for moved, effect in zip(
-                _products(self._transition, state), _products(self._effects, voltages), strict=True
-            )
-        )
-
-
-def _products(rows: Sequence[Sequence[float]], values: Sequence[float]) -> list[float]:
-    """Return the product of a matrix and a vector."""
-    products = []
-    for row in rows:
-        # No sum(): since Python 3.12 it compensates the rounding.
-        total = row[0] * values[0]
-        for factor, value in zip(row[1:], values[1:], strict=True):
-            total += factor * value
-        products.append(total)
-    return products
+    @classmethod
+    def initial_state(cls, constants: Constants) -> State:
+        """Return the state before the first tick."""
+        on_their_way = (0.0,) * (len(constants.lead) // 4 - 4)
+        at_rest = Plane(NO_MOTION, NO_REFERENCE, (0.0,) * STATES, on_their_way, 0.0)
+        return State(STANDING_BY, at_rest, at_rest)
 
 
 def _flat(matrix: Matrix) -> tuple[float, ...]:
     return tuple(matrix.ravel().tolist())
-
-
-def _rows(values: Sequence[float], width: int) -> list[tuple[float, ...]]:
-    return [tuple(values[start : start + width]) for start in range(0, len(values), width)]

@@ -8,12 +8,24 @@ from typing import NamedTuple
 import numpy as np
 from scipy import sparse
 
-from ballbot_ros.controllers.driving import PlaneController
-from ballbot_ros.controllers.lqg import LQG, STATES, LQGParameters, Plane, PlaneError
+from ballbot_ros.controllers.controller import Duty, Readings, max_voltage
+from ballbot_ros.controllers.driving import PlaneInputs, drive
+from ballbot_ros.controllers.lqg import (
+    LQG,
+    STATES,
+    Constants,
+    LQGParameters,
+    Plane,
+    State,
+    TrackingTask,
+    next_plane,
+    regulated,
+    tracking_task,
+)
 from ballbot_ros.errors import ControllerError
 from ballbot_ros.parameters import ControllerParameters, TakesEffect, quantity
 from ballbot_ros.parameters.timing import TICK_S
-from ballbot_ros.robot.plant.model import Matrix, PhysicalParameters
+from ballbot_ros.robot.plant.model import Matrix
 
 HORIZON = 40
 """Ticks ahead that the limits count: 0.16 s."""
@@ -41,23 +53,6 @@ class MPCParameters(LQGParameters):
         'project',
         takes_effect=TakesEffect.IMMEDIATELY,
     )
-
-
-class MPC(LQG):
-    """At each tick, the cheapest voltages of the next 40 ticks that keep to the limits.
-
-    The voltages are those of the LQR and additions to them. In the LQR's cost, up to infinity, the
-    additions cost the sum of their squares. So without a limit in sight they are 0, and the
-    controller is the LQG. Otherwise a quadratic program finds them, and the first one is applied.
-    """
-
-    portable = False
-    parameters_class = MPCParameters
-
-    def make_plane(self) -> PlaneController:
-        """Return the controller of a plane, at rest."""
-        assert isinstance(self.parameters, MPCParameters)
-        return PredictivePlane(self.parameters, self.model)
 
 
 class Predictions(NamedTuple):
@@ -98,26 +93,23 @@ class Predictions(NamedTuple):
         )
 
 
-class PredictivePlane(Plane):
-    """The LQG's plane, with additions to the voltage that keep to the limits."""
+class LimitedRegulator:
+    """The LQG's regulator of a plane, with additions to the voltage that keep to the limits."""
 
-    def __init__(self, parameters: MPCParameters, model: PhysicalParameters) -> None:
-        super().__init__(parameters, model)
-        self._pitch_limit = parameters.pitch_limit
-        self._prepare(parameters)
+    def __init__(self, parameters: MPCParameters) -> None:
+        self._p = parameters
+        self._prepare()
 
-    def retune(self, parameters: LQGParameters, settings: ControllerParameters) -> None:
+    def retune(self, parameters: MPCParameters) -> None:
         """Use other gains and another limit."""
         gains_change = parameters.feedback != self._p.feedback
-        super().retune(parameters, settings)
-        assert isinstance(parameters, MPCParameters)
-        self._pitch_limit = parameters.pitch_limit
+        self._p = parameters
         if gains_change:
-            self._prepare(parameters)
+            self._prepare()
 
-    def _prepare(self, parameters: MPCParameters) -> None:
+    def _prepare(self) -> None:
         """Set up the quadratic program for the gains."""
-        self._predictions = predictions = Predictions.of(parameters)
+        self._predictions = predictions = Predictions.of(self._p)
         # The unknowns are the additions, and the pitch beyond the limit.
         one, none = np.ones((HORIZON, 1)), np.zeros((HORIZON, 1))
         constraints = np.block(
@@ -143,19 +135,26 @@ class PredictivePlane(Plane):
             **SETTINGS,
         )
 
-    def feedback(self, error: PlaneError, limits: tuple[float, float], psi_ref: float) -> float:
-        """Return the voltage of the LQR with the first addition; see `Plane.feedback`."""
-        voltage = super().feedback(error, limits, psi_ref)
+    def voltage(self, task: TrackingTask, limits: tuple[float, float]) -> float:
+        """Return the voltage of the LQR with the first addition [V].
+
+        Parameters
+        ----------
+        limits : tuple of float
+            Lowest and highest voltage that the motor can give besides that for the reference [V].
+        """
         low, high = limits
-        voltages = self._predictions.voltage @ error
-        pitches = self._predictions.pitch @ error + psi_ref
+        voltage = regulated(self._p.feedback, task.error)
+        voltages = self._predictions.voltage @ task.error
+        pitches = self._predictions.pitch @ task.error + task.psi_ref
         fits = low <= voltages.min() and voltages.max() <= high
-        if (fits and np.abs(pitches).max() <= self._pitch_limit) or low >= high:
+        limit = self._p.pitch_limit
+        if (fits and np.abs(pitches).max() <= limit) or low >= high:
             return voltage  # nothing to add, or no voltage at all
         free = np.full(HORIZON, np.inf)
         self._solver.update(
-            l=np.concatenate([low - voltages, -free, -self._pitch_limit - pitches]),
-            u=np.concatenate([high - voltages, self._pitch_limit - pitches, free]),
+            l=np.concatenate([low - voltages, -free, -limit - pitches]),
+            u=np.concatenate([high - voltages, limit - pitches, free]),
         )
         return voltage + float(self._solver.solve(raise_error=False).x[0])
 
@@ -166,3 +165,46 @@ def _responses(response: Matrix) -> Matrix:
     for tick in range(HORIZON):
         matrix[tick:, tick] = response[: HORIZON - tick]
     return matrix
+
+
+class MPC(LQG):
+    """At each tick, the cheapest voltages of the next 40 ticks that keep to the limits.
+
+    The voltages are those of the LQR and additions to them. In the LQR's cost, up to infinity, the
+    additions cost the sum of their squares. So without a limit in sight they are 0, and the
+    controller is the LQG. Otherwise a quadratic program finds them, and the first one is applied.
+    """
+
+    portable = False
+    parameters_class = MPCParameters
+
+    def start(self) -> None:
+        """Start both planes at rest."""
+        super().start()
+        self._regulators = LimitedRegulator(self._own), LimitedRegulator(self._own)
+
+    @property
+    def _own(self) -> MPCParameters:
+        assert isinstance(self.parameters, MPCParameters)
+        return self.parameters
+
+    def retune(self, parameters: LQGParameters, settings: ControllerParameters) -> None:
+        """Use other gains, limits and thresholds."""
+        super().retune(parameters, settings)
+        for each in self._regulators:
+            each.retune(self._own)
+
+    def tick(self, readings: Readings) -> Duty:
+        """Return the duty for the readings of a tick."""
+        before: State = self.state
+        driving, x, y, duty = drive(self._constants, before, readings, self._balance)
+        self.state = State(driving, x, y)
+        self.report(before, readings)
+        return duty
+
+    def _balance(self, p: Constants, plane: Plane, inputs: PlaneInputs) -> tuple[Plane, int]:
+        task = tracking_task(p, plane, inputs)
+        full = max_voltage(inputs.battery_mv)
+        limits = -full - task.voltage, full - task.voltage
+        voltage = task.voltage + self._regulators[inputs.axis].voltage(task, limits)
+        return next_plane(p, plane, task, voltage, inputs.battery_mv)

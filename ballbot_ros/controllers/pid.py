@@ -3,15 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
-from ballbot_ros.controllers.controller import MAX_DUTY, Readings
+from ballbot_ros.controllers.controller import MAX_DUTY, Duty, Readings, duty_of_voltage
 from ballbot_ros.controllers.driving import (
+    NO_MOTION,
+    NO_REFERENCE,
+    STANDING_BY,
+    DrivingConstants,
     DrivingController,
-    PlaneController,
+    DrivingState,
+    Motion,
     PlaneInputs,
-    SpeedReference,
+    Reference,
+    drive,
+    driving_constants,
+    low_pass_share,
+    next_reference,
 )
-from ballbot_ros.controllers.interface import Estimates
 from ballbot_ros.parameters import ControllerParameters, TakesEffect, quantity
 from ballbot_ros.parameters.timing import TICK_S
 from ballbot_ros.robot.plant.model import PhysicalParameters
@@ -50,6 +59,97 @@ class PIDParameters:
     )
 
 
+class Constants(NamedTuple):
+    """The constants of the law: its parameters, and what follows from them."""
+
+    driving: DrivingConstants
+    reference_share: float
+    pitch_p: float
+    pitch_d: float
+    position_p: float
+    position_i: float
+    position_d: float
+    back_emf: float
+    rate_share: float
+    drift_time: float
+    wheel_per_ball: float
+
+
+class Plane(NamedTuple):
+    """The state of a plane.
+
+    Attributes
+    ----------
+    motion : Motion
+        The estimates.
+    reference : Reference
+    offset_error : float
+        Error of the gyro's offset [deg/s].
+    rate : float
+        The previous reading of the gyro [deg/s].
+    integral : float
+        Of the error of the ball angle [deg s].
+    """
+
+    motion: Motion
+    reference: Reference
+    offset_error: float
+    rate: float
+    integral: float
+
+
+class State(NamedTuple):
+    """The state of both planes, and of what they share."""
+
+    driving: DrivingState
+    x: Plane
+    y: Plane
+
+
+AT_REST = Plane(NO_MOTION, NO_REFERENCE, 0.0, 0.0, 0.0)
+
+
+def law(constants: Constants, state: State, readings: Readings) -> tuple[State, Duty]:
+    """Return the next state, and the duty for the readings of a tick."""
+    driving, x, y, duty = drive(constants, state, readings, balance)
+    return State(driving, x, y), duty
+
+
+def balance(p: Constants, plane: Plane, inputs: PlaneInputs) -> tuple[Plane, int]:
+    """Return the next state of a plane, and its duty [%]."""
+    reference = next_reference(p.reference_share, plane.reference, inputs.speed)
+    offset_error, theta, psi, theta_dot, psi_dot = estimated(p, plane, inputs)
+    error = reference.theta - theta
+    pitch = (
+        p.position_p * error
+        + p.position_i * plane.integral
+        + p.position_d * (reference.theta_dot - theta_dot)
+    )
+    voltage = p.pitch_p * (psi - pitch) + p.pitch_d * psi_dot + p.back_emf * theta_dot
+    duty = duty_of_voltage(voltage, inputs.battery_mv)
+    integral = plane.integral
+    if abs(duty) < MAX_DUTY:  # else the integral would wind up
+        integral += TICK_S * error
+    motion = Motion(theta, psi, theta_dot, psi_dot, reference.theta, reference.theta_dot)
+    return Plane(motion, reference, offset_error, inputs.rate, integral), duty
+
+
+def estimated(
+    p: Constants, plane: Plane, inputs: PlaneInputs
+) -> tuple[float, float, float, float, float]:
+    """Return the error of the gyro's offset, and theta, psi and their rates."""
+    before = plane.motion
+    # A robot that does not fall has a mean pitch of 0: what remains is the gyro's drift.
+    offset_error = plane.offset_error + TICK_S / (p.drift_time * p.drift_time) * before.psi
+    # The mean of two readings: the motors answer within a tick, so that a strong reaction to
+    # single readings would make them shiver from tick to tick.
+    psi_dot = (inputs.rate + plane.rate) / 2.0 - offset_error
+    psi = before.psi + TICK_S * (psi_dot - 2.0 / p.drift_time * before.psi)
+    theta = p.wheel_per_ball * inputs.revolution + psi
+    change = (theta - before.theta) / TICK_S - before.theta_dot
+    return offset_error, theta, psi, before.theta_dot + p.rate_share * change, psi_dot
+
+
 class PID(DrivingController[PIDParameters]):
     """Two PID controllers in a cascade, for each plane.
 
@@ -57,61 +157,20 @@ class PID(DrivingController[PIDParameters]):
     rate (D). The inner one drives the ball under the body: P on the pitch error, D on its rate.
     """
 
-    def make_plane(self) -> PlaneController:
-        """Return the controller of a plane, at rest."""
-        return Cascade(self.parameters, self.model)
+    law = law
 
+    @classmethod
+    def constants(
+        cls, p: PIDParameters, model: PhysicalParameters, settings: ControllerParameters
+    ) -> Constants:
+        """Return the constants of the law."""
+        return Constants(
+            driving_constants(settings), low_pass_share(p.reference_time), p.pitch_p, p.pitch_d,
+            p.position_p, p.position_i, p.position_d, p.back_emf, low_pass_share(p.rate_time),
+            p.drift_time, 1.0 / model.ratio,
+        )  # fmt: skip
 
-class Cascade:
-    """Both controllers and the estimates of a plane."""
-
-    def __init__(self, parameters: PIDParameters, model: PhysicalParameters) -> None:
-        self._p = parameters
-        self._wheel_per_ball = 1.0 / model.ratio
-        self._reference = SpeedReference(self._p.reference_time)
-        self._offset_error = 0.0
-        self._rate = 0.0
-        self._integral = 0.0
-        self.estimates = Estimates(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-
-    def duty(self, readings: Readings, inputs: PlaneInputs) -> int:
-        """Return the duty [%]."""
-        p = self._p
-        self._reference.update(inputs.speed)
-        self._estimate(inputs.rate, inputs.revolution)
-        now = self.estimates
-
-        error = now.theta_ref - now.theta
-        pitch = (
-            p.position_p * error
-            + p.position_i * self._integral
-            + p.position_d * (now.theta_ref_dot - now.theta_dot)
-        )
-        voltage = (
-            p.pitch_p * (now.psi - pitch) + p.pitch_d * now.psi_dot + p.back_emf * now.theta_dot
-        )
-        duty = readings.duty(voltage)
-        if abs(duty) < MAX_DUTY:  # else the integral would wind up
-            self._integral += TICK_S * error
-        return duty
-
-    def retune(self, parameters: PIDParameters, _: ControllerParameters) -> None:
-        """Use other gains."""
-        self._p = parameters
-
-    def _estimate(self, rate: float, revolution: int) -> None:
-        """Update the estimates from the gyro and the encoder."""
-        p, now = self._p, self.estimates
-        # A robot that does not fall has a mean pitch of 0: what remains is the gyro's drift.
-        self._offset_error += TICK_S / (p.drift_time * p.drift_time) * now.psi
-        # The mean of two readings: the motors answer within a tick, so that a strong reaction to
-        # single readings would make them shiver from tick to tick.
-        now.psi_dot = (rate + self._rate) / 2.0 - self._offset_error
-        self._rate = rate
-        now.psi += TICK_S * (now.psi_dot - 2.0 / p.drift_time * now.psi)
-
-        theta = self._wheel_per_ball * revolution + now.psi
-        change = (theta - now.theta) / TICK_S - now.theta_dot
-        now.theta_dot += TICK_S / (TICK_S + p.rate_time) * change
-        now.theta = theta
-        now.theta_ref, now.theta_ref_dot = self._reference.theta, self._reference.theta_dot
+    @classmethod
+    def initial_state(cls, constants: Constants) -> State:
+        """Return the state before the first tick."""
+        return State(STANDING_BY, AT_REST, AT_REST)

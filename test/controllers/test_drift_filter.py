@@ -5,7 +5,7 @@ import pytest
 from parts import physical
 from shipped_controllers import duties, exchanged, run_shipped
 
-from ballbot_ros.controllers.drift_filter import LeanObserver
+from ballbot_ros.controllers.drift_filter import Lean, lean_constants, observed_lean
 from ballbot_ros.parameters.timing import TICK_S
 from ballbot_ros.robot.plant.model import state_space
 
@@ -17,7 +17,7 @@ def test_a_lean_that_the_ball_shows_is_no_error():
     """Sample a linear plane under a random voltage: the observer believes a true pitch."""
     model = physical()
     a, b = state_space(model)
-    observer = LeanObserver(5.0, model)
+    constants, lean = lean_constants(5.0, model), Lean(0.0, 0.0)
     random = np.random.default_rng(1)
     state, step, errors = np.zeros(4), TICK_S / 100, []
     for _ in range(250):
@@ -26,18 +26,20 @@ def test_a_lean_that_the_ball_shows_is_no_error():
         for _ in range(100):
             state = state + step * (a @ state + b[:, 0] * voltage)
         mean_psi = (before + state[1]) / 2.0
-        errors.append(observer.update(mean_psi, state[2], state[3]))
+        lean, error = observed_lean(constants, lean, mean_psi, state[2], state[3])
+        errors.append(error)
     assert abs(np.cumsum(errors)).max() < 0.01 * abs(state[1])
 
 
 def test_a_pitch_of_a_ball_at_rest_is_an_error():
-    observer = LeanObserver(5.0, physical())
+    constants, lean = lean_constants(5.0, physical()), Lean(0.0, 0.0)
     psi, drift = 0.0, 0.5
     for _ in range(round(60.0 / TICK_S)):
-        psi += TICK_S * (drift - observer.offset_error)
-        psi -= observer.update(psi, 0.0, 0.0)
+        psi += TICK_S * (drift - lean.offset_error)
+        lean, error = observed_lean(constants, lean, psi, 0.0, 0.0)
+        psi -= error
     assert psi == pytest.approx(0.0, abs=1e-3)
-    assert observer.offset_error == pytest.approx(drift, abs=1e-3)
+    assert lean.offset_error == pytest.approx(drift, abs=1e-3)
 
 
 @pytest.mark.parametrize(

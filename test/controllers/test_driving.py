@@ -1,21 +1,29 @@
 """What the controllers that ship share: driving, data log, display."""
 
 from itertools import pairwise
+from typing import NamedTuple
 
 import pytest
 from parts import AT_REST
 
 from ballbot_ros.controllers import OperatingState, Readings
 from ballbot_ros.controllers.codegen.implementation import compose_controller, implementation_for
-from ballbot_ros.controllers.driving import Driving, SpeedReference
+from ballbot_ros.controllers.driving import (
+    NO_MOTION,
+    NO_REFERENCE,
+    OPERATING_STATES,
+    STANDING_BY,
+    DrivingConstants,
+    DrivingState,
+    Motion,
+    PlaneInputs,
+    drive,
+    driving_constants,
+    low_pass_share,
+    next_reference,
+)
 from ballbot_ros.parameters import CONTROLLER, ControllerParameters, ParameterSet
 from ballbot_ros.parameters.timing import TICK_S
-
-
-def driving(**settings):
-    tones = []
-    made = Driving(ControllerParameters(**settings), lambda *tone: tones.append(tone))
-    return made, tones
 
 
 def readings(elapsed_ms, **changes):
@@ -23,16 +31,45 @@ def readings(elapsed_ms, **changes):
     return Readings(elapsed_ms, **values)
 
 
+class Constants(NamedTuple):
+    driving: DrivingConstants
+
+
+class Plane(NamedTuple):
+    motion: Motion
+    inputs: PlaneInputs | None = None
+
+
+class State(NamedTuple):
+    driving: DrivingState = STANDING_BY
+    x: Plane = Plane(NO_MOTION)
+    y: Plane = Plane(NO_MOTION)
+
+
+class Driven:
+    """A robot whose planes have no law: they report the given motion, and their inputs."""
+
+    def __init__(self, **settings):
+        self.constants = Constants(driving_constants(ControllerParameters(**settings)))
+        self.state, self.motions = State(), [NO_MOTION, NO_MOTION]
+
+    def tick(self, readings):
+        def balance(constants, plane, inputs):
+            return Plane(self.motions[inputs.axis], inputs), 7 + inputs.axis
+
+        driving, x, y, self.duty = drive(self.constants, self.state, readings, balance)
+        self.state = State(driving, x, y)
+        return OPERATING_STATES[driving.operating]
+
+
 def test_the_offsets_are_the_means_of_the_calibration():
-    made, tones = driving(time_start=12)
+    robot = Driven(time_start=12)
     for elapsed_ms, gyro in ((0, (600, 500)), (4, (601, 503)), (8, (602, 503))):
-        assert made.update(readings(elapsed_ms, gyro=gyro)) is OperatingState.CALIBRATION
-        assert not made.balances
-    assert made.update(readings(12, gyro=(700, 700))) is OperatingState.REMOTE
-    assert made.balances
-    assert made.gyro_offsets == (601.0, 502.0)
-    assert tones == [(440, 500, 70)]
-    assert made.inputs(readings(12), 0).rate == 0.0
+        assert robot.tick(readings(elapsed_ms, gyro=gyro)) is OperatingState.CALIBRATION
+        assert (robot.duty, robot.state.driving.balanced) == ((0, 0), 0)
+    assert robot.tick(readings(12, gyro=(700, 700))) is OperatingState.REMOTE
+    assert (robot.duty, robot.state.driving.balanced) == ((7, 8), 1)
+    assert (robot.state.x.inputs.rate, robot.state.y.inputs.rate) == (99.0, 198.0)
 
 
 @pytest.mark.parametrize(
@@ -48,57 +85,50 @@ def test_the_offsets_are_the_means_of_the_calibration():
     ],
 )
 def test_each_state_has_its_command(settings, elapsed_ms, distance_cm, state, sticks):
-    made, _ = driving(time_stop=10_000, **settings)
-    made.update(readings(0))
-    now = readings(elapsed_ms, distance_cm=distance_cm, sticks=(-50, 20))
-    assert made.update(now) is state
-    assert made.sticks == sticks
-    speed = made.inputs(now, 0).speed
-    assert speed == sticks[0] / settings.get('gp_max', 100) * 380.0
+    robot = Driven(time_stop=10_000, **settings)
+    robot.tick(readings(0))
+    assert robot.tick(readings(elapsed_ms, distance_cm=distance_cm, sticks=(-50, 20))) is state
+    planes = [each.inputs for each in robot.state[1:]]
+    assert tuple(each.stick for each in planes) == sticks
+    full = settings.get('gp_max', 100)
+    assert [each.speed for each in planes] == [each / full * 380.0 for each in sticks]
 
 
 def test_the_last_echo_holds_for_a_while():
-    made, _ = driving(sonar_hold=100, time_stop=10_000)
-    made.update(readings(0))
+    robot = Driven(sonar_hold=100, time_stop=10_000)
+    robot.tick(readings(0))
     states = [
-        made.update(readings(elapsed_ms, distance_cm=distance_cm))
+        robot.tick(readings(elapsed_ms, distance_cm=distance_cm))
         for elapsed_ms, distance_cm in ((1000, 20), (1004, 255), (1100, 255), (1104, 255))
     ]
     near, far = OperatingState.BACKWARD, OperatingState.REMOTE
     assert states == [near, near, near, far]
 
 
-@pytest.mark.parametrize('lost', ['psi', 'theta'])
-def test_a_lost_robot_stops_for_good(lost):
-    made, _ = driving(time_start=0, time_stop=20)
-    controller = SimplePlanes()
-    made.update(readings(0))
+@pytest.mark.parametrize('lost', [{'psi': 16.0}, {'theta': -700.0}])
+@pytest.mark.parametrize('axis', [0, 1])
+def test_a_lost_robot_stops_for_good(lost, axis):
+    robot = Driven(time_start=0, time_stop=20)
+    robot.tick(readings(0))
     for elapsed_ms in range(4, 40, 4):
-        made.update(readings(elapsed_ms))
         if elapsed_ms > 8:
-            setattr(controller.x, lost, -700.0 if lost == 'theta' else 16.0)
-        if made.balances:
-            made.watch(readings(elapsed_ms), controller.x, controller.y)
+            robot.motions[axis] = NO_MOTION._replace(**lost)
+        state = robot.tick(readings(elapsed_ms))
         # In control until 8 ms, and 20 ms later it has been lost for too long.
-        assert (made.state is OperatingState.OUT_OF_CONTROL) == (elapsed_ms >= 28), elapsed_ms
-    setattr(controller.x, lost, 0.0)
-    assert made.update(readings(40)) is OperatingState.OUT_OF_CONTROL
-
-
-class SimplePlanes:
-    def __init__(self):
-        from ballbot_ros.controllers import Estimates
-
-        self.x, self.y = (Estimates(0.0, 0.0, 0.0, 0.0, 0.0, 0.0) for _ in 'xy')
+        assert (state is OperatingState.OUT_OF_CONTROL) == (elapsed_ms >= 28), elapsed_ms
+    robot.motions[axis] = NO_MOTION
+    assert robot.tick(readings(40)) is OperatingState.OUT_OF_CONTROL
+    assert robot.duty == (0, 0)
 
 
 def test_the_reference_reaches_the_speed_without_a_jump_of_acceleration():
-    reference = SpeedReference(0.3)
-    speeds, accelerations = [], []
+    share, reference = low_pass_share(0.3), NO_REFERENCE
+    references = []
     for _ in range(1000):
-        reference.update(100.0)
-        speeds.append(reference.theta_dot)
-        accelerations.append(reference.theta_ddot)
+        reference = next_reference(share, reference, 100.0)
+        references.append(reference)
+    speeds = [each.theta_dot for each in references]
+    accelerations = [each.theta_ddot for each in references]
     assert speeds[-1] == pytest.approx(100.0, abs=0.1)
     assert sum(speeds[:-1]) * TICK_S == pytest.approx(reference.theta)
     assert max(map(abs, map(float.__sub__, accelerations[1:], accelerations))) < 10.0
@@ -115,3 +145,5 @@ def test_they_log_and_show_as_the_documents_program_does():
         logged = [n for n, each in enumerate(outputs) if each.log]
         assert {after - before for before, after in pairwise(logged)} == {25}, name
         assert len(logged) == 10, name
+        tones = [(n, *tone) for n, each in enumerate(outputs) for tone in each.tones]
+        assert tones == [(250, 440, 500, 70)], name

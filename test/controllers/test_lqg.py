@@ -12,12 +12,12 @@ from shipped_controllers import duties, exchanged, run_shipped
 from ballbot_ros.controllers.lqg import (
     LQG,
     LQGParameters,
-    Plane,
     discrete_model,
     late_voltages,
     measurement,
 )
 from ballbot_ros.errors import ControllerError
+from ballbot_ros.parameters import ControllerParameters
 from ballbot_ros.parameters.timing import TICK_MS, TICK_S
 
 REFERENCE = 'lqg'
@@ -96,7 +96,7 @@ def test_without_a_dead_time_nothing_is_predicted():
 def test_a_design_for_another_dead_time_is_refused(name, values):
     p = replace(LQG.design(LQGParameters(actuator_delay=8.0), physical()), **{name: values})
     with pytest.raises(ControllerError, match=f'^user.{name} needs .* 8 ms, not {len(values)}'):
-        Plane(p, physical())
+        LQG.constants(p, physical(), ControllerParameters())
 
 
 @pytest.mark.parametrize('delay_ms', [8, 30])
