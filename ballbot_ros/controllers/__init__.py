@@ -1,7 +1,15 @@
 """Controllers of the robot: the base class for your own, and those that ship. No ROS."""
 
-from ballbot_ros.controllers.controller import Controller, Duty, Readings, task
+from ballbot_ros.controllers.controller import (
+    Controller,
+    Duty,
+    Readings,
+    duty_of_voltage,
+    max_voltage,
+    task,
+)
 from ballbot_ros.controllers.interface import Estimates, OperatingState
+from ballbot_ros.controllers.law import LawController, as_numbers
 from ballbot_ros.errors import ControllerError
 from ballbot_ros.parameters import ControllerParameters, TakesEffect, designed, quantity, setting
 from ballbot_ros.parameters.timing import TICK_S
@@ -14,11 +22,15 @@ __all__ = [
     'ControllerParameters',
     'Duty',
     'Estimates',
+    'LawController',
     'OperatingState',
     'PhysicalParameters',
     'Readings',
     'TakesEffect',
+    'as_numbers',
     'designed',
+    'duty_of_voltage',
+    'max_voltage',
     'quantity',
     'setting',
     'task',

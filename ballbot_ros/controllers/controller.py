@@ -23,7 +23,7 @@ from ballbot_ros.controllers.interface import Estimates, OperatingState
 from ballbot_ros.errors import ControllerError, short_repr
 from ballbot_ros.parameters import ControllerParameters, PlantParameters
 from ballbot_ros.parameters.timing import TICK_MS
-from ballbot_ros.robot.brick.brick import Brick, DeviceInputs
+from ballbot_ros.robot.brick.brick import NO_SAMPLE, Brick, Inputs
 from ballbot_ros.robot.brick.schedule import TaskTiming
 from ballbot_ros.robot.brick.sensors import NO_DATA_CM, NO_ECHO_CM
 from ballbot_ros.robot.plant.model import PhysicalParameters
@@ -121,15 +121,16 @@ NO_READINGS = Readings(0, (0, 0), (0, 0), 0)
 """The readings before the first tick."""
 
 
-def next_readings(before: Readings, elapsed_ms: int, inputs: DeviceInputs) -> Readings:
+def next_readings(before: Readings, elapsed_ms: int, inputs: Inputs) -> Readings:
     """Return the readings of a tick; a device without a new sample keeps its reading."""
+    gyro_x, gyro_y, revolution_x, revolution_y, sonar_cm, battery_mv, vertical, horizontal = inputs
     return Readings(
         elapsed_ms,
-        inputs.gyro,
-        inputs.revolutions,
-        before.battery_mv if inputs.battery_mv is None else inputs.battery_mv,
-        before.distance_cm if inputs.sonar_cm is None else known_distance(inputs.sonar_cm),
-        before.sticks if inputs.sticks is None else inputs.sticks,
+        (gyro_x, gyro_y),
+        (revolution_x, revolution_y),
+        before.battery_mv if battery_mv == NO_SAMPLE else battery_mv,
+        before.distance_cm if sonar_cm == NO_SAMPLE else known_distance(sonar_cm),
+        before.sticks if vertical == NO_SAMPLE else (vertical, horizontal),
     )
 
 

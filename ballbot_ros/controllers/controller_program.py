@@ -27,7 +27,13 @@ from ballbot_ros.controllers.own_parameters import user_parameters
 from ballbot_ros.errors import ControllerError, short_repr
 from ballbot_ros.parameters import ControllerParameters
 from ballbot_ros.parameters.timing import MILLISECOND_NS, TICK_MS
-from ballbot_ros.robot.brick.brick import UINT32_MASK, Brick, DeviceInputs, DeviceOutputs
+from ballbot_ros.robot.brick.brick import (
+    UINT32_MASK,
+    Brick,
+    DeviceInputs,
+    DeviceOutputs,
+    as_numbers,
+)
 from ballbot_ros.robot.brick.schedule import Schedule
 from ballbot_ros.robot.plant.model import PhysicalParameters
 
@@ -161,7 +167,7 @@ class ControllerProgram:
         if self._start_ms is None:
             self._start_ms = systick_ms
         elapsed_ms = (systick_ms - self._start_ms) & UINT32_MASK
-        self._readings = readings = next_readings(self._readings, elapsed_ms, inputs)
+        self._readings = readings = next_readings(self._readings, elapsed_ms, as_numbers(inputs))
         self._brick.sonar_cm = readings.distance_cm
         started_ns = time.perf_counter_ns()
         if self._glide.is_moving:

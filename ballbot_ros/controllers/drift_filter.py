@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import ClassVar, NamedTuple
 
-from ballbot_ros.controllers.controller import Duty, Readings, max_voltage
+from ballbot_ros.controllers.controller import max_voltage
 from ballbot_ros.controllers.document import axis
 from ballbot_ros.controllers.document.axis import (
     THOUSAND,
@@ -20,11 +20,11 @@ from ballbot_ros.controllers.driving import (
     STANDING_BY,
     DrivingConstants,
     DrivingController,
-    DrivingState,
     Motion,
     PlaneInputs,
-    drive,
+    State,
     driving_constants,
+    driving_law,
 )
 from ballbot_ros.parameters import ControllerParameters, quantity
 from ballbot_ros.parameters.timing import TICK_S
@@ -110,21 +110,7 @@ class Plane(NamedTuple):
     lean: Lean
 
 
-class State(NamedTuple):
-    """The state of both planes, and of what they share."""
-
-    driving: DrivingState
-    x: Plane
-    y: Plane
-
-
 AT_REST = Plane(NO_MOTION, axis.AT_REST, Lean(0.0, 0.0))
-
-
-def law(constants: Constants, state: State, readings: Readings) -> tuple[State, Duty]:
-    """Return the next state, and the duty for the readings of a tick."""
-    driving, x, y, duty = drive(constants, state, readings, balance)
-    return State(driving, x, y), duty
 
 
 def balance(p: Constants, plane: Plane, inputs: PlaneInputs) -> tuple[Plane, int]:
@@ -163,7 +149,7 @@ class DriftFilter(DrivingController[DriftFilterParameters]):
     what the body really did, see :func:`observed_lean`.
     """
 
-    law = law
+    law = driving_law(balance)
     tunable_settings: ClassVar[tuple[str, ...]] = (
         *DrivingController.tunable_settings,
         'k_f',

@@ -9,10 +9,11 @@ from ballbot_ros.controllers.controller import Duty, P, Readings
 from ballbot_ros.controllers.document.axis import LCD_MS, PROGRAM_NAME
 from ballbot_ros.controllers.document.program import held_distance, logged
 from ballbot_ros.controllers.interface import Estimates, OperatingState
-from ballbot_ros.controllers.law import LawController
+from ballbot_ros.controllers.law import Law, LawController
 from ballbot_ros.parameters import ControllerParameters
 from ballbot_ros.parameters.timing import TICK_S
 from ballbot_ros.robot.brick.sensors import NO_ECHO_CM
+from ballbot_ros.robot.numerics.compiler_hints import with_globals
 
 OPERATING_STATES = tuple(OperatingState)
 """The states of figure 7-1 by their numbers."""
@@ -23,7 +24,7 @@ CALIBRATION, BALANCE, REMOTE, FORWARD, RIGHTWARD, BACKWARD, OUT_OF_CONTROL = ran
 
 
 class DrivingConstants(NamedTuple):
-    """The parameters of the document's program that :func:`drive` uses, with their names."""
+    """The parameters of the document's program that driving needs, with their names."""
 
     is_autonomous: bool
     gp_max: int
@@ -46,7 +47,7 @@ def driving_constants(settings: ControllerParameters) -> DrivingConstants:
 
 
 class DrivingState(NamedTuple):
-    """What :func:`drive` carries from one tick to the next.
+    """What drives the robot carries from one tick to the next.
 
     Attributes
     ----------
@@ -124,33 +125,36 @@ class PlaneInputs(NamedTuple):
     battery_mv: int
 
 
-PlaneLaw = Callable[[Any, Any, PlaneInputs], tuple[Any, int]]
-"""Returns the next state of a plane, whose `motion` is a :class:`Motion`, and the duty [%]."""
+class State(NamedTuple):
+    """The state of a controller that drives; those of the planes have a `motion`."""
+
+    driving: DrivingState
+    x: Any
+    y: Any
 
 
-def drive(
-    constants: Any, state: Any, readings: Readings, balance: PlaneLaw
-) -> tuple[DrivingState, Any, Any, Duty]:
-    """Decide everything but the balance: sections 7.5, 7.6 and figure 7-1.
+def balance(constants: Any, plane: Any, inputs: PlaneInputs) -> tuple[Any, int]:
+    """Return the next state of a plane, and its duty [%]: a controller's own function."""
+    raise NotImplementedError
+
+
+def driving_law(balance: Callable[..., tuple[Any, int]]) -> Law:
+    """Return the law that balances the planes by `balance`, and decides everything else."""
+    return with_globals(_law, {'balance': balance})
+
+
+def _law(constants: Any, state: State, readings: Readings) -> tuple[State, Duty]:
+    """Return the next state and the duty: sections 7.5, 7.6 and figure 7-1.
 
     Parameters
     ----------
     constants : named tuple
         With those of :class:`DrivingConstants` as `driving`.
-    state : named tuple
-        With a :class:`DrivingState` as `driving`, and those of the planes as `x` and `y`.
-    balance : callable
-        The law of a plane.
-
-    Returns
-    -------
-    driving, x, y, duty
-        The next state, and the duty.
     """
     p = constants.driving
     driving = driven(p, state.driving, readings)
     if not is_balanced(driving.operating):
-        return driving, state.x, state.y, (0, 0)
+        return State(driving, state.x, state.y), (0, 0)
     (gyro_x, gyro_y), (revolution_x, revolution_y) = readings.gyro, readings.revolutions
     stick_x, stick_y = command(p, driving.operating, readings.sticks)
     x, duty_x = balance(
@@ -168,7 +172,8 @@ def drive(
         ),
     )  # fmt: skip
     are_in_control = is_in_control(p, x.motion) and is_in_control(p, y.motion)
-    return watched(driving, are_in_control, readings.elapsed_ms), x, y, (duty_x, duty_y)
+    driving = watched(driving, are_in_control, readings.elapsed_ms)
+    return State(driving, x, y), (duty_x, duty_y)
 
 
 def driven(p: DrivingConstants, state: DrivingState, readings: Readings) -> DrivingState:
@@ -300,7 +305,7 @@ def next_reference(share: float, reference: Reference, speed: float) -> Referenc
 class DrivingController(LawController[P]):
     """A controller that drives as the document's program does, with another law of balance.
 
-    Its law is that of :func:`drive`, and its state has the members that this needs.
+    Its law is a :func:`driving_law`, and its state a :class:`State`.
     """
 
     tunable_settings: ClassVar[tuple[str, ...]] = (

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections import namedtuple
 from collections.abc import Callable
 from dataclasses import fields
 from functools import cache
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 from ballbot_ros.controllers.controller import Controller, Duty, P, Readings
 from ballbot_ros.parameters import ControllerParameters
@@ -26,8 +27,8 @@ class LawController(Controller[P]):
     ----------
     law : callable
         ``law(constants, state, readings) -> (state, duty)``. It must not depend on anything else.
-    state : named tuple
-        The state after the newest tick.
+    state, in_force : named tuple
+        The state after the newest tick, and the constants.
     """
 
     law: ClassVar[Law]
@@ -54,7 +55,7 @@ class LawController(Controller[P]):
     def start(self) -> None:
         """Set the initial state."""
         self._set_constants()
-        self.state = self.initial_state(self._constants)
+        self.state = self.initial_state(self.in_force)
 
     def retune(self, parameters: P, settings: ControllerParameters) -> None:
         """Take over values that change during the run."""
@@ -62,12 +63,12 @@ class LawController(Controller[P]):
         self._set_constants()
 
     def _set_constants(self) -> None:
-        self._constants = self.constants(self.parameters, self.model, self.settings)
+        self.in_force = self.constants(self.parameters, self.model, self.settings)
 
     def tick(self, readings: Readings) -> Duty:
         """Return the duty for the readings of a tick."""
         before = self.state
-        self.state, duty = type(self).law(self._constants, before, readings)
+        self.state, duty = type(self).law(self.in_force, before, readings)
         self.report(before, readings)
         return duty
 
@@ -90,17 +91,9 @@ def as_numbers(parameters: Any) -> Any:
         for each in fields(parameters)
         if not isinstance(value := getattr(parameters, each.name), str)
     }
-    kinds = tuple((name, kind_of(value)) for name, value in values.items())
-    return _numbers_class(type(parameters).__name__, kinds)(**values)
-
-
-def kind_of(value: Any) -> Any:
-    """Return the type of a number, or of a tuple with its length."""
-    if type(value) is tuple:
-        return tuple.__class_getitem__(tuple(map(kind_of, value)))
-    return type(value)
+    return _numbers_class(type(parameters).__name__, tuple(values))(**values)
 
 
 @cache
-def _numbers_class(name: str, kinds: tuple[tuple[str, Any], ...]) -> Any:
-    return NamedTuple(name, kinds)
+def _numbers_class(name: str, members: tuple[str, ...]) -> Any:
+    return namedtuple(name, members)

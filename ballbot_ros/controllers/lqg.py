@@ -10,8 +10,6 @@ import numpy as np
 
 from ballbot_ros.controllers.controller import (
     MAX_DUTY,
-    Duty,
-    Readings,
     duty_of_voltage,
     max_voltage,
 )
@@ -21,12 +19,12 @@ from ballbot_ros.controllers.driving import (
     STANDING_BY,
     DrivingConstants,
     DrivingController,
-    DrivingState,
     Motion,
     PlaneInputs,
     Reference,
-    drive,
+    State,
     driving_constants,
+    driving_law,
     low_pass_share,
     next_reference,
 )
@@ -251,20 +249,6 @@ class Plane(NamedTuple):
     integral: float
 
 
-class State(NamedTuple):
-    """The state of both planes, and of what they share."""
-
-    driving: DrivingState
-    x: Plane
-    y: Plane
-
-
-def law(constants: Constants, state: State, readings: Readings) -> tuple[State, Duty]:
-    """Return the next state, and the duty for the readings of a tick."""
-    driving, x, y, duty = drive(constants, state, readings, balance)
-    return State(driving, x, y), duty
-
-
 def balance(p: Constants, plane: Plane, inputs: PlaneInputs) -> tuple[Plane, int]:
     """Return the next state of a plane, and its duty [%]."""
     task = tracking_task(p, plane, inputs)
@@ -376,7 +360,7 @@ class LQG(DrivingController[LQGParameters]):
     their way will have led to when the duty takes effect: from there on, the loop is as without.
     """
 
-    law = law
+    law = driving_law(balance)
 
     @classmethod
     def design(cls, parameters: LQGParameters, model: PhysicalParameters) -> LQGParameters:

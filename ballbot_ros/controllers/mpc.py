@@ -9,14 +9,13 @@ import numpy as np
 from scipy import sparse
 
 from ballbot_ros.controllers.controller import Duty, Readings, max_voltage
-from ballbot_ros.controllers.driving import PlaneInputs, drive
+from ballbot_ros.controllers.driving import PlaneInputs, driving_law
 from ballbot_ros.controllers.lqg import (
     LQG,
     STATES,
     Constants,
     LQGParameters,
     Plane,
-    State,
     TrackingTask,
     next_plane,
     regulated,
@@ -182,6 +181,7 @@ class MPC(LQG):
         """Start both planes at rest."""
         super().start()
         self._regulators = LimitedRegulator(self._own), LimitedRegulator(self._own)
+        self._law = driving_law(self._balance)
 
     @property
     def _own(self) -> MPCParameters:
@@ -196,9 +196,8 @@ class MPC(LQG):
 
     def tick(self, readings: Readings) -> Duty:
         """Return the duty for the readings of a tick."""
-        before: State = self.state
-        driving, x, y, duty = drive(self._constants, before, readings, self._balance)
-        self.state = State(driving, x, y)
+        before = self.state
+        self.state, duty = self._law(self.in_force, before, readings)
         self.report(before, readings)
         return duty
 

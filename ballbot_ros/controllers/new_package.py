@@ -42,8 +42,9 @@ _FOLDERS = ('build', 'dist', 'install', 'log', 'resource', 'scenarios', 'setup',
 """Names of files and folders next to the folder of the modules."""
 
 _NAMES_IN_TEMPLATES = {
-    'Controller', 'ControllerParameters', 'Duty', 'Estimates', 'Gains', 'OperatingState', 'Path',
-    'Plane', 'Readings', 'TICK_S', 'TakesEffect',
+    'Constants', 'Controller', 'ControllerParameters', 'Duty', 'Estimates', 'Gains',
+    'LawController', 'NamedTuple', 'OperatingState', 'Path', 'PhysicalParameters', 'Plane',
+    'Readings', 'State', 'TICK_S', 'TakesEffect',
 }  # fmt: skip
 
 

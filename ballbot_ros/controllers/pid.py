@@ -5,19 +5,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from ballbot_ros.controllers.controller import MAX_DUTY, Duty, Readings, duty_of_voltage
+from ballbot_ros.controllers.controller import MAX_DUTY, duty_of_voltage
 from ballbot_ros.controllers.driving import (
     NO_MOTION,
     NO_REFERENCE,
     STANDING_BY,
     DrivingConstants,
     DrivingController,
-    DrivingState,
     Motion,
     PlaneInputs,
     Reference,
-    drive,
+    State,
     driving_constants,
+    driving_law,
     low_pass_share,
     next_reference,
 )
@@ -98,21 +98,7 @@ class Plane(NamedTuple):
     integral: float
 
 
-class State(NamedTuple):
-    """The state of both planes, and of what they share."""
-
-    driving: DrivingState
-    x: Plane
-    y: Plane
-
-
 AT_REST = Plane(NO_MOTION, NO_REFERENCE, 0.0, 0.0, 0.0)
-
-
-def law(constants: Constants, state: State, readings: Readings) -> tuple[State, Duty]:
-    """Return the next state, and the duty for the readings of a tick."""
-    driving, x, y, duty = drive(constants, state, readings, balance)
-    return State(driving, x, y), duty
 
 
 def balance(p: Constants, plane: Plane, inputs: PlaneInputs) -> tuple[Plane, int]:
@@ -157,7 +143,7 @@ class PID(DrivingController[PIDParameters]):
     rate (D). The inner one drives the ball under the body: P on the pitch error, D on its rate.
     """
 
-    law = law
+    law = driving_law(balance)
 
     @classmethod
     def constants(

@@ -7,11 +7,12 @@ import fcntl
 import hashlib
 import os
 import platform
+import re
 import shutil
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from functools import cache
 from importlib.metadata import version
 from importlib.util import find_spec
@@ -22,14 +23,16 @@ from typing import IO, Any, cast
 import numpy as np
 
 import ballbot_ros
-from ballbot_ros.errors import BallbotError
-from ballbot_ros.files import make_folder
+from ballbot_ros.errors import BallbotError, one_line
+from ballbot_ros.files import make_folder, shown_path
 from ballbot_ros.robot.numerics.compiler_hints import ALTERNATIVES, INLINED
 
 _PACKAGE = ballbot_ros.__name__
+_ROOT = Path(ballbot_ros.__file__).parent
 _KEPT_FOLDERS = 4
 _MAX_WAIT_S, _POLL_S = 120.0, 0.05
 
+NO_COMPILER = 'numba is not installed'
 REMEDY = "pip install 'ballbot_ros[study]'"
 """How to install what studies need."""
 
@@ -49,7 +52,7 @@ _in_background: set[Function] = set()
 
 
 def compiled(function: Function) -> Function:
-    """Return a function of this project compiled, together with the functions that it calls.
+    """Return a function compiled, together with those of its own and of this package it calls.
 
     The results are those of the function itself, bit for bit: without `fastmath`, numba keeps the
     operations of IEEE arithmetic and their order. A division by zero gives what numpy's numbers
@@ -63,7 +66,9 @@ def compiled(function: Function) -> Function:
     known = _functions.get(function)
     if known is None:
         fresh = _with_compiled_globals(ALTERNATIVES.get(function, function), {})
-        known = _numba().njit(fresh, error_model='numpy', forceinline=function in INLINED)
+        # Python's own numbers refuse a division by zero.
+        model = 'numpy' if _package_of(function) == _PACKAGE else 'python'
+        known = _numba().njit(fresh, error_model=model, forceinline=function in INLINED)
         _functions[function] = known
     return cast(Function, known)
 
@@ -100,23 +105,28 @@ def compiled_and_kept(
         folder = _folder()
         with _cache_folder(numba, folder):
             known = numba.njit(fresh, error_model='numpy', nogil=True, cache=folder is not None)
-        if folder:
-            known = _compiling_alone(known, numba.typeof, folder / f'{fresh.__qualname__}.lock')
+        lock = folder / f'{fresh.__qualname__}.lock' if folder else None
+        known = _compiling_alone(known, numba.typeof, lock)
         _kept_functions[function, name] = known
     return known
 
 
-def _compiling_alone(function: Any, type_of: Callable[[object], object], lock: Path) -> Function:
+def _compiling_alone(
+    function: Any, type_of: Callable[[object], object], lock: Path | None
+) -> Function:
     """Return a function that is compiled, or read from the disk, by one process at a time.
 
-    Each of the project's functions has arguments of only one type.
+    Each of the project's functions has arguments of only one type. It raises CompilationError if it
+    can't be compiled for them.
     """
 
     def call(*arguments: object) -> object:
         if not function.overloads:
-            with lock.open('w') as file:
-                _wait_for_lock(file)
-                function.compile(tuple(map(type_of, arguments)))
+            with lock.open('w') if lock else nullcontext() as file:
+                if file:
+                    _wait_for_lock(file)
+                if problem := _problem(function, tuple(map(type_of, arguments))):
+                    raise CompilationError(problem)
         return function(*arguments)
 
     return call
@@ -171,13 +181,38 @@ def compile_in_background(function: Function, compiles: Callable[[], None]) -> N
         os.posix_spawn(sys.executable, words, os.environ, file_actions=nothing, setsid=True)
 
 
+def functions_sha256(function: Function) -> str:
+    """Return a hash of a function and of what it reads of its own package, as hexadecimal text."""
+    digest = hashlib.sha256()
+    found = [function]
+    for each in found:
+        assert isinstance(each, FunctionType)
+        digest.update(repr(_text_of(each.__code__)).encode())
+        for name in sorted(_global_names(each.__code__)):
+            value = each.__globals__.get(name)
+            if isinstance(value, FunctionType):
+                if value not in found and _package_of(value) == _package_of(function):
+                    found.append(value)
+            elif isinstance(value, int | float | tuple | str):
+                digest.update(f'{name} = {value!r}\n'.encode())
+    return digest.hexdigest()
+
+
+def _text_of(code: CodeType) -> tuple[object, ...]:
+    constants = [_text_of(each) if isinstance(each, CodeType) else each for each in code.co_consts]
+    return code.co_code, code.co_names, code.co_varnames, constants
+
+
+def _package_of(function: Function) -> str:
+    return function.__module__.partition('.')[0]
+
+
 @cache
 def code_sha256() -> str:
     """Return a hash of the text of all modules of this package, as hexadecimal text."""
-    root = Path(ballbot_ros.__file__).parent
     digest = hashlib.sha256()
-    for path in sorted(root.rglob('*.py')):
-        digest.update(f'{path.relative_to(root)}\0'.encode())
+    for path in sorted(_ROOT.rglob('*.py')):
+        digest.update(f'{path.relative_to(_ROOT)}\0'.encode())
         digest.update(path.read_bytes())
     return digest.hexdigest()
 
@@ -190,7 +225,7 @@ def _with_compiled_globals(function: Function, others: Mapping[str, Function]) -
         name: compiled(value)
         for name in _global_names(function.__code__)
         if isinstance(value := given.get(name), FunctionType)
-        and value.__module__.startswith(_PACKAGE)
+        and (name in others or _package_of(value) in (_PACKAGE, _package_of(function)))
     }
     fresh = FunctionType(function.__code__, {**given, **called}, function.__name__)
     fresh.__qualname__ = function.__qualname__
@@ -202,6 +237,27 @@ def _global_names(code: CodeType) -> set[str]:
     names = {each.argval for each in dis.get_instructions(code) if each.opname == 'LOAD_GLOBAL'}
     inner = (_global_names(each) for each in code.co_consts if isinstance(each, CodeType))
     return names.union(*inner)
+
+
+def compilation_problem(function: Function, *arguments: object) -> str:
+    """Return why a function can't be compiled for arguments, on one line; '' if it can."""
+    return _problem(compiled(function), tuple(map(_numba().typeof, arguments)))
+
+
+def _problem(function: Any, types: tuple[object, ...]) -> str:
+    """Compile a function for types; return why this is not possible, on one line."""
+    try:
+        function.compile(types)
+    except Exception as error:  # the compiler has several families of them
+        text = str(error)
+        found = re.findall(r'(?:File "|Raised from )(.+?)"?,? (?:line |\()(\d+)', text)
+        # The user's code rather than ours, which calls it.
+        places = sorted(found, key=lambda each: not Path(each[0]).resolve().is_relative_to(_ROOT))
+        where = f'{shown_path(Path(places[-1][0]))}:{places[-1][1]}: ' if places else ''
+        lines = [each.strip() for each in text.splitlines() if each.strip()]
+        told = [each for each in lines if not each.startswith(('Failed in', 'During:', 'File'))]
+        return f'{where}{one_line((told or lines or [type(error).__name__])[0])}'
+    return ''
 
 
 def can_compile() -> bool:

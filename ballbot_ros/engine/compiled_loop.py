@@ -21,15 +21,15 @@ from ballbot_ros.engine.compilation import (
 )
 from ballbot_ros.engine.plant import SavedPlant
 from ballbot_ros.engine.plant_tick import STEP_VALUES, PlantState, waiting_count
-from ballbot_ros.engine.rows import RobotRows, Rows, columns_of, program_rows, state_of
+from ballbot_ros.engine.rows import RobotRows, Rows, columns_of, program_rows, rows_of, state_of
 from ballbot_ros.engine.run import (
-    ROBOT_STATE,
-    TICK,
     Events,
     FloorTables,
     Rings,
     RunLog,
+    new_robots,
     simulate_runs,
+    tick_type,
 )
 from ballbot_ros.engine.scenario.scenario import Scenario, StickSignal
 from ballbot_ros.parameters import (
@@ -139,7 +139,7 @@ class CompiledLoop:
             floor_of(loop.world), events_of([scenario]),
         )  # fmt: skip
         self._rings = rings_of(rows)
-        self._robots = np.zeros(1, ROBOT_STATE)
+        self._robots = new_robots(1, rows_of([program.state]))
 
     def advance(self, ticks: int) -> RunLog:
         """Make up to some ticks, fewer if the run ends; return what they were."""
@@ -162,7 +162,7 @@ class CompiledLoop:
         log = RunLog(
             np.zeros((1, ticks, 2)), np.zeros((1, ticks, 2)), np.zeros((1, ticks, 2), np.int8)
         )
-        traces = np.zeros((1, traced), TICK)
+        traces = np.zeros((1, traced), tick_type(self._robots.dtype['program']))
         before = int(self._robots['ticks'][0])
         self._run(*self._tables, self._rings, log, traces, self._robots, ticks)
         done = int(self._robots['ticks'][0]) - before

@@ -4,9 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
-from dataclasses import fields, replace
+from dataclasses import Field, fields, is_dataclass, replace
 from functools import cache
-from typing import Any, Literal, TypeVar, cast, get_args, get_origin, get_type_hints
+from typing import (
+    Any,
+    Literal,
+    NamedTuple,
+    TypeVar,
+    cast,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +55,40 @@ State = TypeVar('State', bound=tuple[Any, ...])
 _NUMBERS: dict[Any, str] = {float: 'f8', int: 'i8', bool: '?', Single: 'f4', np.uint64: 'u8'}
 
 
+class Record(NamedTuple):
+    """The kind of a named tuple or a dataclass: its class, names and kinds of its members.
+
+    The kind of a number is its type, that of a tuple a tuple of kinds.
+    """
+
+    cls: type
+    names: tuple[str, ...]
+    kinds: tuple[Any, ...]
+
+
+def kind_of_class(cls: Any) -> Any:
+    """Return the kind of the instances of a class, by its annotations."""
+    if names := getattr(cls, '_fields', None) or [each.name for each in _fields(cls)]:
+        hints = get_type_hints(cls)
+        return Record(cls, tuple(names), tuple(kind_of_class(hints[each]) for each in names))
+    if get_origin(cls) is tuple:
+        return tuple(map(kind_of_class, get_args(cls)))
+    return cls
+
+
+def _fields(cls: Any) -> Sequence[Field[Any]]:
+    return fields(cls) if is_dataclass(cls) else ()
+
+
+def kind_of(value: Any) -> Any:
+    """Return the kind of a number, a tuple or a named tuple."""
+    if names := getattr(value, '_fields', ()):
+        return Record(type(value), names, tuple(map(kind_of, value)))
+    if isinstance(value, tuple):
+        return tuple(map(kind_of, value))
+    return next((each for each in (bool, int, float) if isinstance(value, each)), type(value))
+
+
 @cache
 def row_type(cls: type) -> np.dtype[np.void]:
     """Return the type of a row for a dataclass or a named tuple.
@@ -53,40 +96,51 @@ def row_type(cls: type) -> np.dtype[np.void]:
     It has numbers, switches, tuples and named tuples of them, and choices by their index; texts
     that are no choices are left out.
     """
-    hints = get_type_hints(cls)
-    names = getattr(cls, '_fields', None) or [each.name for each in fields(cls)]
-    columns: Any = [(name, *kind) for name in names if (kind := _column(hints[name]))]
+    return row_type_of(kind_of_class(cls))
+
+
+def row_type_of(kind: Record) -> np.dtype[np.void]:
+    """Return the type of a row for a kind."""
+    members = zip(kind.names, kind.kinds, strict=True)
+    columns: Any = [(name, *column) for name, each in members if (column := _column(each))]
     row: np.dtype[np.void] = np.dtype(columns)
     return row
 
 
 def _column(kind: Any) -> tuple[Any, ...]:
     """Return the type of a column, and the number of its elements; () if there is none."""
-    inner = get_args(kind)
-    if kind in _NUMBERS:
-        return (_NUMBERS[kind],)
+    if isinstance(kind, Record):
+        return (row_type_of(kind),)
+    if isinstance(kind, tuple):
+        if _is_array(kind):
+            return _NUMBERS[kind[0]], (len(kind),)
+        inner = [(f'f{at}', *_column(each)) for at, each in enumerate(kind)]
+        return (inner,) if inner and all(len(each) > 1 for each in inner) else ()
     if get_origin(kind) is Literal:
-        return ('i8' if isinstance(inner[0], int) else 'i1',)
-    if hasattr(kind, '_fields'):
-        return (row_type(kind),)
-    if get_origin(kind) is tuple and set(inner) <= _NUMBERS.keys():
-        if len(set(inner)) == 1:
-            return _NUMBERS[inner[0]], (len(inner),)
-        return ([(f'f{at}', _NUMBERS[each]) for at, each in enumerate(inner)],)
-    return ()
+        return ('i8' if isinstance(get_args(kind)[0], int) else 'i1',)
+    return (_NUMBERS[kind],) if kind in _NUMBERS else ()
+
+
+def _is_array(kind: tuple[Any, ...]) -> bool:
+    return len(set(kind)) == 1 and kind[0] in _NUMBERS
 
 
 def row_functions(
     cls: type[State],
 ) -> tuple[Callable[[Any], State], Callable[[Any, State], None]]:
-    """Return functions that read a named tuple from a row, and write it there.
+    """Return functions that read a named tuple from a row, and write it there."""
+    return row_functions_of(kind_of_class(cls))
+
+
+def row_functions_of(kind: Record) -> tuple[Callable[[Any], Any], Callable[[Any, Any], None]]:
+    """Return functions that read a named tuple of a kind from a row, and write it there.
 
     They are made from its fields, as a dataclass makes its methods: the compiler takes neither a
     loop over fields nor one over a tuple of several types.
     """
     classes: dict[str, type] = {}
     numbers: list[tuple[str, str]] = []
-    value = _add(cls, '', '', classes, numbers)
+    value = _add(kind, '', '', classes, numbers)
     copies = ''.join(f'    row{place} = state{part}\n' for place, part in numbers)
     source = f'def read(row):\n    return {value}\ndef write(row, state):\n{copies}'
     made: dict[str, Any] = {'__name__': __name__, **classes}
@@ -98,21 +152,22 @@ def _add(
     kind: Any, place: str, part: str, classes: dict[str, type], numbers: list[tuple[str, str]]
 ) -> str:
     """Add classes and numbers of a value, which is at a place of the row; return how it is read."""
-    if hasattr(kind, '_fields'):
-        name = f'{kind.__name__}_{len(classes)}'
-        classes[name] = kind
-        hints = get_type_hints(kind)
+    if isinstance(kind, Record):
+        name = f'{kind.cls.__name__}_{len(classes)}'
+        classes[name] = kind.cls
+        members = zip(kind.names, kind.kinds, strict=True)
         parts = [
-            _add(hints[each], f'{place}.{each}', f'{part}.{each}', classes, numbers)
-            for each in kind._fields
+            _add(each, f'{place}.{member}', f'{part}.{member}', classes, numbers)
+            for member, each in members
         ]
         return f'{name}({", ".join(parts)})'
-    if get_origin(kind) is tuple:
-        inner = get_args(kind)
-        form = '[{}]' if len(set(inner)) == 1 else '.f{}'
-        places = [place + form.format(at) for at in range(len(inner))]
-        numbers += [(each, f'{part}[{at}]') for at, each in enumerate(places)]
-        return f'({"".join(f"row{each}, " for each in places)})'
+    if isinstance(kind, tuple):
+        form = '[{}]' if _is_array(kind) else '.f{}'
+        parts = [
+            _add(each, place + form.format(at), f'{part}[{at}]', classes, numbers)
+            for at, each in enumerate(kind)
+        ]
+        return f'({"".join(f"{each}, " for each in parts)})'
     numbers.append((place, part))
     return f'row{place}'
 
@@ -132,6 +187,39 @@ def columns_of(cls: Callable[..., State], rows: Rows) -> State:
     """Return a state whose numbers are columns: those of all rows."""
     columns = (rows[name] for name in rows.dtype.names or ())
     return cls(*(tuple(each.T) if each.ndim > 1 else each for each in columns))
+
+
+def rows_of(values: Sequence[Any]) -> Rows:
+    """Return named tuples of one kind as rows."""
+    kind = kind_of(values[0])
+    rows = np.zeros(len(values), row_type_of(kind))
+    for row, each in zip(rows, values, strict=True):
+        put(row, each)
+    return rows
+
+
+def are_finite(rows: Rows) -> NDArray[np.bool_]:
+    """Return for each row whether all its real numbers are finite."""
+    finite = np.ones(len(rows), np.bool_)
+    for name in rows.dtype.names or ():
+        finite &= are_finite(rows[name])
+    if rows.dtype.kind == 'f':
+        numbers: NDArray[np.float64] = rows.reshape(len(rows), -1)  # type: ignore[assignment]
+        finite &= np.isfinite(numbers).all(axis=1)
+    return finite
+
+
+def put(row: np.void, value: Any) -> None:
+    """Write a named tuple, or a tuple, into a row."""
+    names = getattr(value, '_fields', None) or [f'f{at}' for at in range(len(value))]
+    for name, each in zip(names, value, strict=True):
+        is_tuple = isinstance(each, tuple)
+        if is_tuple and not each:
+            continue  # it has no column
+        if is_tuple and row.dtype[name].names:
+            put(row[name], each)
+        else:
+            row[name] = each
 
 
 def program_rows(controllers: Rows) -> Rows:

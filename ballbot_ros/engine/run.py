@@ -1,4 +1,6 @@
-"""The samples of a tick, and a whole run of the document's program as one loop over ticks.
+"""The samples of a tick, and a whole run as one loop over ticks.
+
+The program is that of the document; :mod:`ballbot_ros.engine.law_runs` puts others in its place.
 
 After the samples the controller acts, and then the plant moves: the lockstep imposes this order on
 the graph, too.
@@ -13,12 +15,12 @@ import numpy as np
 from ballbot_ros.controllers.document.axis import LCD_MS
 from ballbot_ros.controllers.document.program import (
     INIT,
-    INITIAL_STATE,
     LCD,
     TS1,
     TS2,
     TS3,
     ProgramState,
+    TickConstants,
     program_tick,
     tick_constants,
 )
@@ -48,7 +50,7 @@ from ballbot_ros.engine.plant_tick import (
     plant_tick,
     position,
 )
-from ballbot_ros.engine.rows import row_functions, row_type
+from ballbot_ros.engine.rows import Rows, row_functions, row_type
 from ballbot_ros.engine.scenario.scenario import signal_value
 from ballbot_ros.parameters.timing import (
     BATTERY_PERIOD_NS,
@@ -227,23 +229,88 @@ class RunLog(NamedTuple):
     duty: Any
 
 
-ROBOT_STATE = np.dtype([
-    ('ticks', 'i8'),
-    ('plant', row_type(PlantState)),
-    ('program', row_type(ProgramState)),
-])  # fmt: skip
-"""The number of ticks that a robot has made, and its state after them; zeros before the first."""
+def new_robots(count: int, programs: Rows) -> Rows:
+    """Return robots before their first tick as rows.
 
-TICK = np.dtype([
-    ('plant', row_type(PlantState)),
-    ('inputs', row_type(Inputs)),
-    ('program', row_type(ProgramState)),
-])  # fmt: skip
-"""A tick: the plant before it, the samples, and the program after it."""
+    They have the number of ticks that each has made, and its state after them.
+
+    Parameters
+    ----------
+    programs : rows
+        The initial states of their programs, or one for all.
+    """
+    columns = [('ticks', 'i8'), ('plant', row_type(PlantState)), ('program', programs.dtype)]
+    robots = np.zeros(count, columns)
+    robots['program'] = programs
+    return robots
+
+
+def tick_type(program: np.dtype[np.void]) -> np.dtype[np.void]:
+    """Return the type of a tick: the plant before it, the samples, and the program after it."""
+    plant, inputs = row_type(PlantState), row_type(Inputs)
+    return np.dtype([('plant', plant), ('inputs', inputs), ('program', program)])
+
 
 read_plant_state, write_plant_state = row_functions(PlantState)
 read_program_state, write_program_state = row_functions(ProgramState)
 _, write_inputs = row_functions(Inputs)
+
+
+class TaskTimers(NamedTuple):
+    """Periods of the document's tasks, and when each is due next [ms]."""
+
+    ts2_period: int
+    ts3_period: int
+    ts2_ms: int
+    ts3_ms: int
+    lcd_ms: int
+
+
+def begin_program(program: Any, begun_ms: int) -> tuple[TickConstants, TaskTimers]:
+    """Return what does not change in a run, and the timers `begun_ms` after its start.
+
+    Parameters
+    ----------
+    program : row
+        The constants of the program.
+    """
+    ts2_period, ts3_period = program.ts2_period, program.ts3_period
+    timers = TaskTimers(
+        ts2_period,
+        ts3_period,
+        -(-begun_ms // ts2_period) * ts2_period,
+        -(-begun_ms // ts3_period) * ts3_period,
+        -(-begun_ms // LCD_MS) * LCD_MS,
+    )
+    return tick_constants(program), timers
+
+
+@inlined
+def program_step(
+    law: TickConstants,
+    timers: TaskTimers,
+    state: ProgramState,
+    inputs: Inputs,
+    elapsed_ms: int,
+    systick_ms: int,
+) -> tuple[ProgramState, TaskTimers]:
+    """Return program and timers after the tasks due `elapsed_ms` after the start of the run."""
+    ts2_period, ts3_period, ts2_ms, ts3_ms, lcd_ms = timers
+    tasks = TS1 if elapsed_ms else TS1 | INIT
+    # The next time of each task is one to compare with: remainders take longer.
+    if elapsed_ms == ts2_ms:
+        tasks |= TS2
+        ts2_ms += ts2_period
+    if elapsed_ms == ts3_ms:
+        tasks |= TS3
+        ts3_ms += ts3_period
+    if elapsed_ms == lcd_ms:
+        tasks |= LCD
+        lcd_ms += LCD_MS
+    return (
+        program_tick(law, state, inputs, tasks, systick_ms),
+        TaskTimers(ts2_period, ts3_period, ts2_ms, ts3_ms, lcd_ms),
+    )
 
 
 def simulate_runs(
@@ -260,7 +327,7 @@ def simulate_runs(
     robots: Any,
     most: int,
 ) -> None:
-    """Run robots under the document's control program, each to its end or for some ticks.
+    """Run robots under a control program, each to its end or for some ticks.
 
     Parameters
     ----------
@@ -274,10 +341,10 @@ def simulate_runs(
         They are changed.
     log : RunLog
         Where the motion is written.
-    traces : ndarray of TICK, shape (r, n) or (r, 0)
+    traces : ndarray of :func:`tick_type`, shape (r, n) or (r, 0)
         Where everything in the ticks is written, unless it has no room for any.
-    robots : rows of ROBOT_STATE
-        Where the runs begin, and where they end.
+    robots : rows
+        Those of :func:`new_robots`: where the runs begin, and where they end.
     most : int
         Greatest number of ticks.
     """
@@ -319,28 +386,19 @@ def simulate_run(
     start_ns = FIRST_TICK_NS
     vertical_times, vertical_values = vertical_points[:, 0], vertical_points[:, 1]
     horizontal_times, horizontal_values = horizontal_points[:, 0], horizontal_points[:, 1]
-    ts2_period, ts3_period = program.ts2_period, program.ts3_period
     constants = robot_constants(plant_constants(plant, start_ns), gyro, encoder, sonar)
-    law = tick_constants(program)
     pushes = len(push_times) // 2
     first = robot.ticks
+    law, timers = begin_program(program, first * TICK_MS)
+    brick = read_program_state(robot.program)
     if first == 0:
         state = initial_state(constants.plant, start_ns, pushes)
-        brick = INITIAL_STATE
         clear_rings(constants.plant, effects_ns, steps)
     else:
         # All pushes are in their table again; the next tick removes those that have ended.
         robot.plant.pushes = pushes
         state = read_plant_state(robot.plant)
-        brick = read_program_state(robot.program)
     ticks = min(round(plant.duration * SECOND_NS) // TICK_NS - first, most)
-    begun_ms = first * TICK_MS
-    # The next time of each task is one to compare with: remainders take longer.
-    ts2_ms, ts3_ms, lcd_ms = (
-        -(-begun_ms // ts2_period) * ts2_period,
-        -(-begun_ms // ts3_period) * ts3_period,
-        -(-begun_ms // LCD_MS) * LCD_MS,
-    )
     is_traced = len(trace) > 0
     done = vertical = horizontal = 0
     while done < ticks and not state.is_stopped:
@@ -353,18 +411,8 @@ def simulate_run(
             horizontal = signal_value(horizontal_times, horizontal_values, elapsed_s)
         inputs = sample(constants, state, vertical, horizontal, steps, sides)
         elapsed_ms = (now_ns - start_ns) // MILLISECOND_NS
-        tasks = TS1 if elapsed_ms else TS1 | INIT
-        if elapsed_ms == ts2_ms:
-            tasks |= TS2
-            ts2_ms += ts2_period
-        if elapsed_ms == ts3_ms:
-            tasks |= TS3
-            ts3_ms += ts3_period
-        if elapsed_ms == lcd_ms:
-            tasks |= LCD
-            lcd_ms += LCD_MS
         systick_ms = now_ns // MILLISECOND_NS & UINT32_MASK
-        brick = program_tick(law, brick, inputs, tasks, systick_ms)
+        brick, timers = program_step(law, timers, brick, inputs, elapsed_ms, systick_ms)
         duties[done, 0], duties[done, 1] = brick.duty_x, brick.duty_y
         if is_traced:
             write_plant_state(trace[done].plant, state)

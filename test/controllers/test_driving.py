@@ -14,11 +14,11 @@ from ballbot_ros.controllers.driving import (
     OPERATING_STATES,
     STANDING_BY,
     DrivingConstants,
-    DrivingState,
     Motion,
     PlaneInputs,
-    drive,
+    State,
     driving_constants,
+    driving_law,
     low_pass_share,
     next_reference,
 )
@@ -40,26 +40,20 @@ class Plane(NamedTuple):
     inputs: PlaneInputs | None = None
 
 
-class State(NamedTuple):
-    driving: DrivingState = STANDING_BY
-    x: Plane = Plane(NO_MOTION)
-    y: Plane = Plane(NO_MOTION)
-
-
 class Driven:
     """A robot whose planes have no law: they report the given motion, and their inputs."""
 
     def __init__(self, **settings):
         self.constants = Constants(driving_constants(ControllerParameters(**settings)))
-        self.state, self.motions = State(), [NO_MOTION, NO_MOTION]
+        self.state = State(STANDING_BY, Plane(NO_MOTION), Plane(NO_MOTION))
+        self.motions = [NO_MOTION, NO_MOTION]
 
     def tick(self, readings):
         def balance(constants, plane, inputs):
             return Plane(self.motions[inputs.axis], inputs), 7 + inputs.axis
 
-        driving, x, y, self.duty = drive(self.constants, self.state, readings, balance)
-        self.state = State(driving, x, y)
-        return OPERATING_STATES[driving.operating]
+        self.state, self.duty = driving_law(balance)(self.constants, self.state, readings)
+        return OPERATING_STATES[self.state.driving.operating]
 
 
 def test_the_offsets_are_the_means_of_the_calibration():

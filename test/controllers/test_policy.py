@@ -15,14 +15,13 @@ from ballbot_ros.controllers.policy import (
     observer_tick,
 )
 from ballbot_ros.parameters import ControllerParameters
-from ballbot_ros.robot.brick.brick import NO_SAMPLE, DeviceInputs, Inputs
+from ballbot_ros.robot.brick.brick import NO_SAMPLE, Inputs
 
 SETTINGS = ControllerParameters()
 
 
 def readings(elapsed_ms, gyro=(600, 600), encoder=(0, 0), sticks=(0, 0)):
-    inputs = DeviceInputs(gyro, encoder, sonar_cm=80, battery_mv=8003, sticks=sticks)
-    return next_readings(NO_READINGS, elapsed_ms, inputs)
+    return next_readings(NO_READINGS, elapsed_ms, Inputs(*gyro, *encoder, 80, 8003, *sticks))
 
 
 @pytest.mark.parametrize(

@@ -15,12 +15,13 @@ pytest.importorskip('numba')
 
 from drawn_runs import drawn_run
 
+from ballbot_ros.controllers.document.program import INITIAL_STATE
 from ballbot_ros.engine.closed_loop import ClosedLoop
 from ballbot_ros.engine.compilation import compiled_and_kept
 from ballbot_ros.engine.compiled_loop import CompiledLoop, events_of, floor_of, rings_of
 from ballbot_ros.engine.golden import load_golden
-from ballbot_ros.engine.rows import RobotRows, program_rows
-from ballbot_ros.engine.run import ROBOT_STATE, TICK, RunLog, simulate_runs
+from ballbot_ros.engine.rows import RobotRows, program_rows, rows_of
+from ballbot_ros.engine.run import RunLog, new_robots, simulate_runs, tick_type
 from ballbot_ros.engine.scenario.library import load_scenario, scenario_names
 from ballbot_ros.parameters import (
     ControllerParameters,
@@ -43,12 +44,12 @@ def simulate(parameters, scenario, simulate_many=None):
     plant = parameters.of(PlantParameters)
     ticks = round(plant.duration * SECOND_NS) // TICK_NS
     log = RunLog(np.zeros((1, ticks, 2)), np.zeros((1, ticks, 2)), np.zeros((1, ticks, 2), np.int8))
-    ends = np.zeros(1, ROBOT_STATE)
+    ends = new_robots(1, rows_of([INITIAL_STATE]))
     tables = [
         rows[cls] for cls in (PlantParameters, GyroParameters, EncoderParameters, SonarParameters)
     ]
     tables.append(program_rows(rows[ControllerParameters]))
-    events, nothing = events_of([scenario]), np.zeros((1, 0), TICK)
+    events, nothing = events_of([scenario]), np.zeros((1, 0), tick_type(ends.dtype['program']))
     if simulate_many:  # plain Python reads the names of a row in a record array only
         tables = [each.view(np.recarray) for each in tables]
         ends = ends.view(np.recarray)

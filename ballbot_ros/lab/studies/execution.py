@@ -15,8 +15,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Protocol, TypeVar, cast
 
-from ballbot_ros.engine.compilation import REMEDY, is_kept
-from ballbot_ros.engine.run import simulate_runs
+from ballbot_ros.engine.compilation import NO_COMPILER, REMEDY
 from ballbot_ros.errors import BallbotError, StudyError, one_line
 from ballbot_ros.lab.studies.data_set import StudyFolder, begin_or_resume
 from ballbot_ros.lab.studies.job import Job
@@ -25,8 +24,8 @@ from ballbot_ros.lab.studies.part_file import EncodedPart
 from ballbot_ros.lab.studies.runs import (
     Advance,
     Samples,
-    has_documents_program,
-    is_compiled,
+    programs_of,
+    why_not_compiled,
 )
 from ballbot_ros.nodes.processes import END_WITH_PARENT, end_with_parent, exit_description
 from ballbot_ros.process import StopRequest
@@ -174,7 +173,8 @@ class LocalWorkers:
     """The cores of this machine: threads for compiled runs, or else processes.
 
     Compiled code runs in parallel in the threads of one process. Until it is on disk, processes
-    compile it: nothing can interrupt the compiler, but a process can be killed.
+    compile it: nothing can interrupt the compiler, but a process can be killed. The same holds for
+    the law of a user's controller.
     """
 
     def __init__(self, job: Job, observer: StudyObserver) -> None:
@@ -182,10 +182,11 @@ class LocalWorkers:
         self._advance: Advance = observer.advance
         self._count = len(os.sched_getaffinity(0))
         self._stopped = False
-        self._compiled = is_compiled(job.spec)
-        if slow := check_speed(job):
+        slow = check_speed(job)
+        if slow:
             observer.notice(slow)
-        if self._compiled and not is_kept(simulate_runs):
+        self._programs = None if slow else programs_of(job.spec)
+        if self._programs and not self._programs.is_kept:
             observer.notice('compiling, which takes about 20 s the first time ...')
         self._processes: list[WorkerProcess] = []
         self._of_thread = threading.local()
@@ -198,7 +199,7 @@ class LocalWorkers:
 
     def submit(self, part: int, samples: Samples) -> Future[PartSummary]:
         """Have a part done and written."""
-        if self._compiled and is_kept(simulate_runs):
+        if self._programs and self._programs.is_kept and not self._programs.may_hang:
             return self._pool.submit(self._job.do, part, samples, self._on_runs)
         return self._pool.submit(self._do_in_process, part, samples)
 
@@ -235,22 +236,25 @@ class LocalWorkers:
 
 
 def check_speed(job: Job) -> str:
-    """Return a notice if a study's runs could be compiled, but numba is not installed; or ''.
+    """Return a notice if a study's runs are not compiled; or ''.
 
     Raises
     ------
     StudyError
-        If the study is too long for the ordinary loop.
+        If the study is too long for the ordinary loop, though numba would do.
     """
-    if is_compiled(job.spec) or not has_documents_program(job.spec):
+    reason = why_not_compiled(job.spec)
+    if not reason:
         return ''
+    if reason != NO_COMPILER:
+        return f'not compiled, so the runs take several hundred times as long: {reason}'
     length_s = job.record.runs * job.spec.plant.duration
     if length_s > ORDINARY_LIMIT_S:
         raise StudyError(
             f'{job.record.name}: {length_s:.3g} s of simulation need numba, {ORDINARY_LIMIT_S:g} s '
             f'at most do not: {REMEDY}'
         )
-    return f'numba is not installed, so the runs take several hundred times as long: {REMEDY}'
+    return f'{NO_COMPILER}, so the runs take several hundred times as long: {REMEDY}'
 
 
 def run_study(

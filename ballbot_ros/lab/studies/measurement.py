@@ -33,7 +33,7 @@ def measure_runs(
         The parameters of ``plant_sim``.
     starts : ndarray, shape (r, 2)
         Start positions [m].
-    ends : rows of ROBOT_STATE
+    ends : rows of robots
         How the runs ended.
     log : RunLog
         The runs.

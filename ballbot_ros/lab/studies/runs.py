@@ -15,11 +15,29 @@ from numpy.typing import NDArray
 
 from ballbot_ros.analysis.metrics import measure_one
 from ballbot_ros.controllers.codegen.implementation import compose_controller, implementation_for
+from ballbot_ros.controllers.document.program import INITIAL_STATE
+from ballbot_ros.controllers.law import LawController
+from ballbot_ros.controllers.own_parameters import design_model, user_parameters
 from ballbot_ros.engine.closed_loop import ClosedLoop
-from ballbot_ros.engine.compilation import can_compile, compiled_and_kept
+from ballbot_ros.engine.compilation import (
+    NO_COMPILER,
+    CompilationError,
+    can_compile,
+    compiled_and_kept,
+    is_kept,
+)
 from ballbot_ros.engine.compiled_loop import events_of, floor_of, rings_of
-from ballbot_ros.engine.rows import RobotRows, Rows, program_rows, whole_values
-from ballbot_ros.engine.run import ROBOT_STATE, TICK, Events, RunLog, simulate_runs
+from ballbot_ros.engine.law_runs import FAULTS, LawCode, has_law, initial_state
+from ballbot_ros.engine.rows import (
+    RobotRows,
+    Rows,
+    are_finite,
+    program_rows,
+    robot_parameter,
+    rows_of,
+    whole_values,
+)
+from ballbot_ros.engine.run import Events, RunLog, new_robots, simulate_runs, tick_type
 from ballbot_ros.engine.scenario.metrics import METRICS, wall_clearance_m
 from ballbot_ros.engine.scenario.scenario import Measure, Scenario
 from ballbot_ros.engine.trajectory import TrajectoryLog
@@ -28,6 +46,7 @@ from ballbot_ros.lab.studies.events import event_part, scenarios_of
 from ballbot_ros.lab.studies.measurement import measure_runs
 from ballbot_ros.lab.studies.variables import DURATION
 from ballbot_ros.parameters import (
+    CONTROLLER,
     PLANT,
     ControllerParameters,
     EncoderParameters,
@@ -36,6 +55,7 @@ from ballbot_ros.parameters import (
     PlantParameters,
     SonarParameters,
 )
+from ballbot_ros.parameters.controller import MODEL, USER
 from ballbot_ros.parameters.files import assign_values, plain_values
 from ballbot_ros.parameters.timing import FIRST_TICK_NS, SECOND_NS, TICK_NS
 from ballbot_ros.robot.world.clearance import NO_WALLS, Walls, walls_around
@@ -150,13 +170,143 @@ class Simulator(Protocol):
 
 def simulator_for(spec: RunSpec, measures: Sequence[Measure]) -> Simulator:
     """Return the fastest simulator of a specification's runs."""
-    kind = CompiledSimulator if is_compiled(spec) else OrdinarySimulator
-    return kind(spec, measures)
+    programs = programs_of(spec)
+    if programs is None or not can_compile():
+        return OrdinarySimulator(spec, measures)
+    return CompiledSimulator(spec, measures, programs)
+
+
+class Programs(Protocol):
+    """The control programs of runs, as the compiled code needs them.
+
+    Attributes
+    ----------
+    may_hang : bool
+        Whether a run may never end, so that only a process of its own can be ended.
+    """
+
+    may_hang: bool
+
+    def problem(self) -> str:
+        """Return why their code can't be compiled, on one line; '' if it can."""
+
+    @property
+    def is_kept(self) -> bool:
+        """Whether their code is on disk."""
+
+    def compile(self) -> Callable[..., Any]:
+        """Return :func:`~ballbot_ros.engine.run.simulate_runs` with these programs."""
+
+    def rows(self, rows: RobotRows, samples: Samples) -> tuple[Rows, Rows]:
+        """Return constants for each run, and initial states for each or one for all.
+
+        It raises CompilationError if the runs need different code, and BallbotError as
+        :meth:`Simulator.simulate` does.
+        """
+
+
+class DocumentsPrograms:
+    """The document's program with the parameters of each run."""
+
+    may_hang = False
+
+    def problem(self) -> str:
+        """Return whether numba is missing."""
+        return '' if can_compile() else NO_COMPILER
+
+    @property
+    def is_kept(self) -> bool:
+        """Whether the code is on disk."""
+        return is_kept(simulate_runs)
+
+    def compile(self) -> Callable[..., Any]:
+        """Return the code."""
+        return compiled_and_kept(simulate_runs)
+
+    def rows(self, rows: RobotRows, _: Samples) -> tuple[Rows, Rows]:
+        """Return constants and initial states."""
+        return program_rows(rows[ControllerParameters]), rows_of([INITIAL_STATE])
+
+
+class Laws:
+    """The law of a specification's controller, with the parameters of each run."""
+
+    def __init__(self, spec: RunSpec) -> None:
+        self._spec = spec
+        self._code = LawCode(self._controller({}))
+        self.may_hang = not (spec.controller and spec.controller.code.is_ours)
+        self.problem, self.compile = self._code.problem, self._code.compile
+
+    @property
+    def is_kept(self) -> bool:
+        """Whether the code is on disk."""
+        return self._code.is_kept
+
+    def rows(self, _: RobotRows, samples: Samples) -> tuple[Rows, Rows]:
+        """Return constants and initial states."""
+        values = {
+            name: column.tolist()
+            for name, column in samples.values.items()
+            if is_own(name) or CONTROLLER in robot_parameter(name).nodes
+        }
+        if not values:
+            controllers = [self._controller({})]
+        else:
+            controllers = [
+                self._controller({name: column[run] for name, column in values.items()})
+                for run in range(samples.count)
+            ]
+        states = list(map(initial_state, controllers))
+        if len(set(states)) == 1:
+            del states[1:]
+        constants = [each.in_force for each in controllers]
+        if not self._code.fits(constants, states):
+            raise CompilationError('the runs differ in the number of their states or constants')
+        return np.resize(rows_of(constants), samples.count), rows_of(states)
+
+    def _controller(self, values: Mapping[str, Any]) -> LawController[Any]:
+        parameters = with_values(self._spec.parameters, values)
+        loaded = compose_controller(parameters, self._spec.controller)
+        assert loaded is not None
+        settings = parameters.of(ControllerParameters)
+        user, model = user_parameters(loaded, settings), design_model(settings)
+        controller = loaded.cls(user, model, settings)
+        assert isinstance(controller, LawController)
+        return controller
+
+
+def is_own(target: str) -> bool:
+    """Return whether ``node.param`` is a parameter of the class of a controller."""
+    return target.startswith((f'{CONTROLLER}.{USER}', f'{CONTROLLER}.{MODEL}'))
+
+
+def programs_of(spec: RunSpec) -> Programs | None:
+    """Return the programs of a specification's runs; None if they can never be compiled."""
+    if has_documents_program(spec):
+        return DocumentsPrograms()
+    if spec.controller and has_law(spec.controller.cls):
+        return Laws(spec)
+    return None
 
 
 def is_compiled(spec: RunSpec) -> bool:
-    """Return whether a specification's runs are compiled: those of the document's program."""
-    return has_documents_program(spec) and can_compile()
+    """Return whether a specification's runs are compiled."""
+    return not why_not_compiled(spec)
+
+
+def may_hang(spec: RunSpec) -> bool:
+    """Return whether a run of a specification may need a process that can be ended."""
+    programs = programs_of(spec)
+    return programs is None or programs.may_hang or bool(programs.problem())
+
+
+def why_not_compiled(spec: RunSpec) -> str:
+    """Return why a specification's runs are not compiled, on one line; '' if they are."""
+    programs = programs_of(spec)
+    if programs is not None:
+        return programs.problem()
+    name = spec.controller.cls.__name__ if spec.controller else 'its controller'
+    return f'{name} has no law, see docs/controllers.md'
 
 
 def has_documents_program(spec: RunSpec) -> bool:
@@ -188,13 +338,17 @@ class OrdinarySimulator:
             If a value is not allowed, a start position is blocked, or a controller can't be made.
         """
         results = Results.empty(samples.count, len(self._measures))
+        self.simulate_into(results, samples, advance)
+        return results
+
+    def simulate_into(self, results: Results, samples: Samples, advance: Advance = ignore) -> None:
+        """Write the results of runs, with the same errors."""
         scenarios = scenarios_of_runs(self._spec, samples)
         for run in range(samples.count):
             values = {name: column[run] for name, column in samples.values.items()}
             scenario = scenarios[run] if scenarios else self._spec.scenario
             self._simulate(run, values, scenario, results)
             advance(1)
-        return results
 
     def _simulate(
         self, run: int, values: Mapping[str, Any], scenario: Scenario, results: Results
@@ -223,9 +377,13 @@ class OrdinarySimulator:
 
 
 class CompiledSimulator:
-    """Simulates runs of the document's control program by compiled code.
+    """Simulates runs by compiled code; those in which a law fails, by the ordinary loop.
 
-    The parameters are those of :class:`OrdinarySimulator`.
+    The first parameters are those of :class:`OrdinarySimulator`.
+
+    Parameters
+    ----------
+    programs : Programs
 
     Raises
     ------
@@ -233,15 +391,16 @@ class CompiledSimulator:
         If the code can't be compiled, or the map can't be read.
     """
 
-    def __init__(self, spec: RunSpec, measures: Sequence[Measure]) -> None:
-        self._spec = spec
+    def __init__(self, spec: RunSpec, measures: Sequence[Measure], programs: Programs) -> None:
+        self._spec, self._programs = spec, programs
+        self._ordinary = OrdinarySimulator(spec, measures)
         self._measures = measures
         self._world = World.of(spec.plant)
         self._floor = floor_of(self._world)
         if self._world:
             # Most studies have one body.
             self._walls = lru_cache(1)(partial(walls_around, self._world.map))
-        self._run = compiled_and_kept(simulate_runs)
+        self._run = programs.compile()
         self._measure = {
             each.metric: compiled_and_kept(
                 measure_runs, each.metric, {'metric': METRICS[each.metric].compute}
@@ -257,8 +416,15 @@ class CompiledSimulator:
         BallbotError
             If a value is not allowed, or a start position is blocked.
         """
+        try:
+            return self._simulate_compiled(samples, advance)
+        except CompilationError:  # of a controller's law
+            return self._ordinary.simulate(samples, advance)
+
+    def _simulate_compiled(self, samples: Samples, advance: Advance) -> Results:
         results = Results.empty(samples.count, len(self._measures))
-        rows = RobotRows(self._spec.parameters, samples.values, samples.count)
+        values = {name: each for name, each in samples.values.items() if not is_own(name)}
+        rows = RobotRows(self._spec.parameters, values, samples.count)
         durations = rows[PlantParameters]['duration']
         ticks = max((round(each * SECOND_NS) // TICK_NS for each in durations.tolist()), default=0)
         together = max(1, _LOG_BYTES // (max(ticks, 1) * _BYTES_A_TICK))
@@ -271,13 +437,24 @@ class CompiledSimulator:
                 'than this machine has left'
             ) from None
         self._check_starts(rows, samples.values, samples.first)
-        programs = program_rows(rows[ControllerParameters])
+        programs, states = self._programs.rows(rows, samples)
         scenarios = scenarios_of_runs(self._spec, samples)
         events = events_of(scenarios or [self._spec.scenario])
         for first in range(0, samples.count, together):
             runs = slice(first, min(first + together, samples.count))
             part = Events(*(each[runs] for each in events)) if scenarios else events
-            self._simulate(rows.part(runs), programs[runs], part, log, time, results.part(runs))
+            robots = new_robots(
+                runs.stop - runs.start, states if len(states) == 1 else states[runs]
+            )
+            done = results.part(runs)
+            try:
+                self._simulate(rows.part(runs), programs[runs], part, log, time, robots, done)
+                doubtful = ~are_finite(robots['program'])
+            except FAULTS:
+                doubtful = np.ones(len(robots), np.bool_)
+            for run in np.flatnonzero(doubtful).tolist():
+                alone = samples.part(runs.start + run, runs.start + run + 1)
+                self._ordinary.simulate_into(done.part(slice(run, run + 1)), alone)
             advance(runs.stop - runs.start)
         return results
 
@@ -305,12 +482,12 @@ class CompiledSimulator:
         events: Events,
         log: RunLog,
         time: Floats,
+        ends: Rows,
         results: Results,
     ) -> None:
         plants = rows[PlantParameters]
-        ends = np.zeros(len(plants), ROBOT_STATE)
         runs, ticks, _ = log.duty.shape
-        nothing = np.zeros((runs, 0), TICK)
+        nothing = np.zeros((runs, 0), tick_type(ends.dtype['program']))
         self._run(
             plants, rows[GyroParameters], rows[EncoderParameters], rows[SonarParameters],
             programs, self._floor, events, rings_of(rows), log, nothing, ends, ticks,

@@ -51,13 +51,13 @@ def _difference(required: Mapping[str, str]) -> str:
 
 def _do(payload: bytes, folder: Path) -> Answer:
     from ballbot_ros.lab.studies.execution import WorkerProcess
-    from ballbot_ros.lab.studies.runs import is_compiled
+    from ballbot_ros.lab.studies.runs import may_hang
 
     packed, part, samples = pickle.loads(payload)
     job = packed.unpack(folder)
-    if is_compiled(job.spec):
+    if not may_hang(job.spec):
         encoded = job.encode(part, samples)
-    else:  # a tick that hangs can't be interrupted in a thread of the worker
+    else:  # it can't be interrupted in a thread of the worker
         process = WorkerProcess()
         try:
             encoded = process.encode(job, part, samples)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from types import FunctionType
 from typing import Any, TypeVar
 
 _F = TypeVar('_F', bound=Callable[..., Any])
@@ -31,3 +32,15 @@ def inlined(function: _F) -> _F:
     """
     INLINED.add(function)
     return function
+
+
+def with_globals(function: Callable[..., Any], others: Mapping[str, object]) -> FunctionType:
+    """Return a copy of a function for which other objects replace some of its module.
+
+    So one function calls another without having it as an argument, which compiled code that is kept
+    can't have.
+    """
+    assert isinstance(function, FunctionType)
+    fresh = FunctionType(function.__code__, {**function.__globals__, **others}, function.__name__)
+    fresh.__qualname__ = function.__qualname__
+    return inlined(fresh) if function in INLINED else fresh

@@ -11,9 +11,9 @@ from ballbot_ros.engine.scenario.scenario import ScheduledPush
 from ballbot_ros.errors import StudyError
 from ballbot_ros.lab.studies.reader import read_study
 from ballbot_ros.lab.studies.runs import (
-    CompiledSimulator,
     OrdinarySimulator,
     scenarios_of_runs,
+    simulator_for,
     with_values,
 )
 from ballbot_ros.lab.studies.sampling import Sampler
@@ -126,7 +126,7 @@ def test_any_run_can_be_repeated_from_a_scenario_file(study_of, text, tmp_path):
     study = study_of(text)
     samples = Sampler(study).part(0, 3)
     scenarios = scenarios_of_runs(study.spec, samples)
-    compiled = CompiledSimulator(study.spec, study.measures).simulate(samples)
+    compiled = simulator_for(study.spec, study.measures).simulate(samples)
     ordinary = OrdinarySimulator(study.spec, study.measures).simulate(samples.part(1, 2))
     np.testing.assert_array_equal(compiled.duty_sha256[1:2], ordinary.duty_sha256)
     for run in range(2):

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from laws import refusal
 from pushes import pushes
+from simulated_runs import EVERYTHING, assert_same, compiled_simulator, spec_of
 
-from ballbot_ros.engine.scenario.metrics import METRICS
 from ballbot_ros.engine.scenario.scenario import Measure, Scenario
 from ballbot_ros.errors import StudyError
 from ballbot_ros.lab.studies.runs import (
@@ -18,27 +18,6 @@ from ballbot_ros.lab.studies.runs import (
 from ballbot_ros.parameters import ControllerParameters, ParameterError
 from ballbot_ros.run.processes import Processes
 from ballbot_ros.run.spec import RunOptions, RunSpec
-
-EVERYTHING = [
-    *map(Measure, METRICS),
-    Measure('peak_position_m', 1.5, 2.5),
-    Measure('peak_pitch_deg', 9.0),
-]
-
-
-def spec_of(name, *assignments, controller=None):
-    options = RunOptions(
-        processes=Processes.NONE, record=False, controller=controller,
-        assignments=('plant_sim.duration=3', *assignments),
-    )  # fmt: skip
-    return RunSpec.of_scenario(name, options)
-
-
-def assert_same(one, other):
-    for name in ('duty_sha256', 'ticks', 'failed', 'fallen'):
-        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
-    np.testing.assert_allclose(one.measured, other.measured, rtol=1e-9, atol=1e-12)
-
 
 VARIED = {
     'stationary': {
@@ -68,10 +47,37 @@ VARIED = {
 @pytest.mark.parametrize('name', VARIED)
 def test_both_simulators_give_the_same_results(name):
     spec, samples = spec_of(name), Samples(6, VARIED[name])
-    compiled = CompiledSimulator(spec, EVERYTHING).simulate(samples)
+    compiled = compiled_simulator(spec, EVERYTHING).simulate(samples)
     assert_same(compiled, OrdinarySimulator(spec, EVERYTHING).simulate(samples))
     assert len({each.tobytes() for each in compiled.duty_sha256}) > 1
     assert np.isfinite(compiled.measured[0, 1:4]).all()
+
+
+VARIED_LAWS = {
+    'pid': {
+        'controller.user.pitch_p': np.linspace(1.4, 1.8, 4),
+        'controller.model.ball_radius': np.linspace(0.025, 0.027, 4),
+        'plant_sim.seed': np.arange(4),
+    },
+    'drift_filter': {
+        'controller.user.drift_time': np.linspace(5.0, 9.0, 4),
+        'controller.k_f.2': np.linspace(-1.7, -1.4, 4),
+        'controller.time_auto': np.array([1000, 1200] * 2),
+    },
+    'lqg': {
+        'controller.user.psi_scale': np.linspace(0.8, 1.2, 4),
+        'plant_sim.body_mass': np.linspace(0.6, 0.8, 4),
+    },
+}
+
+
+@pytest.mark.parametrize('controller', VARIED_LAWS)
+def test_laws_give_the_same_results_compiled(controller):
+    spec = spec_of('hardware_autonomous', controller=controller)
+    samples = Samples(4, VARIED_LAWS[controller])
+    compiled = compiled_simulator(spec, EVERYTHING).simulate(samples)
+    assert_same(compiled, OrdinarySimulator(spec, EVERYTHING).simulate(samples))
+    assert len({each.tobytes() for each in compiled.duty_sha256}) == 4
 
 
 def test_the_clearance_is_that_of_each_body():
@@ -79,7 +85,7 @@ def test_the_clearance_is_that_of_each_body():
     samples = Samples(4, {'plant_sim.body_width': sizes, 'plant_sim.body_depth': sizes})
     options = RunOptions(processes=Processes.NONE, assignments=('plant_sim.duration=8',))
     spec, measures = RunSpec.of_scenario('autonomous', options), [Measure('wall_clearance_m')]
-    compiled = CompiledSimulator(spec, measures).simulate(samples)
+    compiled = compiled_simulator(spec, measures).simulate(samples)
     assert_same(compiled, OrdinarySimulator(spec, measures).simulate(samples))
     assert len(set(compiled.measured[:, 0].tolist())) == 3
 
@@ -90,13 +96,13 @@ def test_each_run_can_have_pushes_and_sticks_of_its_own():
         for run in range(4)
     ]
     spec, samples = spec_of('push'), Samples(4, {}, scenarios)
-    compiled = CompiledSimulator(spec, EVERYTHING).simulate(samples)
+    compiled = compiled_simulator(spec, EVERYTHING).simulate(samples)
     assert_same(compiled, OrdinarySimulator(spec, EVERYTHING).simulate(samples))
     assert len({each.tobytes() for each in compiled.duty_sha256}) == 4
 
 
 def test_a_part_has_the_results_of_the_whole():
-    simulator = CompiledSimulator(spec_of('hardware_standing'), EVERYTHING)
+    simulator = compiled_simulator(spec_of('hardware_standing'), EVERYTHING)
     samples = Samples(50, {'plant_sim.seed': np.arange(50)})
     whole = simulator.simulate(samples)
     for first, last in ((0, 1), (7, 31), (49, 50)):
@@ -106,17 +112,20 @@ def test_a_part_has_the_results_of_the_whole():
 def test_a_wall_hit_ends_a_run_as_failed():
     spec = spec_of('autonomous', 'controller.time_auto=1000', 'controller.dst_thr=-1',
                    'plant_sim.duration=10')  # fmt: skip
-    compiled = CompiledSimulator(spec, EVERYTHING).simulate(Samples(1, {}))
+    compiled = compiled_simulator(spec, EVERYTHING).simulate(Samples(1, {}))
     assert compiled.failed.tolist() == [True]
     assert 0 < compiled.ticks[0] < 2500
     assert_same(compiled, OrdinarySimulator(spec, EVERYTHING).simulate(Samples(1, {})))
 
 
-def test_only_the_documents_program_is_compiled():
-    assert isinstance(simulator_for(spec_of('stationary'), []), CompiledSimulator)
-    other = simulator_for(spec_of('stationary', controller='pid'), [Measure('peak_pitch_deg')])
+def test_only_laws_are_compiled():
+    for controller in (None, 'pid'):
+        spec = spec_of('stationary', controller=controller)
+        assert isinstance(simulator_for(spec, []), CompiledSimulator)
+    pytest.importorskip('osqp')
+    other = simulator_for(spec_of('stationary', controller='mpc'), [Measure('peak_pitch_deg')])
     assert isinstance(other, OrdinarySimulator)
-    samples = Samples(2, {'controller.user.pitch_p': np.array([20.0, 30.0])})
+    samples = Samples(2, {'controller.user.pitch_limit': np.array([0.5, 3.0])})
     assert len({each.tobytes() for each in other.simulate(samples).duty_sha256}) == 2
 
 
@@ -141,7 +150,7 @@ def test_only_the_documents_program_is_compiled():
     ],
 )  # fmt: skip
 def test_values_that_are_refused(values, message):
-    simulator = CompiledSimulator(spec_of('stationary'), [])
+    simulator = compiled_simulator(spec_of('stationary'), [])
     samples = Samples(2, {name: np.array(column) for name, column in values.items()})
     assert message in refusal(ParameterError, simulator.simulate, samples)
 
@@ -151,7 +160,7 @@ def test_a_start_in_a_wall_is_refused(place):
     spec = spec_of('autonomous')
     values = {f'plant_sim.{name}': np.array([value]) for name, value in place.items()}
     with pytest.raises(StudyError, match=r'puts the body in a wall: .* \(run 0\)'):
-        CompiledSimulator(spec, []).simulate(Samples(1, values))
+        compiled_simulator(spec, []).simulate(Samples(1, values))
 
 
 def test_values_change_no_parameters_but_their_own():

@@ -8,7 +8,7 @@ from ballbot_ros.engine.rows import ROBOT_CLASSES
 from ballbot_ros.engine.scenario.library import load_scenario
 from ballbot_ros.lab.studies.reader import read_study, study_names
 from ballbot_ros.lab.studies.rerun import scenario_text
-from ballbot_ros.lab.studies.runs import CompiledSimulator, with_values
+from ballbot_ros.lab.studies.runs import simulator_for, with_values
 from ballbot_ros.lab.studies.sampling import Sampler
 from ballbot_ros.lab.studies.study import Sampling
 
@@ -30,7 +30,7 @@ def test_a_shipped_study_has_cases_that_pass_and_cases_that_fail(name):
     if study.sampling is Sampling.GRID:
         chosen = np.random.default_rng(1).permutation(study.runs)[:RUNS]
     columns = {each: column[chosen] for each, column in whole.values.items()}
-    results = CompiledSimulator(study.spec, study.measures).simulate(study.samples(columns))
+    results = simulator_for(study.spec, study.measures).simulate(study.samples(columns))
     passed = ~results.failed
     for each in study.expectations:
         values = results.measured[:, study.measures.index(each.measure)]

@@ -1,0 +1,174 @@
+"""Runs of controllers whose law is a function on numbers, by compiled code.
+
+The first functions stand for those of :mod:`ballbot_ros.engine.run` with their names, which are the
+document's program.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterable
+from typing import Any, NamedTuple
+
+from ballbot_ros.controllers.controller import (
+    MAX_DUTY,
+    NO_READINGS,
+    Controller,
+    Readings,
+    next_readings,
+)
+from ballbot_ros.controllers.controller_program import line_of
+from ballbot_ros.controllers.law import LawController
+from ballbot_ros.engine.compilation import (
+    NO_COMPILER,
+    can_compile,
+    compilation_problem,
+    compiled,
+    compiled_and_kept,
+    functions_sha256,
+    has_kept_code,
+)
+from ballbot_ros.engine.rows import kind_of, row_functions_of, rows_of
+from ballbot_ros.engine.run import simulate_run, simulate_runs
+from ballbot_ros.parameters.timing import TICK_MS
+from ballbot_ros.robot.brick.brick import NO_SAMPLE, Inputs
+from ballbot_ros.robot.numerics.compiler_hints import inlined, with_globals
+
+FAULTS = (ValueError, ArithmeticError, LookupError)
+"""What compiled laws raise, like those of the interpreter."""
+
+
+class LawState(NamedTuple):
+    """The state of a controller on the brick; `own` is that of its law."""
+
+    duty_x: int
+    duty_y: int
+    readings: Readings
+    own: Any
+
+
+def begin_program(program: Any, begun_ms: int) -> tuple[Any, int]:
+    """Return the constants of the law, which are in a row, and no timers."""
+    return read_constants(program), 0
+
+
+@inlined
+def program_step(
+    constants: Any, timers: int, state: LawState, inputs: Inputs, elapsed_ms: int, systick_ms: int
+) -> tuple[LawState, int]:
+    """Return the state after a tick; ValueError if the law gives no duty."""
+    readings = next_readings(state.readings, elapsed_ms, inputs)
+    own, (duty_x, duty_y) = law(constants, state.own, readings)
+    if not (-MAX_DUTY <= duty_x <= MAX_DUTY and -MAX_DUTY <= duty_y <= MAX_DUTY):
+        raise ValueError('no duty')
+    return LawState(duty_x, duty_y, readings, own), timers
+
+
+def read_constants(program: Any) -> Any:
+    """Read the constants from a row; the function is made for each law."""
+    raise NotImplementedError
+
+
+def law(constants: Any, state: Any, readings: Readings) -> Any:
+    """Return the next state and the duty; the law of the controller takes this place."""
+    raise NotImplementedError
+
+
+def read_program_state(robot: Any) -> Any:
+    """Read a state from a row; the function is made for each law."""
+    raise NotImplementedError
+
+
+def write_program_state(robot: Any, state: Any) -> None:
+    """Write a state into a row; the function is made for each law."""
+    raise NotImplementedError
+
+
+def some_ticks(program: Any, robot: Any) -> None:
+    """Make ticks without readings: what a law that compiles can do."""
+    constants, timers = begin_program(program, 0)
+    state = read_program_state(robot)
+    for tick in range(2):
+        state, timers = program_step(constants, timers, state, NOTHING_READ, tick * TICK_MS, 0)
+    write_program_state(robot, state)
+
+
+NOTHING_READ = Inputs(0, 0, 0, 0, NO_SAMPLE, NO_SAMPLE, NO_SAMPLE, NO_SAMPLE)
+
+
+class LawCode:
+    """The compiled runs of a controller with a law.
+
+    Parameters
+    ----------
+    controller : LawController
+        One before its first tick. Others need the same code if they have the same law, and states
+        and constants of the same kinds.
+    """
+
+    def __init__(self, controller: LawController[Any]) -> None:
+        self._law = type(controller).law
+        self._constants, self._state = controller.in_force, initial_state(controller)
+        self._kinds = kind_of(self._constants), kind_of(self._state)
+        kinds = hashlib.sha256(repr(self._kinds).encode()).hexdigest()
+        self._name = f'{self._law.__name__}_{functions_sha256(self._law)[:16]}_{kinds[:16]}'
+
+    @property
+    def is_kept(self) -> bool:
+        """Whether the code is on disk."""
+        return has_kept_code(f'{simulate_runs.__qualname__}_{self._name}')
+
+    def fits(self, constants: Iterable[Any], states: Iterable[LawState]) -> bool:
+        """Return whether it is the code for all of these constants and states."""
+        one, other = self._kinds
+        return all(kind_of(each) == one for each in constants) and all(
+            kind_of(each) == other for each in states
+        )
+
+    def compile(self) -> Callable[..., Any]:
+        """Return :func:`~ballbot_ros.engine.run.simulate_runs` with the law as the program."""
+        run = with_globals(simulate_run, self._places())
+        return compiled_and_kept(simulate_runs, self._name, {simulate_run.__name__: run})
+
+    def problem(self) -> str:
+        """Return why the code can't be compiled, on one line; '' if it can."""
+        if not can_compile():
+            return NO_COMPILER
+        if self.is_kept:
+            return ''
+        if self._name not in _problems:
+            rows = rows_of([self._constants])[0], rows_of([self._state])[0]
+            problem = compilation_problem(with_globals(some_ticks, self._places()), *rows)
+            if 'Cannot unify LawState' in problem:
+                problem = f'{line_of(self._law)}: {OTHER_TYPES}'
+            _problems[self._name] = problem
+        return _problems[self._name]
+
+    def _places(self) -> dict[str, Callable[..., Any]]:
+        """Return the functions that take the places of those of the document's program."""
+        read_own, _ = row_functions_of(self._kinds[0])
+        read, write = row_functions_of(self._kinds[1])
+        return {
+            'begin_program': with_globals(begin_program, {'read_constants': read_own}),
+            'program_step': with_globals(program_step, {'law': compiled(self._law)}),
+            'read_program_state': read,
+            'write_program_state': write,
+        }
+
+
+_problems: dict[str, str] = {}
+
+OTHER_TYPES = (
+    'it returns a state with other types than the initial one has, or a duty that is no whole '
+    'number'
+)
+
+
+def initial_state(controller: LawController[Any]) -> LawState:
+    """Return the state of a controller before its first tick."""
+    return LawState(0, 0, NO_READINGS, controller.state)
+
+
+def has_law(cls: type[Controller[Any]]) -> bool:
+    """Return whether a class of controllers has a law that tells all about its duties."""
+    return issubclass(cls, LawController) and cls.tick is LawController.tick

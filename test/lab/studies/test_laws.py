@@ -1,0 +1,170 @@
+"""Studies of own controllers whose law is a function on numbers."""
+
+import numpy as np
+import pytest
+from simulated_runs import EVERYTHING, assert_same, compiled_simulator, spec_of
+
+from ballbot_ros.engine.compilation import functions_sha256
+from ballbot_ros.lab.studies.runs import OrdinarySimulator, Samples, is_compiled, why_not_compiled
+
+MODULE = """\
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from ballbot_ros.controllers import Controller, LawController, duty_of_voltage, quantity
+
+STRENGTH = 2.0
+
+
+@dataclass(frozen=True)
+class Gains:
+    pitch: float = quantity(1.5, 'V/deg', (0.0, 20.0), 'gain')
+    power: int = quantity(2, '1', (0, 9), 'of the time')
+
+
+class State(NamedTuple):
+    pitch: tuple = (0.0, 0.0)
+    offset: tuple = (0.0, 0.0)
+    ticks: int = 0
+    is_upright: bool = True
+
+
+def law(p, state, readings):
+    if readings.elapsed_ms < 1000:
+        n = state.ticks + 1
+        gyro, offset = readings.gyro, state.offset
+        offset = (offset[0] + (gyro[0] - offset[0]) / n, offset[1] + (gyro[1] - offset[1]) / n)
+        return State(state.pitch, offset, n, True), (0, 0)
+    x, rate_x = estimate(state.pitch[0], readings.gyro[0] - state.offset[0])
+    y, rate_y = estimate(state.pitch[1], readings.gyro[1] - state.offset[1])
+    gain = p.pitch + math.sqrt(0.01 * p.power)
+    voltages = gain * x + 0.18 * rate_x, gain * y + 0.18 * rate_y
+    after = State((x, y), state.offset, state.ticks, state.is_upright and abs(x) < 20.0)
+    return after, tuple_of(voltages, readings.battery_mv)
+
+
+def estimate(pitch, rate):
+    return pitch + 0.004 * rate, STRENGTH / 2.0 * rate
+
+
+def tuple_of(voltages, battery_mv):
+    return duty_of_voltage(voltages[0], battery_mv), duty_of_voltage(voltages[1], battery_mv)
+
+
+class Own(LawController[Gains]):
+    law = law
+
+    @classmethod
+    def initial_state(cls, constants):
+        return State()
+
+"""
+
+FAILING = """
+def fails(p, state, readings):
+    after, (x, y) = law(p, state, readings)
+    late = readings.elapsed_ms - 1400
+    {failure}
+    return after, (x, y)
+
+
+class Fails(Own):
+    law = fails
+"""
+
+FAILURES = (
+    'x += int(1.0 / late) * 0',
+    'x += 1 // late * 0',
+    'x = x if late < 0 else 300',
+    'x = x if late < 0 else duty_of_voltage(math.inf - math.inf, 8000)',
+    'x = x if late < 0 else {"a": x}["b"]',
+    'after = after if late < 0 else State((math.nan, 0.0), after.offset, 0, True)',
+)
+"""What a law does for each value of its parameter ``power``, from a certain time on."""
+
+
+@pytest.fixture
+def module(tmp_path):
+    def write(text=''):
+        path = tmp_path / 'own.py'
+        path.write_text(MODULE + text, encoding='utf-8')
+        return path
+
+    return write
+
+
+def results(spec, samples):
+    return (
+        compiled_simulator(spec, EVERYTHING[:1]).simulate(samples),
+        OrdinarySimulator(spec, EVERYTHING[:1]).simulate(samples),
+    )
+
+
+def test_an_own_law_is_compiled(module):
+    spec = spec_of('hardware_standing', controller=f'{module()}:Own')
+    assert is_compiled(spec)
+    varied = {
+        'controller.user.pitch': np.array([1.4, 1.6, 0.0]),
+        'controller.user.power': np.array([2, 3, 0]),
+    }
+    compiled, ordinary = results(spec, Samples(3, varied))
+    assert_same(compiled, ordinary)
+    assert len({each.tobytes() for each in compiled.duty_sha256}) == 3
+
+
+def test_laws_fail_at_the_same_tick(module):
+    chosen = '\n    '.join(f'if p.power == {at}: {each}' for at, each in enumerate(FAILURES))
+    spec = spec_of('stationary', controller=f'{module(FAILING.format(failure=chosen))}:Fails')
+    assert is_compiled(spec)
+    numbers = np.arange(len(FAILURES) + 1)
+    compiled, ordinary = results(spec, Samples(len(numbers), {'controller.user.power': numbers}))
+    assert_same(compiled, ordinary)
+    assert ordinary.failed.tolist() == [True] * len(FAILURES) + [False]
+    # The law refuses a pitch that is no number at the next tick.
+    assert ordinary.ticks.tolist() == [350] * (len(FAILURES) - 1) + [351, 750]
+
+
+def test_a_law_that_is_not_compiled_runs_all_the_same(module):
+    line = 'x += eval("0") if late == 0 else 0'
+    spec = spec_of('stationary', controller=f'{module(FAILING.format(failure=line))}:Fails')
+    assert not is_compiled(spec)
+    compiled, ordinary = results(spec, Samples(2, {'plant_sim.seed': np.arange(2)}))
+    assert_same(compiled, ordinary)
+    assert not ordinary.failed.any()
+
+
+@pytest.mark.parametrize(
+    ('line', 'reason'),
+    [
+        ('x += eval("0")', "own.py:56: Untyped global name 'eval'"),
+        ('x = x if late < 0 else math.nan', 'own.py:53: it returns a state with other types'),
+        ('x = float(x)', 'own.py:53: it returns a state with other types'),
+        ('x += len(f"{late:9}")', 'own.py:56: format spec in f-strings not supported'),
+    ],
+)
+def test_why_a_law_is_not_compiled(module, line, reason):
+    path = module(FAILING.format(failure=line))
+    problem = why_not_compiled(spec_of('stationary', controller=f'{path}:Fails'))
+    assert '\n' not in problem
+    assert reason in problem
+
+
+def test_a_class_with_tick_has_no_law(module):
+    path = module(
+        '\nclass Plain(Controller):\n    def tick(self, readings):\n        return 0, 0\n'
+    )
+    spec = spec_of('stationary', controller=f'{path}:Plain')
+    assert why_not_compiled(spec) == 'Plain has no law, see docs/controllers.md'
+
+
+def test_other_numbers_and_functions_of_the_module_need_other_code(module):
+    def digest(text):
+        names = {'__name__': 'own'}
+        exec(compile(text, 'own.py', 'exec'), names)
+        return functions_sha256(names['law'])
+
+    first = digest(MODULE)
+    assert digest(MODULE) == first
+    for old, new in (('STRENGTH = 2.0', 'STRENGTH = 2.5'), ('0.004 * rate', '0.005 * rate')):
+        assert digest(MODULE.replace(old, new)) != first
