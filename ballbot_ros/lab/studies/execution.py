@@ -21,12 +21,8 @@ from ballbot_ros.lab.studies.data_set import StudyFolder, begin_or_resume
 from ballbot_ros.lab.studies.job import Job
 from ballbot_ros.lab.studies.manifest import PartSummary
 from ballbot_ros.lab.studies.part_file import EncodedPart
-from ballbot_ros.lab.studies.runs import (
-    Advance,
-    Samples,
-    programs_of,
-    why_not_compiled,
-)
+from ballbot_ros.lab.studies.programs import programs_of, why_not_compiled
+from ballbot_ros.lab.studies.runs import Advance, Samples
 from ballbot_ros.nodes.processes import END_WITH_PARENT, end_with_parent, exit_description
 from ballbot_ros.process import StopRequest
 

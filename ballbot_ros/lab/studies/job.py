@@ -19,6 +19,7 @@ from ballbot_ros.errors import StudyError
 from ballbot_ros.lab.studies.columns import ColumnKind, MeasureColumn, ResultColumn
 from ballbot_ros.lab.studies.manifest import PartSummary, StudyRecord
 from ballbot_ros.lab.studies.part_file import EncodedPart, PartRows, encode_part, store_part
+from ballbot_ros.lab.studies.programs import is_compiled
 from ballbot_ros.lab.studies.rerun import parameter_text, scenario_text
 from ballbot_ros.lab.studies.runs import (
     Advance,
@@ -26,7 +27,6 @@ from ballbot_ros.lab.studies.runs import (
     Samples,
     Simulator,
     ignore,
-    is_compiled,
     simulator_for,
 )
 from ballbot_ros.lab.studies.study import Study

@@ -17,7 +17,7 @@ from ballbot_ros.controllers.design.margins import recoverable_states
 from ballbot_ros.controllers.design.sampled_loop import SampledLoop
 from ballbot_ros.lab.studies.axes import Axis
 from ballbot_ros.lab.studies.columns import ColumnKind
-from ballbot_ros.lab.studies.runs import with_values
+from ballbot_ros.lab.studies.programs import with_values
 from ballbot_ros.lab.studies.survey import CellCounts
 from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, EncoderParameters, ParameterSet
 from ballbot_ros.robot.plant.model import PhysicalParameters

@@ -39,8 +39,8 @@ from ballbot_ros.lab.studies.columns import MeasureColumn
 from ballbot_ros.lab.studies.events import is_event
 from ballbot_ros.lab.studies.manifest import StudyRecord
 from ballbot_ros.lab.studies.maps import PassMap, PredictedLimit, predict, usual_values
+from ballbot_ros.lab.studies.programs import with_values
 from ballbot_ros.lab.studies.rerun import study_parameters
-from ballbot_ros.lab.studies.runs import with_values
 from ballbot_ros.lab.studies.sensitivity import MIN_SAMPLE, SLICES, Sensitivity
 from ballbot_ros.lab.studies.study import StudyText
 from ballbot_ros.lab.studies.study_data import QUANTILES, RunResults, StudyData, StudySummary

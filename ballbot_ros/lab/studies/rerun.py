@@ -13,7 +13,7 @@ from ballbot_ros.engine.scenario.writer import scenario_data
 from ballbot_ros.errors import StudyError, short_text
 from ballbot_ros.lab.studies.events import event_part, is_event, scenarios_of
 from ballbot_ros.lab.studies.manifest import StudyRecord
-from ballbot_ros.lab.studies.runs import with_values
+from ballbot_ros.lab.studies.programs import with_values
 from ballbot_ros.lab.studies.study_data import RunResults, StudyData
 from ballbot_ros.lab.studies.variables import SEED
 from ballbot_ros.parameters import (

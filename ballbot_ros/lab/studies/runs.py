@@ -15,48 +15,35 @@ from numpy.typing import NDArray
 
 from ballbot_ros.analysis.metrics import measure_one
 from ballbot_ros.controllers.codegen.implementation import compose_controller, implementation_for
-from ballbot_ros.controllers.document.program import INITIAL_STATE
-from ballbot_ros.controllers.law import LawController
-from ballbot_ros.controllers.own_parameters import design_model, user_parameters
 from ballbot_ros.engine.closed_loop import ClosedLoop
 from ballbot_ros.engine.compilation import (
-    NO_COMPILER,
     CompilationError,
-    can_compile,
     compiled_and_kept,
-    is_kept,
 )
 from ballbot_ros.engine.compiled_loop import events_of, floor_of, rings_of
-from ballbot_ros.engine.law_runs import FAULTS, LawCode, has_law, initial_state
+from ballbot_ros.engine.law_runs import FAULTS
 from ballbot_ros.engine.rows import (
     RobotRows,
     Rows,
     are_finite,
-    program_rows,
-    robot_parameter,
-    rows_of,
-    whole_values,
 )
-from ballbot_ros.engine.run import Events, RunLog, new_robots, simulate_runs, tick_type
+from ballbot_ros.engine.run import Events, RunLog, new_robots, tick_type
 from ballbot_ros.engine.scenario.metrics import METRICS, wall_clearance_m
 from ballbot_ros.engine.scenario.scenario import Measure, Scenario
 from ballbot_ros.engine.trajectory import TrajectoryLog
 from ballbot_ros.errors import ControllerError, StudyError, WorldError
 from ballbot_ros.lab.studies.events import event_part, scenarios_of
 from ballbot_ros.lab.studies.measurement import measure_runs
+from ballbot_ros.lab.studies.programs import Programs, is_own, programs_of, with_values
 from ballbot_ros.lab.studies.variables import DURATION
 from ballbot_ros.parameters import (
-    CONTROLLER,
     PLANT,
     ControllerParameters,
     EncoderParameters,
     GyroParameters,
-    ParameterSet,
     PlantParameters,
     SonarParameters,
 )
-from ballbot_ros.parameters.controller import MODEL, USER
-from ballbot_ros.parameters.files import assign_values, plain_values
 from ballbot_ros.parameters.timing import FIRST_TICK_NS, SECOND_NS, TICK_NS
 from ballbot_ros.robot.world.clearance import NO_WALLS, Walls, walls_around
 from ballbot_ros.robot.world.world import World, half_cells, is_blocked
@@ -171,147 +158,9 @@ class Simulator(Protocol):
 def simulator_for(spec: RunSpec, measures: Sequence[Measure]) -> Simulator:
     """Return the fastest simulator of a specification's runs."""
     programs = programs_of(spec)
-    if programs is None or not can_compile():
+    if programs is None or programs.problem():
         return OrdinarySimulator(spec, measures)
     return CompiledSimulator(spec, measures, programs)
-
-
-class Programs(Protocol):
-    """The control programs of runs, as the compiled code needs them.
-
-    Attributes
-    ----------
-    may_hang : bool
-        Whether a run may never end, so that only a process of its own can be ended.
-    """
-
-    may_hang: bool
-
-    def problem(self) -> str:
-        """Return why their code can't be compiled, on one line; '' if it can."""
-
-    @property
-    def is_kept(self) -> bool:
-        """Whether their code is on disk."""
-
-    def compile(self) -> Callable[..., Any]:
-        """Return :func:`~ballbot_ros.engine.run.simulate_runs` with these programs."""
-
-    def rows(self, rows: RobotRows, samples: Samples) -> tuple[Rows, Rows]:
-        """Return constants for each run, and initial states for each or one for all.
-
-        It raises CompilationError if the runs need different code, and BallbotError as
-        :meth:`Simulator.simulate` does.
-        """
-
-
-class DocumentsPrograms:
-    """The document's program with the parameters of each run."""
-
-    may_hang = False
-
-    def problem(self) -> str:
-        """Return whether numba is missing."""
-        return '' if can_compile() else NO_COMPILER
-
-    @property
-    def is_kept(self) -> bool:
-        """Whether the code is on disk."""
-        return is_kept(simulate_runs)
-
-    def compile(self) -> Callable[..., Any]:
-        """Return the code."""
-        return compiled_and_kept(simulate_runs)
-
-    def rows(self, rows: RobotRows, _: Samples) -> tuple[Rows, Rows]:
-        """Return constants and initial states."""
-        return program_rows(rows[ControllerParameters]), rows_of([INITIAL_STATE])
-
-
-class Laws:
-    """The law of a specification's controller, with the parameters of each run."""
-
-    def __init__(self, spec: RunSpec) -> None:
-        self._spec = spec
-        self._code = LawCode(self._controller({}))
-        self.may_hang = not (spec.controller and spec.controller.code.is_ours)
-        self.problem, self.compile = self._code.problem, self._code.compile
-
-    @property
-    def is_kept(self) -> bool:
-        """Whether the code is on disk."""
-        return self._code.is_kept
-
-    def rows(self, _: RobotRows, samples: Samples) -> tuple[Rows, Rows]:
-        """Return constants and initial states."""
-        values = {
-            name: column.tolist()
-            for name, column in samples.values.items()
-            if is_own(name) or CONTROLLER in robot_parameter(name).nodes
-        }
-        if not values:
-            controllers = [self._controller({})]
-        else:
-            controllers = [
-                self._controller({name: column[run] for name, column in values.items()})
-                for run in range(samples.count)
-            ]
-        states = list(map(initial_state, controllers))
-        if len(set(states)) == 1:
-            del states[1:]
-        constants = [each.in_force for each in controllers]
-        if not self._code.fits(constants, states):
-            raise CompilationError('the runs differ in the number of their states or constants')
-        return np.resize(rows_of(constants), samples.count), rows_of(states)
-
-    def _controller(self, values: Mapping[str, Any]) -> LawController[Any]:
-        parameters = with_values(self._spec.parameters, values)
-        loaded = compose_controller(parameters, self._spec.controller)
-        assert loaded is not None
-        settings = parameters.of(ControllerParameters)
-        user, model = user_parameters(loaded, settings), design_model(settings)
-        controller = loaded.cls(user, model, settings)
-        assert isinstance(controller, LawController)
-        return controller
-
-
-def is_own(target: str) -> bool:
-    """Return whether ``node.param`` is a parameter of the class of a controller."""
-    return target.startswith((f'{CONTROLLER}.{USER}', f'{CONTROLLER}.{MODEL}'))
-
-
-def programs_of(spec: RunSpec) -> Programs | None:
-    """Return the programs of a specification's runs; None if they can never be compiled."""
-    if has_documents_program(spec):
-        return DocumentsPrograms()
-    if spec.controller and has_law(spec.controller.cls):
-        return Laws(spec)
-    return None
-
-
-def is_compiled(spec: RunSpec) -> bool:
-    """Return whether a specification's runs are compiled."""
-    return not why_not_compiled(spec)
-
-
-def may_hang(spec: RunSpec) -> bool:
-    """Return whether a run of a specification may need a process that can be ended."""
-    programs = programs_of(spec)
-    return programs is None or programs.may_hang or bool(programs.problem())
-
-
-def why_not_compiled(spec: RunSpec) -> str:
-    """Return why a specification's runs are not compiled, on one line; '' if they are."""
-    programs = programs_of(spec)
-    if programs is not None:
-        return programs.problem()
-    name = spec.controller.cls.__name__ if spec.controller else 'its controller'
-    return f'{name} has no law, see docs/controllers.md'
-
-
-def has_documents_program(spec: RunSpec) -> bool:
-    """Return whether the controller is the document's program in Python."""
-    return spec.parameters.of(ControllerParameters).implementation == 'python'
 
 
 class OrdinarySimulator:
@@ -437,7 +286,7 @@ class CompiledSimulator:
                 'than this machine has left'
             ) from None
         self._check_starts(rows, samples.values, samples.first)
-        programs, states = self._programs.rows(rows, samples)
+        programs, states = self._programs.rows(rows, samples.values, samples.count)
         scenarios = scenarios_of_runs(self._spec, samples)
         events = events_of(scenarios or [self._spec.scenario])
         for first in range(0, samples.count, together):
@@ -537,14 +386,6 @@ def scenarios_of_runs(spec: RunSpec, samples: Samples) -> Sequence[Scenario]:
     parts = {name: event_part(name, spec.scenario) for name in samples.events}
     durations = samples.values.get(DURATION, np.full(samples.count, spec.plant.duration))
     return scenarios_of(spec.scenario, parts, samples.events, durations, samples.first)
-
-
-def with_values(parameters: ParameterSet, values: Mapping[str, Any]) -> ParameterSet:
-    """Return parameters with other values for some, by ``node.param`` or element of it."""
-    changed = ParameterSet()
-    changed.update(parameters)
-    assign_values(changed, whole_values(changed, plain_values(values)))
-    return changed
 
 
 def _log_of(runs: int, ticks: int) -> RunLog:

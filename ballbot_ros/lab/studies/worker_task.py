@@ -51,7 +51,7 @@ def _difference(required: Mapping[str, str]) -> str:
 
 def _do(payload: bytes, folder: Path) -> Answer:
     from ballbot_ros.lab.studies.execution import WorkerProcess
-    from ballbot_ros.lab.studies.runs import may_hang
+    from ballbot_ros.lab.studies.programs import may_hang
 
     packed, part, samples = pickle.loads(payload)
     job = packed.unpack(folder)

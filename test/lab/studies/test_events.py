@@ -9,12 +9,12 @@ from study_reruns import rerun_of
 
 from ballbot_ros.engine.scenario.scenario import ScheduledPush
 from ballbot_ros.errors import StudyError
+from ballbot_ros.lab.studies.programs import with_values
 from ballbot_ros.lab.studies.reader import read_study
 from ballbot_ros.lab.studies.runs import (
     OrdinarySimulator,
     scenarios_of_runs,
     simulator_for,
-    with_values,
 )
 from ballbot_ros.lab.studies.sampling import Sampler
 from ballbot_ros.parameters import PlantParameters

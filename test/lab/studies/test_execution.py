@@ -133,7 +133,7 @@ def test_a_finished_study_is_not_run_again_unless_asked(finished, tmp_path):
 
 
 def test_code_that_is_not_on_disk_is_compiled_where_it_can_be_given_up(monkeypatch, tmp_path):
-    monkeypatch.setattr('ballbot_ros.lab.studies.runs.is_kept', lambda function: False)
+    monkeypatch.setattr('ballbot_ros.lab.studies.programs.is_kept', lambda function: False)
     study = read_study(str(write(tmp_path)))
     observer = Observer()
     workers = execution.LocalWorkers(job_of(study, tmp_path / 'results'), observer)
@@ -180,7 +180,8 @@ def test_another_controller_runs_by_the_ordinary_loop(tmp_path):
         'controller': 'pid', 'runs': 4, 'parameters': {'plant_sim': {'duration': 2.0}},
         'vary': {'plant_sim.body_mass': {'uniform': [0.6, 0.7]}},
     }  # fmt: skip
-    data, _ = carry_out(write(tmp_path, **changes), tmp_path / 'results')
+    data, observer = carry_out(write(tmp_path, **changes), tmp_path / 'results')
+    assert not [notice for notice in observer.notices if 'not compiled' in notice]
     for row in map(data.row, range(4)):
         values = {**row.varied, 'plant_sim.seed': row.seed, 'plant_sim.duration': 2.0}
         spec = RunSpec.of_scenario('push', RunOptions(values=values, controller='pid'))
@@ -193,7 +194,7 @@ def test_another_controller_runs_by_the_ordinary_loop(tmp_path):
 def test_without_numba_a_small_study_runs_and_a_large_one_is_refused(
     finished, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr('ballbot_ros.lab.studies.runs.can_compile', lambda: False)
+    monkeypatch.setattr('ballbot_ros.lab.studies.programs.can_compile', lambda: False)
     path = write(tmp_path)
     study = read_study(str(path), runs=4)
     observer = Observer()

@@ -5,7 +5,13 @@ import pytest
 from simulated_runs import EVERYTHING, assert_same, compiled_simulator, spec_of
 
 from ballbot_ros.engine.compilation import functions_sha256
-from ballbot_ros.lab.studies.runs import OrdinarySimulator, Samples, is_compiled, why_not_compiled
+from ballbot_ros.lab.studies.programs import is_compiled, programs_of, why_not_compiled
+from ballbot_ros.lab.studies.runs import (
+    CompiledSimulator,
+    OrdinarySimulator,
+    Samples,
+    simulator_for,
+)
 
 MODULE = """\
 import math
@@ -108,8 +114,10 @@ def test_an_own_law_is_compiled(module):
         'controller.user.pitch': np.array([1.4, 1.6, 0.0]),
         'controller.user.power': np.array([2, 3, 0]),
     }
-    compiled, ordinary = results(spec, Samples(3, varied))
-    assert_same(compiled, ordinary)
+    samples, simulator = Samples(3, varied), compiled_simulator(spec, EVERYTHING[:1])
+    simulator._ordinary = None  # no run may need it
+    compiled = simulator.simulate(samples)
+    assert_same(compiled, OrdinarySimulator(spec, EVERYTHING[:1]).simulate(samples))
     assert len({each.tobytes() for each in compiled.duty_sha256}) == 3
 
 
@@ -128,9 +136,12 @@ def test_laws_fail_at_the_same_tick(module):
 def test_a_law_that_is_not_compiled_runs_all_the_same(module):
     line = 'x += eval("0") if late == 0 else 0'
     spec = spec_of('stationary', controller=f'{module(FAILING.format(failure=line))}:Fails')
-    assert not is_compiled(spec)
-    compiled, ordinary = results(spec, Samples(2, {'plant_sim.seed': np.arange(2)}))
-    assert_same(compiled, ordinary)
+    assert isinstance(simulator_for(spec, []), OrdinarySimulator)
+    # A worker may find this out only by compiling it.
+    simulator = CompiledSimulator(spec, EVERYTHING[:1], programs_of(spec))
+    samples = Samples(2, {'plant_sim.seed': np.arange(2)})
+    ordinary = OrdinarySimulator(spec, EVERYTHING[:1]).simulate(samples)
+    assert_same(simulator.simulate(samples), ordinary)
     assert not ordinary.failed.any()
 
 

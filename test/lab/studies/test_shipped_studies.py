@@ -6,9 +6,10 @@ from study_reruns import rerun_of
 
 from ballbot_ros.engine.rows import ROBOT_CLASSES
 from ballbot_ros.engine.scenario.library import load_scenario
+from ballbot_ros.lab.studies.programs import with_values
 from ballbot_ros.lab.studies.reader import read_study, study_names
 from ballbot_ros.lab.studies.rerun import scenario_text
-from ballbot_ros.lab.studies.runs import simulator_for, with_values
+from ballbot_ros.lab.studies.runs import simulator_for
 from ballbot_ros.lab.studies.sampling import Sampler
 from ballbot_ros.lab.studies.study import Sampling
 

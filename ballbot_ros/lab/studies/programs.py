@@ -1,0 +1,206 @@
+"""The code of the controllers of a study's runs: the document's program, or another law."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot_ros.controllers.codegen.implementation import compose_controller
+from ballbot_ros.controllers.document.program import INITIAL_STATE
+from ballbot_ros.controllers.law import LawController
+from ballbot_ros.controllers.loading import LoadedController
+from ballbot_ros.controllers.own_parameters import design_model, user_parameters
+from ballbot_ros.engine.compilation import (
+    NO_COMPILER,
+    CompilationError,
+    can_compile,
+    compiled_and_kept,
+    is_kept,
+)
+from ballbot_ros.engine.law_runs import LawCode, has_law, initial_state
+from ballbot_ros.engine.rows import (
+    RobotRows,
+    Rows,
+    program_rows,
+    robot_parameter,
+    rows_of,
+    whole_values,
+)
+from ballbot_ros.engine.run import simulate_runs
+from ballbot_ros.parameters import CONTROLLER, ControllerParameters, ParameterSet
+from ballbot_ros.parameters.controller import MODEL, USER
+from ballbot_ros.parameters.files import assign_values, plain_values
+from ballbot_ros.run.spec import RunSpec
+
+
+class Programs(Protocol):
+    """The control programs of runs, as the compiled code needs them.
+
+    Attributes
+    ----------
+    may_hang : bool
+        Whether a run may never end, so that only a process of its own can be ended.
+    """
+
+    may_hang: bool
+
+    def problem(self) -> str:
+        """Return why their code can't be compiled, on one line; '' if it can."""
+
+    @property
+    def is_kept(self) -> bool:
+        """Whether their code is on disk."""
+
+    def compile(self) -> Callable[..., Any]:
+        """Return :func:`~ballbot_ros.engine.run.simulate_runs` with these programs."""
+
+    def rows(
+        self, rows: RobotRows, values: Mapping[str, NDArray[Any]], count: int
+    ) -> tuple[Rows, Rows]:
+        """Return constants for each run, and initial states for each or one for all.
+
+        Parameters
+        ----------
+        rows : RobotRows
+            The parameters of all runs, without those of the controller's class.
+        values : mapping of str to ndarray
+            What distinguishes the runs, by ``node.param``.
+        count : int
+            Number of runs.
+
+        Raises
+        ------
+        CompilationError
+            If the runs need different code.
+        BallbotError
+            If a value is not allowed, or a controller can't be made.
+        """
+
+
+class DocumentsPrograms:
+    """The document's program with the parameters of each run."""
+
+    may_hang = False
+
+    def problem(self) -> str:
+        """Return whether numba is missing."""
+        return '' if can_compile() else NO_COMPILER
+
+    @property
+    def is_kept(self) -> bool:
+        """Whether the code is on disk."""
+        return is_kept(simulate_runs)
+
+    def compile(self) -> Callable[..., Any]:
+        """Return the code."""
+        return compiled_and_kept(simulate_runs)
+
+    def rows(
+        self, rows: RobotRows, values: Mapping[str, NDArray[Any]], count: int
+    ) -> tuple[Rows, Rows]:
+        """Return constants and initial states."""
+        return program_rows(rows[ControllerParameters]), rows_of([INITIAL_STATE])
+
+
+class Laws:
+    """The law of a specification's controller, with the parameters of each run."""
+
+    def __init__(self, spec: RunSpec, loaded: LoadedController) -> None:
+        self._spec, self._loaded = spec, loaded
+        self._code = LawCode(self._controller({}))
+        self.may_hang = not loaded.code.is_ours
+        self.problem, self.compile = self._code.problem, self._code.compile
+
+    @property
+    def is_kept(self) -> bool:
+        """Whether the code is on disk."""
+        return self._code.is_kept
+
+    def rows(
+        self, rows: RobotRows, values: Mapping[str, NDArray[Any]], count: int
+    ) -> tuple[Rows, Rows]:
+        """Return constants and initial states."""
+        own = {
+            name: column.tolist()
+            for name, column in values.items()
+            if is_own(name) or CONTROLLER in robot_parameter(name).nodes
+        }
+        if not own:
+            controllers = [self._controller({})]
+        else:
+            controllers = [
+                self._controller({name: column[run] for name, column in own.items()})
+                for run in range(count)
+            ]
+        states = list(map(initial_state, controllers))
+        if len(set(states)) == 1:
+            del states[1:]
+        constants = [each.in_force for each in controllers]
+        if not self._code.fits(constants, states):
+            raise CompilationError('the runs differ in the number of their states or constants')
+        return np.resize(rows_of(constants), count), rows_of(states)
+
+    def _controller(self, values: Mapping[str, Any]) -> LawController[Any]:
+        parameters = with_values(self._spec.parameters, values)
+        loaded = self._loaded
+        compose_controller(parameters, loaded)
+        settings = parameters.of(ControllerParameters)
+        user, model = user_parameters(loaded, settings), design_model(settings)
+        controller = loaded.cls(user, model, settings)
+        assert isinstance(controller, LawController)
+        return controller
+
+
+def is_own(target: str) -> bool:
+    """Return whether ``node.param`` is a parameter of the class of a controller."""
+    return target.startswith((f'{CONTROLLER}.{USER}', f'{CONTROLLER}.{MODEL}'))
+
+
+def programs_of(spec: RunSpec) -> Programs | None:
+    """Return the programs of a specification's runs; None if they can never be compiled."""
+    if has_documents_program(spec):
+        return DocumentsPrograms()
+    loaded = loaded_controller(spec)
+    return Laws(spec, loaded) if loaded and has_law(loaded.cls) else None
+
+
+def loaded_controller(spec: RunSpec) -> LoadedController | None:
+    """Return the controller of a specification, which may have only its name; None for the C."""
+    return compose_controller(with_values(spec.parameters, {}), spec.controller)
+
+
+def is_compiled(spec: RunSpec) -> bool:
+    """Return whether a specification's runs are compiled."""
+    return not why_not_compiled(spec)
+
+
+def may_hang(spec: RunSpec) -> bool:
+    """Return whether a run of a specification may need a process that can be ended."""
+    programs = programs_of(spec)
+    return programs is None or programs.may_hang or bool(programs.problem())
+
+
+def why_not_compiled(spec: RunSpec) -> str:
+    """Return why a specification's runs are not compiled, on one line; '' if they are."""
+    programs = programs_of(spec)
+    if programs is not None:
+        return programs.problem()
+    if loaded := loaded_controller(spec):
+        return f'{loaded.cls.__name__} has no law, see docs/controllers.md'
+    return 'the generated C is no function on numbers'
+
+
+def has_documents_program(spec: RunSpec) -> bool:
+    """Return whether the controller is the document's program in Python."""
+    return spec.parameters.of(ControllerParameters).implementation == 'python'
+
+
+def with_values(parameters: ParameterSet, values: Mapping[str, Any]) -> ParameterSet:
+    """Return parameters with other values for some, by ``node.param`` or element of it."""
+    changed = ParameterSet()
+    changed.update(parameters)
+    assign_values(changed, whole_values(changed, plain_values(values)))
+    return changed
