@@ -25,7 +25,7 @@ import numpy as np
 import ballbot_ros
 from ballbot_ros.errors import BallbotError, one_line
 from ballbot_ros.files import make_folder, shown_path
-from ballbot_ros.robot.numerics.compiler_hints import ALTERNATIVES, INLINED
+from ballbot_ros.robot.numerics.compiler_hints import ALTERNATIVES, INLINED, with_globals
 
 _PACKAGE = ballbot_ros.__name__
 _ROOT = Path(ballbot_ros.__file__).parent
@@ -187,7 +187,7 @@ def functions_sha256(function: Function) -> str:
     found = [function]
     for each in found:
         assert isinstance(each, FunctionType)
-        digest.update(repr(_text_of(each.__code__)).encode())
+        digest.update(repr((_text_of(each.__code__), each.__defaults__)).encode())
         for name in sorted(_global_names(each.__code__)):
             value = each.__globals__.get(name)
             if isinstance(value, FunctionType):
@@ -199,7 +199,12 @@ def functions_sha256(function: Function) -> str:
 
 
 def _text_of(code: CodeType) -> tuple[object, ...]:
-    constants = [_text_of(each) if isinstance(each, CodeType) else each for each in code.co_consts]
+    constants: list[object] = []
+    for each in code.co_consts:
+        if isinstance(each, CodeType):
+            constants.append(_text_of(each))
+        else:  # the order of a set differs from process to process
+            constants.append(sorted(map(repr, each)) if isinstance(each, frozenset) else each)
     return code.co_code, code.co_names, code.co_varnames, constants
 
 
@@ -227,9 +232,7 @@ def _with_compiled_globals(function: Function, others: Mapping[str, Function]) -
         if isinstance(value := given.get(name), FunctionType)
         and (name in others or _package_of(value) in (_PACKAGE, _package_of(function)))
     }
-    fresh = FunctionType(function.__code__, {**given, **called}, function.__name__)
-    fresh.__qualname__ = function.__qualname__
-    return fresh
+    return with_globals(function, {**others, **called})
 
 
 def _global_names(code: CodeType) -> set[str]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterable
+from types import FunctionType
 from typing import Any, NamedTuple
 
 from ballbot_ros.controllers.controller import (
@@ -28,8 +29,9 @@ from ballbot_ros.engine.compilation import (
     functions_sha256,
     has_kept_code,
 )
-from ballbot_ros.engine.rows import kind_of, row_functions_of, rows_of
+from ballbot_ros.engine.rows import has_column, kind_of, row_functions_of, rows_of
 from ballbot_ros.engine.run import simulate_run, simulate_runs
+from ballbot_ros.errors import short_repr
 from ballbot_ros.parameters.timing import TICK_MS
 from ballbot_ros.robot.brick.brick import NO_SAMPLE, Inputs
 from ballbot_ros.robot.numerics.compiler_hints import inlined, with_globals
@@ -110,13 +112,16 @@ class LawCode:
         self._law = type(controller).law
         self._constants, self._state = controller.in_force, initial_state(controller)
         self._kinds = kind_of(self._constants), kind_of(self._state)
-        kinds = hashlib.sha256(repr(self._kinds).encode()).hexdigest()
-        self._name = f'{self._law.__name__}_{functions_sha256(self._law)[:16]}_{kinds[:16]}'
+        self._obstacle = obstacle(self._law, controller)
+        self._name = ''
+        if not self._obstacle:
+            kinds = hashlib.sha256(repr(self._kinds).encode()).hexdigest()
+            self._name = f'{self._law.__name__}_{functions_sha256(self._law)[:16]}_{kinds[:16]}'
 
     @property
     def is_kept(self) -> bool:
         """Whether the code is on disk."""
-        return has_kept_code(f'{simulate_runs.__qualname__}_{self._name}')
+        return not self._obstacle and has_kept_code(f'{simulate_runs.__qualname__}_{self._name}')
 
     def fits(self, constants: Iterable[Any], states: Iterable[LawState]) -> bool:
         """Return whether it is the code for all of these constants and states."""
@@ -134,8 +139,8 @@ class LawCode:
         """Return why the code can't be compiled, on one line; '' if it can."""
         if not can_compile():
             return NO_COMPILER
-        if self.is_kept:
-            return ''
+        if self._obstacle or self.is_kept:
+            return self._obstacle
         if self._name not in _problems:
             rows = rows_of([self._constants])[0], rows_of([self._state])[0]
             problem = compilation_problem(with_globals(some_ticks, self._places()), *rows)
@@ -162,6 +167,32 @@ OTHER_TYPES = (
     'it returns a state with other types than the initial one has, or a duty that is no whole '
     'number'
 )
+
+
+def obstacle(law: object, controller: LawController[Any]) -> str:
+    """Return why a law can't be compiled whatever it computes, on one line; '' if it may be."""
+    name = type(controller).__name__
+    if not isinstance(law, FunctionType):
+        return f'{name}.law is no function'
+    if law.__closure__:
+        return f'{line_of(law)}: it reads variables of the function around it'
+    for what, value in (('constants', controller.in_force), ('initial state', controller.state)):
+        if not hasattr(value, '_fields'):
+            return f'the {what} of {name}: {short_repr(value)} is no named tuple'
+        if strange := first_strange(value):
+            return f'the {what} of {name}: {short_repr(strange)} is no number, switch or tuple'
+    return ''
+
+
+def first_strange(value: Any) -> Any:
+    """Return the first member of a tuple, or of one in it, that has no place in a row."""
+    for each in value:
+        if isinstance(each, tuple):
+            if strange := first_strange(each):
+                return strange
+        elif not has_column(kind_of(each)):
+            return each
+    return None
 
 
 def initial_state(controller: LawController[Any]) -> LawState:

@@ -121,6 +121,11 @@ def _column(kind: Any) -> tuple[Any, ...]:
     return (_NUMBERS[kind],) if kind in _NUMBERS else ()
 
 
+def has_column(kind: Any) -> bool:
+    """Return whether a number of a kind has a place in a row."""
+    return kind in _NUMBERS
+
+
 def _is_array(kind: tuple[Any, ...]) -> bool:
     return len(set(kind)) == 1 and kind[0] in _NUMBERS
 

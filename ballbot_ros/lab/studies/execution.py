@@ -195,7 +195,7 @@ class LocalWorkers:
 
     def submit(self, part: int, samples: Samples) -> Future[PartSummary]:
         """Have a part done and written."""
-        if self._programs and self._programs.is_kept and not self._programs.may_hang:
+        if self._programs and self._programs.is_kept and not self._programs.are_users:
             return self._pool.submit(self._job.do, part, samples, self._on_runs)
         return self._pool.submit(self._do_in_process, part, samples)
 

@@ -41,11 +41,12 @@ class Programs(Protocol):
 
     Attributes
     ----------
-    may_hang : bool
-        Whether a run may never end, so that only a process of its own can be ended.
+    are_users : bool
+        Whether they are written by a user. A run may then never end, so that only a process of its
+        own can be ended; and it may use what the compiler does otherwise than the interpreter.
     """
 
-    may_hang: bool
+    are_users: bool
 
     def problem(self) -> str:
         """Return why their code can't be compiled, on one line; '' if it can."""
@@ -83,7 +84,7 @@ class Programs(Protocol):
 class DocumentsPrograms:
     """The document's program with the parameters of each run."""
 
-    may_hang = False
+    are_users = False
 
     def problem(self) -> str:
         """Return whether numba is missing."""
@@ -111,7 +112,7 @@ class Laws:
     def __init__(self, spec: RunSpec, loaded: LoadedController) -> None:
         self._spec, self._loaded = spec, loaded
         self._code = LawCode(self._controller({}))
-        self.may_hang = not loaded.code.is_ours
+        self.are_users = not loaded.code.is_ours
         self.problem, self.compile = self._code.problem, self._code.compile
 
     @property
@@ -180,7 +181,7 @@ def is_compiled(spec: RunSpec) -> bool:
 def may_hang(spec: RunSpec) -> bool:
     """Return whether a run of a specification may need a process that can be ended."""
     programs = programs_of(spec)
-    return programs is None or programs.may_hang or bool(programs.problem())
+    return programs is None or programs.are_users or bool(programs.problem())
 
 
 def why_not_compiled(spec: RunSpec) -> str:

@@ -305,7 +305,22 @@ class CompiledSimulator:
                 alone = samples.part(runs.start + run, runs.start + run + 1)
                 self._ordinary.simulate_into(done.part(slice(run, run + 1)), alone)
             advance(runs.stop - runs.start)
+        if self._programs.are_users:
+            self._check_first(samples, results)
         return results
+
+    def _check_first(self, samples: Samples, results: Results) -> None:
+        """Raise StudyError if the interpreter gives another first run.
+
+        It differs from compiled code in whole numbers of more than 64 bits, and in what
+        mathematical functions refuse.
+        """
+        interpreted = self._ordinary.simulate(samples.part(0, 1))
+        if interpreted.duty_sha256[0].tobytes() != results.duty_sha256[0].tobytes():
+            raise StudyError(
+                f'run {samples.first}: the compiled law gives other duties than the interpreter: '
+                'let whole numbers have at most 63 bits, or write the law as a method tick'
+            )
 
     def _check_starts(self, rows: RobotRows, varied: Container[str], first: int) -> None:
         """Raise StudyError if the body of a robot begins in a wall; runs count from `first`."""

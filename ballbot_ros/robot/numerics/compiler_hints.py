@@ -41,6 +41,7 @@ def with_globals(function: Callable[..., Any], others: Mapping[str, object]) -> 
     can't have.
     """
     assert isinstance(function, FunctionType)
-    fresh = FunctionType(function.__code__, {**function.__globals__, **others}, function.__name__)
+    names = {**function.__globals__, **others}
+    fresh = FunctionType(function.__code__, names, function.__name__, function.__defaults__)
     fresh.__qualname__ = function.__qualname__
     return inlined(fresh) if function in INLINED else fresh

@@ -1,10 +1,13 @@
 """Studies of own controllers whose law is a function on numbers."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from simulated_runs import EVERYTHING, assert_same, compiled_simulator, spec_of
 
 from ballbot_ros.engine.compilation import functions_sha256
+from ballbot_ros.errors import StudyError
 from ballbot_ros.lab.studies.programs import is_compiled, programs_of, why_not_compiled
 from ballbot_ros.lab.studies.runs import (
     CompiledSimulator,
@@ -115,9 +118,14 @@ def test_an_own_law_is_compiled(module):
         'controller.user.power': np.array([2, 3, 0]),
     }
     samples, simulator = Samples(3, varied), compiled_simulator(spec, EVERYTHING[:1])
-    simulator._ordinary = None  # no run may need it
+    checked = []
+    ordinary = OrdinarySimulator(spec, EVERYTHING[:1])
+    simulator._ordinary = SimpleNamespace(
+        simulate=lambda part: checked.append(part.count) or ordinary.simulate(part)
+    )
     compiled = simulator.simulate(samples)
-    assert_same(compiled, OrdinarySimulator(spec, EVERYTHING[:1]).simulate(samples))
+    assert checked == [1]
+    assert_same(compiled, ordinary.simulate(samples))
     assert len({each.tobytes() for each in compiled.duty_sha256}) == 3
 
 
@@ -159,6 +167,35 @@ def test_why_a_law_is_not_compiled(module, line, reason):
     problem = why_not_compiled(spec_of('stationary', controller=f'{path}:Fails'))
     assert '\n' not in problem
     assert reason in problem
+
+
+def test_other_duties_than_those_of_the_interpreter_are_told(module):
+    line = 'x += (2**62 + late) * 4 % 3 if late == 0 else 0'
+    spec = spec_of('stationary', controller=f'{module(FAILING.format(failure=line))}:Fails')
+    samples = Samples(2, {'plant_sim.seed': np.arange(2)}, first=40)
+    with pytest.raises(StudyError, match=r'^run 40: the compiled law gives other duties than'):
+        compiled_simulator(spec, EVERYTHING[:1]).simulate(samples)
+
+
+@pytest.mark.parametrize(
+    ('text', 'problem'),
+    [
+        ('law = print', 'Other.law is no function'),
+        ('law = outer()', 'own.py:55: it reads variables of the function around it'),
+        (
+            'law = law\n    initial_state = classmethod(lambda cls, constants: State([1.0]))',
+            'the initial state of Other: [1.0] is no number, switch or tuple',
+        ),
+        (
+            'law = law\n    constants = classmethod(lambda cls, *values: None)',
+            'the constants of Other: None is no named tuple',
+        ),
+    ],
+)
+def test_what_is_no_law_on_numbers(module, text, problem):
+    outer = 'def outer():\n    own = 1\n    return lambda p, state, readings: (state, (own, 0))\n'
+    path = module(f'\n{outer}\nclass Other(Own):\n    {text}\n')
+    assert why_not_compiled(spec_of('stationary', controller=f'{path}:Other')).endswith(problem)
 
 
 def test_a_class_with_tick_has_no_law(module):
