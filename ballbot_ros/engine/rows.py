@@ -205,7 +205,7 @@ def rows_of(values: Sequence[Any]) -> Rows:
 
 def are_finite(rows: Rows) -> NDArray[np.bool_]:
     """Return for each row whether all its real numbers are finite."""
-    finite = np.ones(len(rows), np.bool_)
+    finite = np.full(len(rows), True)
     for name in rows.dtype.names or ():
         finite &= are_finite(rows[name])
     if rows.dtype.kind == 'f':
