@@ -52,7 +52,7 @@ class DrivingState(NamedTuple):
     Attributes
     ----------
     operating : int
-        Number of the state of figure 7-1, such as :data:`CALIBRATION`.
+        Number of the state of figure 7-1, such as that of ``calibration``.
     offset_x, offset_y : float
         Mean gyro readings [deg/s] until the end of the calibration.
     sum_x, sum_y, samples : int

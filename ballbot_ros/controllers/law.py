@@ -17,11 +17,11 @@ Law = Callable[[Any, Any, Readings], tuple[Any, Duty]]
 
 
 class LawController(Controller[P]):
-    """A controller whose law is a function on numbers: subclass it, and set :attr:`law`.
+    """A controller whose law is a function on numbers: subclass it, and set `law`.
 
     The same function runs here and, compiled, in studies: then a thousand times as fast, with the
     same duties. It calls only functions of numbers, of its own module and of this package, and
-    those of :mod:`math`.
+    those of ``math``.
 
     Attributes
     ----------

@@ -113,7 +113,13 @@ class Laws:
         self._spec, self._loaded = spec, loaded
         self._code = LawCode(self._controller({}))
         self.are_users = not loaded.code.is_ours
-        self.problem, self.compile = self._code.problem, self._code.compile
+        self.compile = self._code.compile
+
+    def problem(self) -> str:
+        """Return why the law can't be compiled; those of this package can."""
+        if self.are_users or not can_compile():
+            return self._code.problem()
+        return ''
 
     @property
     def is_kept(self) -> bool:
