@@ -19,8 +19,8 @@ Law = Callable[[Any, Any, Readings], tuple[Any, Duty]]
 class LawController(Controller[P]):
     """A controller whose law is a function on numbers: subclass it, and set `law`.
 
-    The same function runs here and, compiled, in studies: then a thousand times as fast, with the
-    same duties. It calls only functions of numbers, of its own module and of this package, and
+    The same function runs here and, compiled, in studies: then several hundred times as fast, with
+    the same duties. It calls only functions of numbers, of its own module and of this package, and
     those of ``math``.
 
     Attributes
