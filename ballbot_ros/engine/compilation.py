@@ -193,7 +193,7 @@ def functions_sha256(function: Function) -> str:
             if isinstance(value, FunctionType):
                 if value not in found and _package_of(value) == _package_of(function):
                     found.append(value)
-            elif isinstance(value, int | float | tuple | str):
+            elif isinstance(value, int | float | tuple | str | np.generic):
                 digest.update(f'{name} = {value!r}\n'.encode())
     return digest.hexdigest()
 

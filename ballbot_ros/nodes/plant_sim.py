@@ -304,7 +304,7 @@ class PlantSim(BallbotNode[PlantParameters]):
         if isinstance(self.master, FreeRunningMaster):
             on_tick = self.master.on_tick
             self._free_timer = self.create_wall_timer(self._tick_s, lambda: self.dispatch(on_tick))
-        self._on_time()
+        self._on_time()  # the first participants may be there already
 
     def dispatch(self, event: Callable[..., Actions], *what: object, **details: object) -> None:
         """Pass an event to the master with the current time, and carry out the actions."""

@@ -35,6 +35,9 @@ from ballbot_ros.parameters.controller import MODEL, USER
 from ballbot_ros.parameters.files import assign_values, plain_values
 from ballbot_ros.run.spec import RunSpec
 
+Values = Mapping[str, NDArray[Any]]
+"""Values of parameters by ``node.param``, one for each run."""
+
 
 class Programs(Protocol):
     """The control programs of runs, as the compiled code needs them.
@@ -58,17 +61,18 @@ class Programs(Protocol):
     def compile(self) -> Callable[..., Any]:
         """Return :func:`~ballbot_ros.engine.run.simulate_runs` with these programs."""
 
-    def rows(
-        self, rows: RobotRows, values: Mapping[str, NDArray[Any]], count: int
-    ) -> tuple[Rows, Rows]:
+    def of_robots(self, values: Values) -> Values:
+        """Return those of the values that are not of the controller's class."""
+
+    def rows(self, rows: RobotRows, values: Values, count: int) -> tuple[Rows, Rows]:
         """Return constants for each run, and initial states for each or one for all.
 
         Parameters
         ----------
         rows : RobotRows
             The parameters of all runs, without those of the controller's class.
-        values : mapping of str to ndarray
-            What distinguishes the runs, by ``node.param``.
+        values : Values
+            What distinguishes the runs.
         count : int
             Number of runs.
 
@@ -99,9 +103,11 @@ class DocumentsPrograms:
         """Return the code."""
         return compiled_and_kept(simulate_runs)
 
-    def rows(
-        self, rows: RobotRows, values: Mapping[str, NDArray[Any]], count: int
-    ) -> tuple[Rows, Rows]:
+    def of_robots(self, values: Values) -> Values:
+        """Return all values: the program has no class."""
+        return values
+
+    def rows(self, rows: RobotRows, values: Values, count: int) -> tuple[Rows, Rows]:
         """Return constants and initial states."""
         return program_rows(rows[ControllerParameters]), rows_of([INITIAL_STATE])
 
@@ -126,9 +132,11 @@ class Laws:
         """Whether the code is on disk."""
         return self._code.is_kept
 
-    def rows(
-        self, rows: RobotRows, values: Mapping[str, NDArray[Any]], count: int
-    ) -> tuple[Rows, Rows]:
+    def of_robots(self, values: Values) -> Values:
+        """Return the other values."""
+        return {name: each for name, each in values.items() if not is_own(name)}
+
+    def rows(self, rows: RobotRows, values: Values, count: int) -> tuple[Rows, Rows]:
         """Return constants and initial states."""
         own = {
             name: column.tolist()

@@ -22,11 +22,7 @@ from ballbot_ros.engine.compilation import (
 )
 from ballbot_ros.engine.compiled_loop import events_of, floor_of, rings_of
 from ballbot_ros.engine.law_runs import FAULTS
-from ballbot_ros.engine.rows import (
-    RobotRows,
-    Rows,
-    are_finite,
-)
+from ballbot_ros.engine.rows import RobotRows, Rows, are_finite
 from ballbot_ros.engine.run import Events, RunLog, new_robots, tick_type
 from ballbot_ros.engine.scenario.metrics import METRICS, wall_clearance_m
 from ballbot_ros.engine.scenario.scenario import Measure, Scenario
@@ -34,7 +30,7 @@ from ballbot_ros.engine.trajectory import TrajectoryLog
 from ballbot_ros.errors import ControllerError, StudyError, WorldError
 from ballbot_ros.lab.studies.events import event_part, scenarios_of
 from ballbot_ros.lab.studies.measurement import measure_runs
-from ballbot_ros.lab.studies.programs import Programs, is_own, programs_of, with_values
+from ballbot_ros.lab.studies.programs import Programs, programs_of, with_values
 from ballbot_ros.lab.studies.variables import DURATION
 from ballbot_ros.parameters import (
     PLANT,
@@ -272,7 +268,7 @@ class CompiledSimulator:
 
     def _simulate_compiled(self, samples: Samples, advance: Advance) -> Results:
         results = Results.empty(samples.count, len(self._measures))
-        values = {name: each for name, each in samples.values.items() if not is_own(name)}
+        values = self._programs.of_robots(samples.values)
         rows = RobotRows(self._spec.parameters, values, samples.count)
         durations = rows[PlantParameters]['duration']
         ticks = max((round(each * SECOND_NS) // TICK_NS for each in durations.tolist()), default=0)

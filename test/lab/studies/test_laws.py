@@ -214,5 +214,7 @@ def test_other_numbers_and_functions_of_the_module_need_other_code(module):
 
     first = digest(MODULE)
     assert digest(MODULE) == first
+    single = MODULE.replace('STRENGTH = 2.0', 'import numpy as np\nSTRENGTH = np.float32(2.0)')
     for old, new in (('STRENGTH = 2.0', 'STRENGTH = 2.5'), ('0.004 * rate', '0.005 * rate')):
         assert digest(MODULE.replace(old, new)) != first
+    assert digest(single) != digest(single.replace('(2.0)', '(2.5)'))

@@ -134,6 +134,7 @@ def test_only_laws_are_compiled():
     ('values', 'message'),
     [
         ({'plant_sim.mass': [1.0]}, "plant_sim has no parameter 'mass'"),
+        ({'controller.user.gain': [1.0]}, "controller has no parameter 'user.gain'"),
         ({'viewer.port': [1]}, 'viewer.port: not a parameter of one of plant_sim, gyro_driver'),
         ({'body_mass': [1]}, 'body_mass: not a parameter of one of plant_sim, gyro_driver'),
         ({'plant_sim.map': ['track']}, 'plant_sim.map: must be the same for all runs of a study'),
