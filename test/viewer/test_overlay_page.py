@@ -1,7 +1,6 @@
 """The overlay in a browser: what it shows, and what it sends."""
 
 import contextlib
-import re
 
 import pytest
 
@@ -198,10 +197,12 @@ def test_keys_stick_and_gamepad_drive(opened):
 def test_the_page_follows_the_browser_s_colour_scheme_and_keeps_its_token(opened):
     _, browser, requests = opened
     _has_bright_text(browser, is_bright=False)
-    # Each change reloads the page, without which viser would keep its scheme.
     for scheme in ('dark', 'light'):
-        with browser.page.expect_navigation():
-            browser.page.emulate_media(color_scheme=scheme)
+        # Each change reloads the page, without which viser would keep its scheme. A browser that
+        # tells the new page of the scheme after it has started makes it reload once more, so that
+        # waiting for one navigation is not enough.
+        browser.page.evaluate('window.isOld = true')
+        browser.page.emulate_media(color_scheme=scheme)
         _has_bright_text(browser, is_bright=scheme == 'dark')
         browser.press('Step')
         requests.wait_for(Press('step'))
@@ -213,18 +214,15 @@ def test_the_page_follows_the_browser_s_colour_scheme_and_keeps_its_token(opened
 
 
 def _has_bright_text(browser, *, is_bright):
-    """Wait until the texts of overlay and panel are bright, or dark."""
-    for selector in ('.transport', 'table'):
-        browser.page.locator(selector).first.wait_for()
-        # The page takes a moment to apply the scheme.
-        wait_until(lambda selector=selector: _is_bright(browser, selector) is is_bright, browser)
-
-
-def _is_bright(browser, selector):
-    """Return whether the text of a node is bright; None if the page has just replaced the node."""
-    colour = browser.page.locator(selector).first.evaluate('node => getComputedStyle(node).color')
-    levels = [int(level) for level in re.findall('[0-9]+', colour)[:3]]
-    return sum(levels) > 3 * 128 if levels else None
+    """Wait until the texts of overlay and panel of a new page are bright, or dark."""
+    browser.page.wait_for_function(
+        """isBright => !window.isOld && ['.transport', 'table'].every(selector => {
+          const node = document.querySelector(selector);
+          const levels = node && getComputedStyle(node).color.match(/[0-9]+/g).slice(0, 3);
+          return levels && (levels.reduce((sum, each) => sum + Number(each), 0) > 384) === isBright;
+        })""",
+        arg=is_bright,
+    )
 
 
 def test_on_a_phone_nothing_is_beyond_the_edge(opened):
