@@ -15,11 +15,11 @@ from pathlib import Path
 
 from distributed import Worker
 
+from ballbot_ros.lab.studies.cluster import worker_versions
 from ballbot_ros.lab.studies.job import PackedJob, job_of
 from ballbot_ros.lab.studies.reader import read_study
 from ballbot_ros.lab.studies.runs import simulator_for
 from ballbot_ros.lab.studies.sampling import Sampler
-from ballbot_ros.lab.studies.worker_versions import worker_versions
 
 
 async def serve(address, folder):

@@ -27,7 +27,7 @@ from scipy.linalg import expm
 
 from ballbot_ros.engine.closed_loop import ClosedLoop
 from ballbot_ros.engine.golden import GOLDEN_FILE, arithmetic_sha256, duty_sha256
-from ballbot_ros.engine.scenario.library import load_scenario, scenario_names
+from ballbot_ros.engine.scenario.reader import load_scenario, scenario_names
 from ballbot_ros.engine.scenario.scenario import Scenario, Segment, StickSignal
 from ballbot_ros.files import share_directory
 from ballbot_ros.parameters import (

@@ -19,7 +19,7 @@ from ballbot_ros.cli.main import main
 from ballbot_ros.errors import RecordingError
 from ballbot_ros.nodes import processes
 from ballbot_ros.nodes.fork_server import NodeRequest
-from ballbot_ros.nodes.presence import PORT_BASE, PORTS_PER_DOMAIN, bound_udp_ports
+from ballbot_ros.nodes.middleware import PORT_BASE, PORTS_PER_DOMAIN, bound_udp_ports
 from ballbot_ros.parameters import NODES
 from ballbot_ros.process import STOP_SIGNALS
 from ballbot_ros.recording.reader import RecordingReader

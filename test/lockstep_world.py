@@ -16,9 +16,8 @@ from ballbot_ros.engine.scenario.scenario import Scenario
 from ballbot_ros.lockstep import run_actions as do
 from ballbot_ros.lockstep.liveness import Observation, ThreadTime
 from ballbot_ros.lockstep.lockstep_master import LockstepMaster
-from ballbot_ros.lockstep.participants import Announcement, Objection, Participant
+from ballbot_ros.lockstep.participants import Announcement, Objection, Participant, Publisher
 from ballbot_ros.lockstep.run_actions import RunSetup
-from ballbot_ros.lockstep.strangers import Publisher
 from ballbot_ros.parameters import (
     ALL_NODES,
     CONTROLLER,

@@ -17,7 +17,7 @@ from ballbot_ros.engine.scenario.scenario import Scenario
 from ballbot_ros.lockstep.lockstep import RunIdentity
 from ballbot_ros.lockstep.participants import Objection
 from ballbot_ros.lockstep.run_actions import Outcome
-from ballbot_ros.nodes.teleop.arbiter import JOY
+from ballbot_ros.nodes.teleop.sticks import JOY
 from ballbot_ros.parameters import (
     CONTROLLER,
     DRIVERS,

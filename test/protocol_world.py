@@ -30,13 +30,13 @@ from ballbot_ros.lockstep.participants import (
     LocalNode,
     Objection,
     Participant,
+    Publisher,
     RunMember,
 )
 from ballbot_ros.lockstep.recording_order import ArrivalOrder, Stream
 from ballbot_ros.lockstep.run_actions import RunSetup
 from ballbot_ros.lockstep.run_recording import RunRecording
-from ballbot_ros.lockstep.strangers import Publisher
-from ballbot_ros.nodes.teleop.arbiter import Arbiter, GivenAnswers
+from ballbot_ros.nodes.teleop.sticks import Arbiter, GivenAnswers
 from ballbot_ros.parameters import (
     CONTROLLER,
     GAMEPAD,

@@ -5,7 +5,7 @@ import numpy as np
 from ballbot_ros.engine.closed_loop import ClosedLoop
 from ballbot_ros.engine.scenario.scenario import Scenario
 from ballbot_ros.run.execution import execute
-from ballbot_ros.run.processes import Processes
+from ballbot_ros.run.requirements import Processes
 from ballbot_ros.run.spec import RunOptions, RunSpec
 
 

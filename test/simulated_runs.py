@@ -5,7 +5,7 @@ import numpy as np
 from ballbot_ros.engine.scenario.metrics import METRICS
 from ballbot_ros.engine.scenario.scenario import Measure
 from ballbot_ros.lab.studies.runs import CompiledSimulator, simulator_for
-from ballbot_ros.run.processes import Processes
+from ballbot_ros.run.requirements import Processes
 from ballbot_ros.run.spec import RunOptions, RunSpec
 
 EVERYTHING = [

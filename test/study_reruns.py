@@ -6,7 +6,7 @@ from ballbot_ros.lab.studies.study_data import RunResults
 from ballbot_ros.lab.studies.variables import SEED
 from ballbot_ros.lockstep.run_actions import Outcome
 from ballbot_ros.parameters.files import plain_value
-from ballbot_ros.run.processes import Processes
+from ballbot_ros.run.requirements import Processes
 
 
 def rerun_of(study, samples, run, folder, controller=None):

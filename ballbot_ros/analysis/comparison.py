@@ -24,6 +24,20 @@ from ballbot_ros.analysis.drawing import (
     label_time,
     legend_above,
 )
+from ballbot_ros.analysis.figure_parts import (
+    BLUE,
+    GRAY,
+    GREEN,
+    ORANGE,
+    PURPLE,
+    SKY,
+    WIDTH,
+    Line,
+    Table,
+    csv_text,
+    new_figure,
+    png_of,
+)
 from ballbot_ros.analysis.figure_tables import duty_table, pitch_table, position_table, track_table
 from ballbot_ros.analysis.metrics import Verdict, number
 from ballbot_ros.analysis.page import number_text, render_template, write_folder
@@ -37,19 +51,6 @@ from ballbot_ros.analysis.run_setup import (
     names_of,
     setup_changes,
 )
-from ballbot_ros.analysis.style import (
-    BLUE,
-    GRAY,
-    GREEN,
-    ORANGE,
-    PURPLE,
-    SKY,
-    WIDTH,
-    Line,
-    new_figure,
-    png_of,
-)
-from ballbot_ros.analysis.table import Table, csv_text
 from ballbot_ros.errors import BallbotError, similar
 from ballbot_ros.recording.messages.topics import MOTOR_DUTY, PLANT_IMU, PLANT_ODOM, Topic
 from ballbot_ros.robot.world.exports import OccupancyGrid

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ballbot_ros.analysis.robot_topics import robot_namespace
+from ballbot_ros.analysis.recorded_runs import robot_namespace
 from ballbot_ros.errors import RecordingError
 from ballbot_ros.parameters.timing import MILLISECOND_NS
 from ballbot_ros.recording.csv_log import CsvLog

@@ -1,28 +1,49 @@
-"""Elements of figures: curves against time, and the track on the floor.
+"""Pictures by matplotlib: curves against time, the track on the floor, the figure of a run.
 
 The picture of a run, the report and the comparison share these functions, so that they look alike.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.analysis.interval import Interval, IntervalKind
-from ballbot_ros.analysis.panel import POINTS, TRUE, Curve, Panel, panel_of_planes
-from ballbot_ros.analysis.style import BLUE, GRAY, GREEN, ORANGE, PURPLE, SKY, YELLOW, Line
-from ballbot_ros.analysis.table import Table, plane_columns
+from ballbot_ros.analysis.figure_parts import (
+    BLUE,
+    GRAY,
+    GREEN,
+    ORANGE,
+    POINTS,
+    PURPLE,
+    SKY,
+    TRUE,
+    WIDTH,
+    YELLOW,
+    Curve,
+    Interval,
+    IntervalKind,
+    Line,
+    Panel,
+    Table,
+    new_figure,
+    panel_of_planes,
+    plane_columns,
+    track_columns,
+)
 from ballbot_ros.controllers.interface import OperatingState
+from ballbot_ros.engine.scenario.scenario import Segment
+from ballbot_ros.engine.trajectory import Trajectory
 from ballbot_ros.robot.world.exports import OccupancyGrid
 from ballbot_ros.robot.world.floor_map import CELL_M, LINE, WALL, FloorMap
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure, SubFigure
 
 # Lighter grays than those of map images, so that the track stands out.
 WALL_SHADE, LINE_SHADE = 0.6, 0.8
@@ -282,3 +303,75 @@ def style_axes(axes: Axes) -> None:
     """Draw a faint grid, and remove the frame where there is no axis."""
     axes.grid(alpha=0.3)
     axes.spines[['top', 'right']].set_visible(False)
+
+
+MIN_TRACK_RANGE_CM = 5.0
+"""Range of the motion in plane y above which the picture shows the track, too."""
+
+
+def draw_motion(
+    trajectory: Trajectory,
+    title: str,
+    hold_time: float,
+    segments: Iterable[Segment] = (),
+    floor: FloorMap | OccupancyGrid | None = None,
+    marked: Iterable[Interval] = (),
+) -> Figure:
+    """Draw position, body pitch and duty against time, like the document's figures 8-2 and 8-3.
+
+    With a map, or if the ball moves in both planes, the track is drawn next to them. The gyro
+    calibration, up to `hold_time` [s], is shaded, and so are the segments of the sticks and the
+    `marked` intervals, such as pushes; all are named where there is room.
+    """
+    position = trajectory.position
+    with_track = len(position) > 0 and (
+        floor is not None or np.ptp(position[:, 1]) * 100.0 > MIN_TRACK_RANGE_CM
+    )
+    figure = new_figure(12.0 if with_track else WIDTH, 6.0, title)
+    history: Figure | SubFigure = figure
+    if with_track:
+        history, beside = np.asarray(figure.subfigures(1, 2, width_ratios=(8, 5)))
+        track = beside.subplots()
+        draw_floor(track, floor)
+        draw_track(track, track_columns(position), Line(BLUE))
+        legend_above(track)
+    _draw_history(history, trajectory, _intervals(trajectory, hold_time, segments, marked))
+    return figure
+
+
+def _intervals(
+    trajectory: Trajectory,
+    hold_time: float,
+    segments: Iterable[Segment],
+    marked: Iterable[Interval],
+) -> list[Interval]:
+    """Return the intervals to shade, within the recorded ticks."""
+    last = float(trajectory.time[-1]) if len(trajectory.time) else 0.0
+    intervals = [Interval(0.0, hold_time, 'calibration')]
+    intervals += marked
+    intervals += [
+        Interval(each.start, each.end, each.name, IntervalKind.STICKS) for each in segments
+    ]
+    return [
+        replace(each, end=min(each.end, last))
+        for each in intervals
+        if each.start < min(each.end, last)
+    ]
+
+
+def _draw_history(
+    figure: Figure | SubFigure, trajectory: Trajectory, intervals: Sequence[Interval]
+) -> None:
+    rows = figure.subplots(3, 1, sharex=True, height_ratios=(3, 3, 2))
+    table = {
+        'time_s': trajectory.time,
+        **POSITION.columns(trajectory.position * 100.0),
+        **PITCH.columns(np.degrees(trajectory.psi)),
+        **DUTY.columns(trajectory.duty),
+    }
+    for axes, quantity in zip(rows, (POSITION, PITCH, DUTY), strict=True):
+        draw_planes(axes, quantity, table)
+        shade_intervals(axes, intervals)
+    name_intervals(rows[0], intervals)
+    label_time(rows[2])
+    legend_below(rows[2])

@@ -21,11 +21,12 @@ from numpy.typing import NDArray
 from ballbot_ros.analysis.recorded_runs import (
     AnnouncedParameters,
     RecordedRun,
+    RobotTopics,
     RunFinder,
+    robot_topics,
     samples_in,
 )
 from ballbot_ros.analysis.recorded_scenario import PushPairs
-from ballbot_ros.analysis.robot_topics import RobotTopics, robot_topics
 from ballbot_ros.errors import RecordingError
 from ballbot_ros.parameters import Value
 from ballbot_ros.parameters.timing import SECOND_NS

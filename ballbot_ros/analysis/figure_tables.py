@@ -8,6 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.analysis.drawing import DUTY, PITCH, POSITION
+from ballbot_ros.analysis.figure_parts import (
+    Table,
+    envelope,
+    every_nth,
+    plane_columns,
+    track_columns,
+)
 from ballbot_ros.analysis.run_data import RunData, Series
 from ballbot_ros.analysis.run_metrics import (
     ball_speed,
@@ -19,7 +26,6 @@ from ballbot_ros.analysis.run_metrics import (
     reference_speed,
     true_gyro_offset,
 )
-from ballbot_ros.analysis.table import Table, envelope, every_nth, plane_columns, track_columns
 from ballbot_ros.recording.messages.topics import (
     BATTERY_STATE,
     GAMEPAD_JOY,

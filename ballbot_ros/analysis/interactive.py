@@ -30,21 +30,29 @@ from ballbot_ros.analysis.drawing import (
     TrackMark,
     floor_shades,
 )
-from ballbot_ros.analysis.interval import Interval, IntervalKind
-from ballbot_ros.analysis.panel import (
+from ballbot_ros.analysis.figure_parts import (
+    BLUE,
     ESTIMATED,
+    GRAY,
+    INK,
     NO_ECHO,
+    ON_DARK,
+    ORANGE,
+    PAPER,
     POINTS,
     READING,
     ROLES,
     TRUE,
     Curve,
+    Interval,
+    IntervalKind,
     Panel,
+    Table,
+    envelope,
+    every_nth,
 )
 from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.analysis.run_figures import FigureContent, track_marks
-from ballbot_ros.analysis.style import BLUE, GRAY, INK, ON_DARK, ORANGE, PAPER
-from ballbot_ros.analysis.table import Table, envelope, every_nth
 
 STEPS = 65_534
 """Steps into which the range of a column is divided; the next number stands for no number."""

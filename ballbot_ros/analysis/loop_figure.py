@@ -15,13 +15,20 @@ from ballbot_ros.analysis.drawing import (
     legend_above,
     style_axes,
 )
+from ballbot_ros.analysis.figure_parts import (
+    BLUE,
+    GRAY,
+    ORANGE,
+    WIDTH,
+    Line,
+    Table,
+    new_figure,
+    png_of,
+)
 from ballbot_ros.analysis.loop_summary import AS_IT_RUNS, IDEAL
 from ballbot_ros.analysis.run_figures import RenderedFigure
-from ballbot_ros.analysis.style import BLUE, GRAY, ORANGE, WIDTH, Line, new_figure, png_of
-from ballbot_ros.analysis.table import Table
 from ballbot_ros.controllers.design.linear_model import ideal_loop
-from ballbot_ros.controllers.design.loop_analysis import LoopAnalysis
-from ballbot_ros.controllers.design.margins import LoopResponse, Margins
+from ballbot_ros.controllers.design.loop_analysis import LoopAnalysis, LoopResponse, Margins
 from ballbot_ros.controllers.design.sampled_loop import FORCE, INPUTS, STICK, SampledLoop
 from ballbot_ros.parameters import ControllerParameters, ParameterSet, PlantParameters
 from ballbot_ros.parameters.timing import TICK_S

@@ -15,8 +15,7 @@ from ballbot_ros.parameters import (
 )
 
 if TYPE_CHECKING:  # python-control takes two seconds to import
-    from ballbot_ros.controllers.design.loop_analysis import LoopAnalysis, Pole
-    from ballbot_ros.controllers.design.margins import Limit, Margins
+    from ballbot_ros.controllers.design.loop_analysis import Limit, LoopAnalysis, Margins, Pole
 
 IDEAL, AS_IT_RUNS = 'ideal, continuous', 'as it runs'
 """Headings of the two loops."""

@@ -13,9 +13,9 @@ from ballbot_ros.engine.scenario.metrics import METRICS, Motion
 from ballbot_ros.engine.scenario.scenario import Expectation, Measure
 from ballbot_ros.engine.trajectory import Trajectory
 from ballbot_ros.parameters import PlantParameters
-from ballbot_ros.parameters.text_enum import TextEnum
+from ballbot_ros.parameters.parameter import TextEnum
 from ballbot_ros.parameters.timing import TICK_S
-from ballbot_ros.robot.world.clearance import NO_WALLS, Walls
+from ballbot_ros.robot.world.distances import NO_WALLS, Walls
 
 
 class Verdict(TextEnum):

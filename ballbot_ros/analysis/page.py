@@ -12,8 +12,8 @@ from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from PIL import Image
 
 from ballbot_ros import __version__
+from ballbot_ros.analysis.figure_parts import csv_of
 from ballbot_ros.analysis.run_figures import RenderedFigure
-from ballbot_ros.analysis.table import csv_of
 from ballbot_ros.errors import BallbotError
 
 _PACKAGE = 'ballbot_ros.analysis'

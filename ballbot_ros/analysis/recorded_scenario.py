@@ -10,10 +10,10 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from ballbot_ros.analysis.interval import Interval, IntervalKind
+from ballbot_ros.analysis.figure_parts import Interval, IntervalKind
 from ballbot_ros.analysis.recorded_controller import decode_controller
 from ballbot_ros.analysis.recorded_runs import END_OF_TIME_NS, AnnouncedParameters
-from ballbot_ros.engine.scenario.library import load_scenario
+from ballbot_ros.engine.scenario.reader import load_scenario
 from ballbot_ros.engine.scenario.scenario import Scenario
 from ballbot_ros.errors import BallbotError, short_text
 from ballbot_ros.files import temporary_folder, write_temporary
@@ -27,8 +27,7 @@ from ballbot_ros.recording.messages.topics import ACCEPTED_PUSH
 from ballbot_ros.recording.reader import AttachedFile, RecordingReader
 from ballbot_ros.recording.rosbag2 import MAPS, PARAMETERS, SCENARIO, VERSIONS
 from ballbot_ros.robot.plant.ground_truth import Pair, Push
-from ballbot_ros.robot.world.floor_map import FloorMap, load_map, map_names
-from ballbot_ros.robot.world.image import read_map
+from ballbot_ros.robot.world.floor_map import FloorMap, load_map, map_names, read_map
 
 
 @dataclass

@@ -30,8 +30,8 @@ from ballbot_ros.analysis.replay import (
     replay_run,
 )
 from ballbot_ros.controllers.codegen.implementation import missing_tool_for, require_implementation
+from ballbot_ros.controllers.controller_program import own_rows
 from ballbot_ros.controllers.loading import public_reference
-from ballbot_ros.controllers.own_parameters import own_rows
 from ballbot_ros.engine.closed_loop import Tick
 from ballbot_ros.errors import BallbotError, ControllerError, RecordingError, printable
 from ballbot_ros.files import OUR_PACKAGE, write_temporary

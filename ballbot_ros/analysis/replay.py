@@ -19,9 +19,9 @@ from ballbot_ros.analysis.recorded_runs import (
     RobotRecording,
     RunFinder,
     messages_by_epoch,
+    robot_topics,
 )
 from ballbot_ros.analysis.recorded_scenario import PushPairs
-from ballbot_ros.analysis.robot_topics import robot_topics
 from ballbot_ros.controllers.codegen.implementation import implementation_for
 from ballbot_ros.controllers.loading import public_reference
 from ballbot_ros.engine.closed_loop import ClosedLoop, Tick

@@ -11,7 +11,9 @@ from typing import NamedTuple
 
 from ballbot_ros.analysis.assessment import Assessment, ExpectationResult, shown_metrics
 from ballbot_ros.analysis.extraction import Status
+from ballbot_ros.analysis.figure_parts import csv_text
 from ballbot_ros.analysis.interactive import MISSING, InteractiveFigures, interactive_figures
+from ballbot_ros.analysis.limit_cycle import render_spectrum
 from ballbot_ros.analysis.loop_summary import (
     MarginRow,
     PredictedFrequency,
@@ -27,8 +29,6 @@ from ballbot_ros.analysis.recorded_scenario import outside_pushes
 from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.analysis.run_figures import RenderedFigure, draw_figures, figure_contents
 from ballbot_ros.analysis.run_metrics import RUN_METRICS
-from ballbot_ros.analysis.spectrum import render_spectrum
-from ballbot_ros.analysis.table import csv_text
 from ballbot_ros.engine.scenario.metrics import METRICS, label
 from ballbot_ros.errors import printable
 from ballbot_ros.parameters import (

@@ -10,14 +10,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ballbot_ros.analysis.assessment import ExpectationResult, assess
-from ballbot_ros.analysis.figures import draw_motion
-from ballbot_ros.analysis.interval import IntervalKind
+from ballbot_ros.analysis.drawing import draw_motion
+from ballbot_ros.analysis.figure_parts import IntervalKind, png_of
 from ballbot_ros.analysis.metrics import Verdict, with_judgements
 from ballbot_ros.analysis.page import render_template
 from ballbot_ros.analysis.report import banner, metric_text
 from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.analysis.signals import frame_of
-from ballbot_ros.analysis.style import png_of
 from ballbot_ros.engine.scenario.metrics import METRICS
 from ballbot_ros.engine.trajectory import Trajectory
 from ballbot_ros.errors import BallbotError

@@ -19,7 +19,7 @@ from ballbot_ros.analysis.extraction import (
     TopicStatistics,
     extract,
 )
-from ballbot_ros.analysis.interval import Interval, IntervalKind
+from ballbot_ros.analysis.figure_parts import Interval, IntervalKind
 from ballbot_ros.analysis.recorded_runs import RecordedRun
 from ballbot_ros.analysis.recorded_scenario import (
     RecordedAttachments,

@@ -28,6 +28,29 @@ from ballbot_ros.analysis.drawing import (
     shade_intervals,
     style_axes,
 )
+from ballbot_ros.analysis.figure_parts import (
+    BLUE,
+    COMMANDED,
+    ECHO,
+    ESTIMATED,
+    GRAY,
+    MEASURED,
+    NO_ECHO,
+    READING,
+    REFERENCE,
+    TRUE,
+    WIDTH,
+    Curve,
+    Interval,
+    IntervalKind,
+    Line,
+    Panel,
+    Table,
+    new_figure,
+    panel_of_planes,
+    png_of,
+    track_columns,
+)
 from ballbot_ros.analysis.figure_tables import (
     battery_table,
     command_table,
@@ -40,23 +63,7 @@ from ballbot_ros.analysis.figure_tables import (
     sticks_table,
     track_table,
 )
-from ballbot_ros.analysis.interval import Interval, IntervalKind
-from ballbot_ros.analysis.panel import (
-    COMMANDED,
-    ECHO,
-    ESTIMATED,
-    MEASURED,
-    NO_ECHO,
-    READING,
-    REFERENCE,
-    TRUE,
-    Curve,
-    Panel,
-    panel_of_planes,
-)
 from ballbot_ros.analysis.run_data import RunData, Series
-from ballbot_ros.analysis.style import BLUE, GRAY, WIDTH, Line, new_figure, png_of
-from ballbot_ros.analysis.table import Table, track_columns
 from ballbot_ros.controllers.interface import OperatingState
 from ballbot_ros.recording.messages.topics import (
     BATTERY_STATE,

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot_ros.analysis.figure_parts import plane_columns
 from ballbot_ros.analysis.run_data import Integers, RunData, Series
 from ballbot_ros.analysis.run_metrics import (
     ball_speed,
@@ -19,7 +20,6 @@ from ballbot_ros.analysis.run_metrics import (
     reference_position,
     reference_speed,
 )
-from ballbot_ros.analysis.table import plane_columns
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.parameters.timing import SECOND_NS
 from ballbot_ros.recording.messages.topics import (

@@ -11,14 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.analysis.extraction import STAMPED_TOPICS
-from ballbot_ros.analysis.recorded_runs import RunFinder, samples_in
-from ballbot_ros.analysis.robot_topics import RobotTopics, robot_topics
+from ballbot_ros.analysis.recorded_runs import RobotTopics, RunFinder, robot_topics, samples_in
 from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.errors import RecordingError
 from ballbot_ros.parameters.timing import SECOND_NS
 from ballbot_ros.process import ProgressCallback
 from ballbot_ros.recording.batch import Batch, Rows
-from ballbot_ros.recording.columns import Column, ColumnHints, TopicColumns, has_signals
+from ballbot_ros.recording.columns import (
+    Column,
+    ColumnHints,
+    TopicColumns,
+    has_signals,
+)
 from ballbot_ros.recording.messages.column_hints import column_hints
 from ballbot_ros.recording.messages.topics import RUN, Topic
 from ballbot_ros.recording.reader import RecordingReader

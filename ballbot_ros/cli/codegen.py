@@ -21,14 +21,16 @@ from ballbot_ros.controllers.codegen.folder_check import (
     ProgramCost,
     read_folder_parameters,
 )
-from ballbot_ros.controllers.codegen.measure import (
+from ballbot_ros.controllers.codegen.toolchain import (
+    ARM,
     CLOCK_HZ,
     CYCLES_PER_INSTRUCTION,
     FLASH_BYTES,
     FLASH_FACTOR,
+    HOST,
     SRAM_BYTES,
+    missing_tool,
 )
-from ballbot_ros.controllers.codegen.toolchain import ARM, HOST, missing_tool
 from ballbot_ros.controllers.document.axis import TS1_MS
 from ballbot_ros.engine.scenario_steps import check_sequences
 from ballbot_ros.errors import CodegenError, RecordingError

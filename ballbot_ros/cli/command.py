@@ -1,14 +1,16 @@
-"""The `ballbot` command."""
+"""The `ballbot` command, and how a click command runs as a program."""
 
 from __future__ import annotations
 
+import os
 from importlib import import_module
 
 import click
 
 from ballbot_ros import __version__
-from ballbot_ros.errors import similar
+from ballbot_ros.errors import BallbotError, printable, similar
 from ballbot_ros.files import program
+from ballbot_ros.process import STANDARD_OUTPUT, open_standard_streams, prepare_standard_output
 
 COMMANDS = {
     'run': 'Run a scenario and judge it by its expectations.',
@@ -52,7 +54,7 @@ def _commands_with(option: str) -> list[str]:
 def _check_scenario(word: str) -> None:
     """Raise UsageError for a word that is neither a scenario nor a file, but like a command."""
     # Imported only here: it takes a while, and only a scenario's name needs it.
-    from ballbot_ros.engine.scenario.library import scenario_names
+    from ballbot_ros.engine.scenario.reader import scenario_names
 
     known = [*COMMANDS, *scenario_names()]
     found = similar(word, known)
@@ -97,3 +99,37 @@ class _LazyGroup(click.Group):
 @click.version_option(__version__, prog_name='ballbot')
 def ballbot() -> None:
     """Simulate, measure and record the LEGO NXT Ballbot."""
+
+
+def invoke(command: click.Command, name: str, failed: int = 2) -> int:
+    """Run a command with the arguments of the command line; return its exit status.
+
+    A `BallbotError` or `OSError` is printed on one line, and the status is then `failed`; for
+    invalid arguments it is 2.
+    """
+    open_standard_streams()
+    prepare_standard_output()
+    try:
+        status = command(prog_name=name, standalone_mode=False)
+        print(end='', flush=True)
+    except click.exceptions.NoArgsIsHelpError as error:
+        click.echo(error.format_message())
+        return 2
+    except click.ClickException as error:
+        click.echo(f'error: {" ".join(error.format_message().split())}', err=True)
+        return 2
+    except BallbotError as error:
+        click.echo(f'error: {printable(str(error))}', err=True)
+        return failed
+    except OSError as error:
+        if error.filename == STANDARD_OUTPUT:
+            # Discard the rest, which Python would try to print again when it ends.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        if isinstance(error, BrokenPipeError):
+            return 1  # like click
+        where = f'{error.filename}: ' if error.filename else ''
+        click.echo(f'error: {where}{error.strerror or error}', err=True)
+        return failed
+    except (click.Abort, KeyboardInterrupt):
+        return 130
+    return status if isinstance(status, int) else 0

@@ -11,13 +11,20 @@ from typing import Any
 
 import click
 
-from ballbot_ros.cli.options import NEW_FILE, PATH, Choice, set_option
-from ballbot_ros.cli.written_file import command_line, heading, write_file
+from ballbot_ros.cli.options import (
+    NEW_FILE,
+    PATH,
+    Choice,
+    command_line,
+    heading,
+    set_option,
+    write_file,
+)
 from ballbot_ros.controllers.codegen.implementation import compose_controller
 from ballbot_ros.parameters import CONTROLLER, MAX_DELAY_MS, PLANT, ParameterSet, PlantParameters
 from ballbot_ros.parameters.controller import MODEL
 from ballbot_ros.parameters.files import assign, format_parameters, read_parameter_file
-from ballbot_ros.parameters.text_enum import TextEnum
+from ballbot_ros.parameters.parameter import TextEnum
 from ballbot_ros.process import stdout_to_stderr
 from ballbot_ros.robot.plant.model import PhysicalParameters
 

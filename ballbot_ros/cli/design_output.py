@@ -29,13 +29,14 @@ from ballbot_ros.controllers.design.linear_model import (
     design_servo,
 )
 from ballbot_ros.controllers.design.loop_analysis import (
+    Limit,
     LoopAnalysis,
+    Margins,
     SampleAnalysis,
     analyse_ideal,
     analyse_sampled,
     sorted_poles,
 )
-from ballbot_ros.controllers.design.margins import Limit, Margins
 from ballbot_ros.controllers.design.sampled_loop import LoopDelays
 from ballbot_ros.controllers.loading import public_reference
 from ballbot_ros.parameters import (

@@ -18,8 +18,7 @@ def main() -> None:
         try:
             # Defer signals while modules load, so that they end the command as quietly as later.
             with DeferredSignals():
-                from ballbot_ros.cli.command import ballbot
-                from ballbot_ros.cli.invoke import invoke
+                from ballbot_ros.cli.command import ballbot, invoke
             status = invoke(ballbot, 'ballbot')
         except KeyboardInterrupt:
             status = 130

@@ -21,7 +21,7 @@ from ballbot_ros.cli.options import (
 from ballbot_ros.parameters import ROLES
 from ballbot_ros.process import DeferredSignals
 from ballbot_ros.run.node_process import ForkClient
-from ballbot_ros.run.processes import Processes
+from ballbot_ros.run.requirements import Processes
 
 
 @click.command('run')

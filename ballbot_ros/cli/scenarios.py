@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from ballbot_ros.engine.scenario.library import load_scenario, scenario_names
+from ballbot_ros.engine.scenario.reader import load_scenario, scenario_names
 
 
 @click.command('scenarios')

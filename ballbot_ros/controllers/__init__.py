@@ -3,13 +3,14 @@
 from ballbot_ros.controllers.controller import (
     Controller,
     Duty,
+    LawController,
     Readings,
+    as_numbers,
     duty_of_voltage,
     max_voltage,
     task,
 )
 from ballbot_ros.controllers.interface import Estimates, OperatingState
-from ballbot_ros.controllers.law import LawController, as_numbers
 from ballbot_ros.errors import ControllerError
 from ballbot_ros.parameters import ControllerParameters, TakesEffect, designed, quantity, setting
 from ballbot_ros.parameters.timing import TICK_S

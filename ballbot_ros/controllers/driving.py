@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, ClassVar, NamedTuple
 
-from ballbot_ros.controllers.controller import Duty, P, Readings
+from ballbot_ros.controllers.controller import Duty, Law, LawController, P, Readings
 from ballbot_ros.controllers.document.axis import LCD_MS, PROGRAM_NAME
 from ballbot_ros.controllers.document.program import held_distance, logged
 from ballbot_ros.controllers.interface import Estimates, OperatingState
-from ballbot_ros.controllers.law import Law, LawController
 from ballbot_ros.parameters import ControllerParameters
 from ballbot_ros.parameters.timing import TICK_S
 from ballbot_ros.robot.brick.sensors import NO_ECHO_CM

@@ -15,11 +15,11 @@ from ballbot_ros.controllers.controller import (
     MAX_DUTY,
     NO_READINGS,
     Controller,
+    LawController,
     Readings,
     next_readings,
 )
 from ballbot_ros.controllers.controller_program import line_of
-from ballbot_ros.controllers.law import LawController
 from ballbot_ros.engine.compilation import (
     NO_COMPILER,
     can_compile,

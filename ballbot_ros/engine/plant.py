@@ -19,9 +19,8 @@ from ballbot_ros.engine.plant_tick import (
 )
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.parameters.timing import STEP_NS
-from ballbot_ros.robot.plant.actuator import motor_current
 from ballbot_ros.robot.plant.ground_truth import GroundTruth, MeasuredState, Push
-from ballbot_ros.robot.plant.laws import Floor, WallHit
+from ballbot_ros.robot.plant.laws import Floor, WallHit, motor_current
 
 _FLOAT32 = struct.Struct('<f')
 

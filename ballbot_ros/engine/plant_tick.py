@@ -7,16 +7,8 @@ from typing import Any, NamedTuple
 from ballbot_ros.engine.devices import choice, uniform_pair
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.parameters.timing import SLOW_PERIOD_NS, STEP_NS, STEPS_PER_TICK, TICK_NS
-from ballbot_ros.robot.brick.noise import Key, device_number, noise_key
-from ballbot_ros.robot.brick.sensors import drawn_delay
+from ballbot_ros.robot.brick.sensors import Key, device_number, drawn_delay, noise_key
 from ballbot_ros.robot.numerics.compiler_hints import inlined
-from ballbot_ros.robot.plant.actuator import (
-    capacity_slope,
-    discharge,
-    motor_current,
-    motor_voltage,
-    supply_current,
-)
 from ballbot_ros.robot.plant.ground_truth import Pair
 from ballbot_ros.robot.plant.integration import (
     Equations,
@@ -31,13 +23,18 @@ from ballbot_ros.robot.plant.integration import (
 from ballbot_ros.robot.plant.laws import (
     add_push_forces,
     ball_position,
+    capacity_slope,
+    discharge,
     has_fallen,
     is_release,
+    motor_current,
+    motor_voltage,
     planes_at_wall,
     released,
     shaft_angle,
     state_after_fall,
     state_after_impact,
+    supply_current,
     wheel_angle,
 )
 from ballbot_ros.robot.plant.model import MassMatrix, gear_ratio, mass_matrix, torque_per_volt
@@ -78,7 +75,7 @@ class PlantConstants(NamedTuple):
     back_emf, ohms : float
         k Kb [V·s/rad] and Rm [Ohm].
     dead_zone, volt_slope, volt_offset : float
-        As in :func:`~ballbot_ros.robot.plant.actuator.motor_voltage`.
+        As in :func:`~ballbot_ros.robot.plant.laws.motor_voltage`.
     start_x, start_y, start_psi_x, start_psi_y, start_rate_x, start_rate_y : float
         Position, pitch and pitch rate at the start.
     hold_until_ns : int
@@ -88,7 +85,7 @@ class PlantConstants(NamedTuple):
     is_draining : bool
         Whether the battery drains.
     idle_current, full_volts, charge_slope, battery_ohms : float
-        As in :func:`~ballbot_ros.robot.plant.actuator.discharge`.
+        As in :func:`~ballbot_ros.robot.plant.laws.discharge`.
     stops_at_hit : bool
         Whether a wall hit ends the run.
     half_u, half_v : float

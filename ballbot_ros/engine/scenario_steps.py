@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from ballbot_ros.controllers.codegen.folder_check import InputSequence, ProgramInput, random_steps
 from ballbot_ros.controllers.document.axis import TS1_MS
 from ballbot_ros.engine.closed_loop import ClosedLoop
-from ballbot_ros.engine.scenario.library import load_scenario, scenario_names
+from ballbot_ros.engine.scenario.reader import load_scenario, scenario_names
 from ballbot_ros.engine.scenario.scenario import Scenario
 from ballbot_ros.parameters import ControllerParameters, ParameterSet, PlantParameters
 from ballbot_ros.parameters.timing import FIRST_TICK_NS, MILLISECOND_NS

@@ -13,13 +13,15 @@ from enum import Enum, auto
 
 from ballbot_ros.errors import one_line
 from ballbot_ros.lockstep.participants import (
+    ANSWER_CALLS,
     Announcement,
     LocalNode,
     Membership,
     Objection,
     Participant,
+    Publisher,
+    Strangers,
 )
-from ballbot_ros.lockstep.strangers import ANSWER_CALLS, Publisher, Strangers
 from ballbot_ros.parameters import CONTROLLER
 from ballbot_ros.parameters.timing import SECOND_NS
 

@@ -20,7 +20,7 @@ from ballbot_ros.errors import printable
 from ballbot_ros.lockstep.lockstep import RunIdentity
 from ballbot_ros.lockstep.participants import Membership, Participant
 from ballbot_ros.parameters import PlantParameters, Value, value_text
-from ballbot_ros.parameters.text_enum import TextEnum
+from ballbot_ros.parameters.parameter import TextEnum
 from ballbot_ros.parameters.timing import SECOND_NS, TICK_NS
 from ballbot_ros.robot.plant.ground_truth import GroundTruth, Push
 from ballbot_ros.robot.world.world import World

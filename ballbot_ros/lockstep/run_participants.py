@@ -14,6 +14,7 @@ from ballbot_ros.lockstep.participants import (
     LocalNode,
     Objection,
     Participant,
+    Publisher,
 )
 from ballbot_ros.lockstep.roster import Readiness, ReadinessState, Roster
 from ballbot_ros.lockstep.run_actions import (
@@ -24,7 +25,6 @@ from ballbot_ros.lockstep.run_actions import (
     RunSummary,
     Severity,
 )
-from ballbot_ros.lockstep.strangers import Publisher
 from ballbot_ros.parameters import (
     CONTROLLER,
     DRIVERS,

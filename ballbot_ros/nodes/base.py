@@ -19,8 +19,13 @@ from rclpy.timer import Timer
 
 from ballbot_ros.errors import BallbotError, one_line
 from ballbot_ros.nodes.end_guard import guarded_end
-from ballbot_ros.nodes.endpoints import TopicPublisher, flush, requested_qos
-from ballbot_ros.nodes.intra_process import IntraProcess, intra_process
+from ballbot_ros.nodes.endpoints import (
+    IntraProcess,
+    TopicPublisher,
+    flush,
+    intra_process,
+    requested_qos,
+)
 from ballbot_ros.nodes.middleware import prepare_middleware
 from ballbot_ros.nodes.node_parameters import P, ParameterNode
 from ballbot_ros.nodes.processes import END_WITH_PARENT, end_with_parent

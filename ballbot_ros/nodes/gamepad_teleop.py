@@ -11,13 +11,12 @@ from typing import TYPE_CHECKING, Any
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 
-from ballbot_ros.engine.scenario.library import scenario_of
+from ballbot_ros.engine.scenario.reader import scenario_of
 from ballbot_ros.errors import BallbotError, TeleopError, one_line
 from ballbot_ros.lockstep.lockstep import RunIdentity
 from ballbot_ros.nodes.base import BallbotNode, run_node
 from ballbot_ros.nodes.participation import Participation
-from ballbot_ros.nodes.teleop import arbiter
-from ballbot_ros.nodes.teleop.arbiter import Arbiter, Command, GivenAnswers
+from ballbot_ros.nodes.teleop import sticks as arbiter
 from ballbot_ros.nodes.teleop.gamepad import (
     ANY,
     Gamepad,
@@ -26,7 +25,13 @@ from ballbot_ros.nodes.teleop.gamepad import (
     SdlBackend,
     list_devices,
 )
-from ballbot_ros.nodes.teleop.sticks import JoyMapping, VelocityMapping
+from ballbot_ros.nodes.teleop.sticks import (
+    Arbiter,
+    Command,
+    GivenAnswers,
+    JoyMapping,
+    VelocityMapping,
+)
 from ballbot_ros.parameters import GamepadParameters
 from ballbot_ros.parameters.timing import MILLISECOND_NS, SLOW_PERIOD_NS
 from ballbot_ros.recording.csv_log import CsvLog

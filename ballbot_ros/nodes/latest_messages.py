@@ -42,7 +42,7 @@ from ballbot_ros.recording.messages.topics import (
     SONAR_RANGE,
     Topic,
 )
-from ballbot_ros.viewer.session import Session, decode_session
+from ballbot_ros.viewer.run_activity import Session, decode_session
 from ballbot_ros.viewer.snapshot import UNKNOWN, ForceEvent, ShownRun, Snapshot, acting_force
 
 _OUT_OF_CONTROL = (OperatingState.CALIBRATION, OperatingState.OUT_OF_CONTROL)

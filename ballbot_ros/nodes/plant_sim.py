@@ -14,7 +14,7 @@ from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
 from ballbot_ros.engine.plant import Plant
-from ballbot_ros.engine.scenario.library import scenario_of
+from ballbot_ros.engine.scenario.reader import scenario_of
 from ballbot_ros.engine.trajectory import TrajectoryLog, save_trajectory
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.lockstep import run_actions as do
@@ -25,11 +25,14 @@ from ballbot_ros.lockstep.participants import Announcement
 from ballbot_ros.lockstep.run_actions import Actions, RunSetup
 from ballbot_ros.lockstep.run_master import RunMaster
 from ballbot_ros.nodes.base import BallbotNode, run_node
-from ballbot_ros.nodes.graph_observer import GraphObserver
-from ballbot_ros.nodes.heartbeat import HEARTBEAT_S, Heartbeat, HeartbeatSender
-from ballbot_ros.nodes.participation import participant_of, with_parameters
-from ballbot_ros.nodes.presence import DomainLock
-from ballbot_ros.nodes.processes import LocalProcessObserver
+from ballbot_ros.nodes.middleware import DomainLock
+from ballbot_ros.nodes.participation import GraphObserver, participant_of, with_parameters
+from ballbot_ros.nodes.processes import (
+    HEARTBEAT_S,
+    Heartbeat,
+    HeartbeatSender,
+    LocalProcessObserver,
+)
 from ballbot_ros.parameters import PLANT, PlantParameters
 from ballbot_ros.parameters.timing import RESEND_S, SECOND_NS, TICK_S
 from ballbot_ros.recording.messages.conversions import (

@@ -22,7 +22,7 @@ from std_srvs.srv import SetBool
 
 from ballbot_ros.nodes.base import BallbotNode, run_node
 from ballbot_ros.nodes.endpoints import TopicPublisher, flush, reliable_qos
-from ballbot_ros.nodes.presence import DomainLock
+from ballbot_ros.nodes.middleware import DomainLock
 from ballbot_ros.parameters import PLANT, PlayerParameters
 from ballbot_ros.recording.messages.conversions import encode_clock
 from ballbot_ros.recording.messages.topics import CLOCK, HISTORY, TOPICS, find_message_class

@@ -1,4 +1,7 @@
-"""Information from the system about the processes on this machine."""
+"""The processes on this machine: what the system tells of them, and signs of life.
+
+Signs of life go through a pipe, so that no call of the middleware can keep the command from ending.
+"""
 
 from __future__ import annotations
 
@@ -6,11 +9,13 @@ import ctypes
 import json
 import os
 import signal
+import struct
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from threading import Thread
+from typing import NamedTuple
 
 from ballbot_ros.lockstep.liveness import Observation, SilenceTimer, Threads, ThreadTime
 from ballbot_ros.lockstep.participants import LocalNode
@@ -165,3 +170,63 @@ def exit_description(status: int | None) -> str:
         return f'was killed by {signal.Signals(-status).name}'
     except ValueError:  # a real-time signal has no name
         return f'was killed by signal {-status}'
+
+
+HEARTBEAT_FD_ENV = 'BALLBOT_HEARTBEAT'
+"""Environment variable of a plant: file descriptor of the pipe, inherited from its command."""
+
+HEARTBEAT_S = 0.1
+"""Period of the heartbeats [s]."""
+
+_MESSAGE = struct.Struct('<q?')
+_MAX_BYTES = _MESSAGE.size * 4096
+
+
+class Heartbeat(NamedTuple):
+    """What the plant tells: sim time [ns], 0 before the first tick, and the end of the run."""
+
+    now_ns: int
+    has_ended: bool
+
+
+class HeartbeatSender:
+    """Sends the heartbeats of this process, if its command wants any."""
+
+    def __init__(self) -> None:
+        file = os.environ.get(HEARTBEAT_FD_ENV)
+        self.file = int(file) if file else None
+
+    def send(self, beat: Heartbeat) -> None:
+        """Send a heartbeat, unless the command has ended or does not read."""
+        if self.file is not None:
+            with suppress(BrokenPipeError, BlockingIOError):
+                os.write(self.file, _MESSAGE.pack(*beat))
+
+
+class HeartbeatPipe:
+    """The pipe of a command.
+
+    Attributes
+    ----------
+    theirs : int
+        The descriptor for the plant.
+    """
+
+    def __init__(self) -> None:
+        self._ours, self.theirs = os.pipe()
+        for file in (self._ours, self.theirs):
+            os.set_blocking(file, False)
+
+    def newest(self) -> Heartbeat | None:
+        """Return the newest heartbeat since the last call, if there is any."""
+        try:
+            data = os.read(self._ours, _MAX_BYTES)
+        except BlockingIOError:
+            return None
+        beats = [Heartbeat(*beat) for beat in _MESSAGE.iter_unpack(data)]
+        return beats[-1] if beats else None
+
+    def close(self) -> None:
+        """Close both ends."""
+        os.close(self._ours)
+        os.close(self.theirs)

@@ -20,10 +20,15 @@ from ballbot_ros.lockstep.participants import Objection
 from ballbot_ros.lockstep.recording_order import Arrival, ArrivalOrder, Stream
 from ballbot_ros.lockstep.run_recording import RunRecording
 from ballbot_ros.nodes.base import BallbotNode, run_node
-from ballbot_ros.nodes.endpoints import drain, hidden_node, raw_subscription, reliable_qos
-from ballbot_ros.nodes.graph_observer import full_name
-from ballbot_ros.nodes.intra_process import Inbox, intra_process
-from ballbot_ros.nodes.participation import Participation
+from ballbot_ros.nodes.endpoints import (
+    Inbox,
+    drain,
+    hidden_node,
+    intra_process,
+    raw_subscription,
+    reliable_qos,
+)
+from ballbot_ros.nodes.participation import Participation, full_name
 from ballbot_ros.parameters import PLANT, PlantParameters, RecorderParameters
 from ballbot_ros.parameters.timing import SECOND_NS
 from ballbot_ros.recording.messages.conversions import encode_header, is_stop

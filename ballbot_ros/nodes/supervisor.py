@@ -7,12 +7,12 @@ from collections.abc import Mapping
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from ballbot_ros.engine.scenario.library import load_scenario
+from ballbot_ros.engine.scenario.reader import load_scenario
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.nodes.base import AnyNode, BallbotNode
 from ballbot_ros.parameters import PLANT, SUPERVISOR, SupervisorParameters
 from ballbot_ros.recording.messages.topics import SESSION
-from ballbot_ros.viewer.session import encode_session
+from ballbot_ros.viewer.run_activity import encode_session
 
 SEND_PERIOD_S = 0.1
 

@@ -10,7 +10,7 @@ from std_srvs.srv import Trigger
 
 from ballbot_ros.nodes.base import AnyNode, BallbotNode
 from ballbot_ros.nodes.latest_messages import LatestMessages
-from ballbot_ros.nodes.teleop.arbiter import KEYBOARD, Arbiter, Command
+from ballbot_ros.nodes.teleop.sticks import KEYBOARD, Arbiter, Command
 from ballbot_ros.nodes.teleop.terminal import KeyboardSticks, Terminal
 from ballbot_ros.parameters import PLANT, GamepadParameters
 from ballbot_ros.recording.messages.topics import (

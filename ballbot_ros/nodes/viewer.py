@@ -11,7 +11,7 @@ from itertools import islice
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from ballbot_ros.engine.scenario.library import scenario_names
+from ballbot_ros.engine.scenario.reader import scenario_names
 from ballbot_ros.errors import WorldError
 from ballbot_ros.nodes.base import BallbotNode, run_node
 from ballbot_ros.nodes.endpoints import drain, raw_subscription
@@ -49,8 +49,7 @@ from ballbot_ros.viewer.address import address_line, network_warning, require_vi
 from ballbot_ros.viewer.live_controls import PageSticks, carry_out
 from ballbot_ros.viewer.overlay import Hold
 from ballbot_ros.viewer.plots import offered_kinds, plot_data
-from ballbot_ros.viewer.run_activity import REPORT, RealTimeFactor, RunActivity
-from ballbot_ros.viewer.run_report import RunReport
+from ballbot_ros.viewer.run_activity import REPORT, RealTimeFactor, RunActivity, RunReport
 from ballbot_ros.viewer.snapshot import LIVE_SIGNALS, History, Snapshot
 
 _DEPTH = 50
@@ -96,8 +95,8 @@ class Viewer(BallbotNode[ViewerParameters]):
         # Imported only here: viser takes a second.
         from ballbot_ros.viewer.live_controls import DragPush, LiveControls
         from ballbot_ros.viewer.page import UPDATE_S, Page
-        from ballbot_ros.viewer.panel import PERIOD, ScenePanel
         from ballbot_ros.viewer.plots import Plots
+        from ballbot_ros.viewer.scene import PERIOD, ScenePanel
         from ballbot_ros.viewer.shapes import ForceArrow
         from ballbot_ros.viewer.tuning_sliders import TuningSliders
 

@@ -17,14 +17,14 @@ from std_srvs.srv import SetBool, Trigger
 from ballbot_ros.lockstep.participants import TUNABLE, Announcement
 from ballbot_ros.nodes.base import AnyNode
 from ballbot_ros.nodes.endpoints import reliable_qos
-from ballbot_ros.nodes.graph_observer import full_name
+from ballbot_ros.nodes.participation import full_name
 from ballbot_ros.parameters import CONTROLLER, PLANT, SUPERVISOR, PlantParameters, parameters_of
 from ballbot_ros.recording.messages.conversions import encode_push
 from ballbot_ros.recording.messages.participation import decode_announcement
 from ballbot_ros.recording.messages.run_reports import decode_parameter_event
 from ballbot_ros.recording.messages.topics import HISTORY, PARAMETER_EVENTS, PARTICIPANTS, PUSH, RUN
 from ballbot_ros.robot.plant.ground_truth import Pair
-from ballbot_ros.viewer.tunable import Numbers, Tunable
+from ballbot_ros.viewer.tuning_sliders import Numbers, Tunable
 
 if TYPE_CHECKING:
     from ballbot_ros.viewer.tuning_sliders import TuningSliders

@@ -8,6 +8,7 @@ from ballbot_ros.parameters.controller import (
 from ballbot_ros.parameters.nodes import (
     DEVICES,
     DeviceParameters,
+    Dimensions,
     EncoderParameters,
     GamepadParameters,
     GyroParameters,
@@ -35,10 +36,7 @@ from ballbot_ros.parameters.parameter import (
     setting,
     value_text,
 )
-from ballbot_ros.parameters.parameter_set import ParameterSet
-from ballbot_ros.parameters.plant import PlantParameters
-from ballbot_ros.parameters.shared import Dimensions
-from ballbot_ros.parameters.table import (
+from ballbot_ros.parameters.parameter_set import (
     ALL_NODES,
     CONTROLLER,
     DRIVER_PERIODS_NS,
@@ -60,9 +58,11 @@ from ballbot_ros.parameters.table import (
     TABLE,
     VIEWER,
     VISUALIZER,
+    ParameterSet,
     parameters_of,
     suggest,
 )
+from ballbot_ros.parameters.plant import PlantParameters
 
 __all__ = [
     'ALL_NODES',

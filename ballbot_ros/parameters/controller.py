@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
+from ballbot_ros.parameters.nodes import LockstepChoice, Radii, StickScale
 from ballbot_ros.parameters.parameter import (
     NodeParameters,
     TakesEffect,
@@ -13,7 +14,6 @@ from ballbot_ros.parameters.parameter import (
     quantity,
     setting,
 )
-from ballbot_ros.parameters.shared import LockstepChoice, Radii, StickScale
 
 Gains = tuple[float, float, float, float]
 Period = Literal[4, 20, 100]

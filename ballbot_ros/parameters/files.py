@@ -11,8 +11,7 @@ import numpy as np
 
 from ballbot_ros.parameters.controller import is_own
 from ballbot_ros.parameters.parameter import ParameterError
-from ballbot_ros.parameters.parameter_set import ParameterSet
-from ballbot_ros.parameters.table import ALL_NODES, NODES, parameters_of
+from ballbot_ros.parameters.parameter_set import ALL_NODES, NODES, ParameterSet, parameters_of
 from ballbot_ros.parameters.yaml_document import YamlDocument, parse_value, yaml_text
 
 

@@ -15,6 +15,13 @@ from typing import Any, ClassVar, Literal, TypeVar, cast, get_args, get_origin, 
 
 from ballbot_ros.errors import BallbotError, short_repr
 
+
+class TextEnum(str, Enum):
+    """Members are strings and print as their values, in messages, files and JSON."""
+
+    __str__ = str.__str__
+
+
 Value = bool | int | float | str | tuple[float, ...]
 _Value = TypeVar('_Value', bound=Value)
 _Node = TypeVar('_Node', bound='NodeParameters')

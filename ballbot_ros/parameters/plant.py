@@ -6,6 +6,14 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
+from ballbot_ros.parameters.nodes import (
+    DeviceSeed,
+    Dimensions,
+    LockstepChoice,
+    MapChoice,
+    Masses,
+    ScenarioChoice,
+)
 from ballbot_ros.parameters.parameter import (
     NodeParameters,
     TakesEffect,
@@ -13,14 +21,6 @@ from ballbot_ros.parameters.parameter import (
     path,
     quantity,
     setting,
-)
-from ballbot_ros.parameters.shared import (
-    DeviceSeed,
-    Dimensions,
-    LockstepChoice,
-    MapChoice,
-    Masses,
-    ScenarioChoice,
 )
 
 

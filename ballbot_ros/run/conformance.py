@@ -9,8 +9,7 @@ from uuid import uuid4
 from ballbot_ros.nodes.conformance import examination
 from ballbot_ros.nodes.conformance.examination import RequirementResult
 from ballbot_ros.nodes.conformance_bench import ConformanceBench
-from ballbot_ros.nodes.middleware import require_discovery, ros_domain
-from ballbot_ros.nodes.presence import DomainLock
+from ballbot_ros.nodes.middleware import DomainLock, require_discovery, ros_domain
 from ballbot_ros.process import StopRequest
 from ballbot_ros.run.one_process import ros
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ballbot_ros.controllers.codegen.implementation import compose_controller
-from ballbot_ros.engine.scenario.library import load_profile
+from ballbot_ros.engine.scenario.reader import load_profile
 from ballbot_ros.engine.scenario.scenario import Scenario
 from ballbot_ros.files import temporary_folder
 from ballbot_ros.nodes.gamepad_teleop import GamepadTeleop
@@ -28,12 +28,12 @@ from ballbot_ros.parameters import (
 )
 from ballbot_ros.parameters.files import assign
 from ballbot_ros.process import StopRequest
+from ballbot_ros.run.execution import output_files
 from ballbot_ros.run.graph import graph_parameters
 from ballbot_ros.run.node_process import ForkClient
-from ballbot_ros.run.observer import RunObserver, StartObserver
 from ballbot_ros.run.one_process import NodeThread, ros
-from ballbot_ros.run.output_folder import output_files
 from ballbot_ros.run.requirements import require_viewer
+from ballbot_ros.run.result import RunObserver, StartObserver
 from ballbot_ros.run.separate_processes import run_nodes
 from ballbot_ros.run.spec import RunSpec, check_reserved_parameters, resolve_map
 

@@ -1,29 +1,86 @@
-"""Execution of a run, from its specification to its result."""
+"""Execution of a run, from its specification to its result, and the folder of its files."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import ExitStack, suppress
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
+from datetime import datetime
 from pathlib import Path
+from typing import NamedTuple
 
-from ballbot_ros.analysis.figures import draw_motion
+from ballbot_ros.analysis.drawing import draw_motion
+from ballbot_ros.analysis.figure_parts import png_of
 from ballbot_ros.analysis.metrics import judge, measure
 from ballbot_ros.analysis.recorded_scenario import scheduled_pushes
-from ballbot_ros.analysis.style import png_of
-from ballbot_ros.files import temporary_folder
+from ballbot_ros.errors import BallbotError
+from ballbot_ros.files import make_folder, temporary_folder
 from ballbot_ros.lockstep.run_actions import Outcome
 from ballbot_ros.nodes.middleware import require_middleware
+from ballbot_ros.parameters import RECORDER
 from ballbot_ros.process import DeferredSignals
-from ballbot_ros.robot.world.clearance import NO_WALLS
+from ballbot_ros.robot.world.distances import NO_WALLS
 from ballbot_ros.robot.world.world import World
 from ballbot_ros.run.node_process import ForkClient
-from ballbot_ros.run.observer import LogObserver, RunObserver
-from ballbot_ros.run.output_folder import output_files
-from ballbot_ros.run.processes import Processes
-from ballbot_ros.run.requirements import OR_NONE, require_rclpy
-from ballbot_ros.run.result import RunResult
+from ballbot_ros.run.requirements import OR_NONE, Processes, require_rclpy
+from ballbot_ros.run.result import LogObserver, RunObserver, RunResult
 from ballbot_ros.run.spec import RunSpec
+
+
+class OutputFiles(NamedTuple):
+    """The output files of a run."""
+
+    recording: Path | None = None
+    figure: Path | None = None
+
+
+@contextmanager
+def output_files(spec: RunSpec) -> Iterator[OutputFiles]:
+    """Create the folder of a run; remove it in the end if it is still empty.
+
+    It raises BallbotError if the folder is not writable, or has a recording of this name.
+    """
+    if spec.output is None and not spec.record:
+        yield OutputFiles()
+        return
+    folder = spec.output or _new_folder(spec.name)
+    if spec.output is not None:
+        _make_folder(folder)
+    try:
+        recording = folder / f'{spec.name}.mcap' if RECORDER in spec.nodes else None
+        if recording and recording.exists():
+            raise BallbotError(f'{recording}: already exists; choose another --output')
+        yield OutputFiles(recording, folder / f'{spec.name}.png')
+    finally:
+        _remove_if_empty(folder)
+
+
+def _remove_if_empty(folder: Path) -> None:
+    if folder.is_dir() and not any(folder.iterdir()):
+        folder.rmdir()
+
+
+def _make_folder(folder: Path) -> None:
+    try:
+        make_folder(folder)
+    except (FileExistsError, NotADirectoryError):
+        raise BallbotError(f'--output {folder}: not a folder; choose another --output') from None
+    except OSError as error:
+        raise BallbotError(f'--output {folder}: {error.strerror}') from None
+
+
+def _new_folder(name: str) -> Path:
+    stem = f'{datetime.now():%Y-%m-%d_%H-%M-%S}_{name}'
+    for suffix in ('', *(f'_{number}' for number in range(2, 1000))):
+        folder = Path('runs') / (stem + suffix)
+        try:
+            folder.mkdir(parents=True)
+        except FileExistsError:
+            continue
+        except OSError as error:
+            raise BallbotError(f'{folder}: {error.strerror}') from None
+        return folder
+    raise BallbotError(f'runs/{stem}: already exists')
 
 
 def execute(

@@ -16,20 +16,21 @@ from pathlib import Path
 from ballbot_ros.controllers.codegen.toolchain import ARM, HOST, Target, missing_tool
 from ballbot_ros.engine.compilation import REMEDY, can_compile, has_kept_code
 from ballbot_ros.engine.golden import arithmetic_sha256, duty_sha256, load_golden
-from ballbot_ros.engine.scenario.library import load_scenario
+from ballbot_ros.engine.scenario.reader import load_scenario
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.files import share_directory
 from ballbot_ros.nodes.discovery_probe import LIMIT_S
 from ballbot_ros.nodes.middleware import (
     DISCOVERY_RANGE,
     DOMAIN,
+    PORT_BASE,
+    PORTS_PER_DOMAIN,
     RMW,
     own_profiles,
     require_discovery,
     require_middleware,
     ros_domain,
 )
-from ballbot_ros.nodes.presence import PORT_BASE, PORTS_PER_DOMAIN
 from ballbot_ros.nodes.processes import END_WITH_PARENT
 from ballbot_ros.nodes.teleop.gamepad import describe, wait_for_devices
 from ballbot_ros.parameters import ParameterSet, ViewerParameters

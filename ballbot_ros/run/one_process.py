@@ -18,7 +18,7 @@ from ballbot_ros.errors import BallbotError, one_line
 from ballbot_ros.nodes.base import AnyNode, spin
 from ballbot_ros.nodes.controller import ControllerNode
 from ballbot_ros.nodes.end_guard import guarded_end
-from ballbot_ros.nodes.intra_process import IntraProcess
+from ballbot_ros.nodes.endpoints import IntraProcess
 from ballbot_ros.nodes.middleware import prepare_middleware, stay_local
 from ballbot_ros.nodes.plant_sim import PlantSim
 from ballbot_ros.nodes.processes import join_thread
@@ -36,8 +36,7 @@ from ballbot_ros.parameters import (
 from ballbot_ros.parameters.timing import SECOND_NS, TICK_NS
 from ballbot_ros.process import PROGRESS_PERIOD_S, StopRequest
 from ballbot_ros.run.graph import call_for_external, graph_parameters
-from ballbot_ros.run.observer import RunObserver
-from ballbot_ros.run.result import RunResult
+from ballbot_ros.run.result import RunObserver, RunResult
 from ballbot_ros.run.spec import RunSpec
 from ballbot_ros.run.tick_timer import TickTimer
 

@@ -1,11 +1,21 @@
-"""Checks that everything a run needs is installed, before it starts."""
+"""The arrangements of processes of a run, and what has to be installed for each."""
 
 from __future__ import annotations
 
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.nodes.middleware import require_middleware
 from ballbot_ros.parameters import ParameterSet, ViewerParameters
-from ballbot_ros.run.processes import Processes
+from ballbot_ros.parameters.parameter import TextEnum
+
+
+class Processes(TextEnum):
+    """How the nodes of a run are distributed over processes."""
+
+    SEPARATE = 'separate'
+    ONE = 'one'
+    NONE = 'none'
+    """No nodes: the closed loop without ROS."""
+
 
 OR_NONE = ', or use --processes none'
 """Alternative of a run."""

@@ -13,16 +13,21 @@ from ballbot_ros.engine.trajectory import load_trajectory
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.lockstep.liveness import SilenceTimer, Threads
 from ballbot_ros.lockstep.run_actions import Outcome
-from ballbot_ros.nodes.heartbeat import HEARTBEAT_FD_ENV, HeartbeatPipe
 from ballbot_ros.nodes.middleware import (
+    LOCK_FD_ENV,
+    DomainLock,
     prepare_middleware,
     require_discovery,
     require_places,
     ros_domain,
     stay_local,
 )
-from ballbot_ros.nodes.presence import LOCK_FD_ENV, DomainLock
-from ballbot_ros.nodes.processes import started_nodes_variable, threads_by_process
+from ballbot_ros.nodes.processes import (
+    HEARTBEAT_FD_ENV,
+    HeartbeatPipe,
+    started_nodes_variable,
+    threads_by_process,
+)
 from ballbot_ros.parameters import ALL_NODES, NODES, PLANT, RECORDER, ParameterSet
 from ballbot_ros.parameters.files import write_parameter_file
 from ballbot_ros.parameters.timing import FIRST_TICK_NS, SECOND_NS
@@ -30,9 +35,8 @@ from ballbot_ros.process import StopRequest
 from ballbot_ros.recording.reader import is_finished
 from ballbot_ros.run.graph import call_for_external, graph_parameters
 from ballbot_ros.run.node_process import ForkClient, NodeProcess, stop_all
-from ballbot_ros.run.observer import RunObserver
 from ballbot_ros.run.requirements import OR_NONE, ros_not_found
-from ballbot_ros.run.result import RunResult
+from ballbot_ros.run.result import RunObserver, RunResult
 from ballbot_ros.run.spec import RunSpec
 
 PLANT_SILENCE_S = 2.3

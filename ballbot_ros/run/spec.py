@@ -9,8 +9,7 @@ from pathlib import Path
 from ballbot_ros.controllers.codegen.implementation import compose_controller
 from ballbot_ros.controllers.loading import LoadedController
 from ballbot_ros.engine.devices import ALL_DEVICES
-from ballbot_ros.engine.scenario.library import load_profile, load_scenario
-from ballbot_ros.engine.scenario.reader import IDEAL
+from ballbot_ros.engine.scenario.reader import IDEAL, load_profile, load_scenario
 from ballbot_ros.engine.scenario.scenario import Scenario
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.parameters import (
@@ -33,7 +32,7 @@ from ballbot_ros.parameters.files import assign, assign_values, read_parameter_f
 from ballbot_ros.parameters.timing import TICK_S
 from ballbot_ros.robot.world.floor_map import is_file_name
 from ballbot_ros.robot.world.world import World
-from ballbot_ros.run.processes import Processes
+from ballbot_ros.run.requirements import Processes
 
 
 @dataclass(frozen=True, kw_only=True)

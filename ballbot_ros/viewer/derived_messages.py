@@ -56,11 +56,12 @@ from ballbot_ros.robot.brick.odometry import WINDOW_NS, DeadReckoning, OdometryS
 from ballbot_ros.robot.plant.model import Bodies
 from ballbot_ros.robot.world.exports import floor_map_of
 from ballbot_ros.robot.world.floor_map import FloorMap
-from ballbot_ros.viewer.colours import DARK, NAMES
 from ballbot_ros.viewer.markers import floor_markers
 from ballbot_ros.viewer.robot import (
     BODY,
+    DARK,
     DECK_ABOVE_WHEEL,
+    NAMES,
     Z_AXIS,
     Part,
     parts,

@@ -12,8 +12,8 @@ import viser
 from ballbot_ros.parameters import Dimensions
 from ballbot_ros.robot.world.floor_map import FloorMap
 from ballbot_ros.viewer.address import NEXT_FREE, USUAL_PORT, AccessPolicy, check_address
-from ballbot_ros.viewer.floor import Area
 from ballbot_ros.viewer.guarded_server import GuardedServer
+from ballbot_ros.viewer.markers import Area
 from ballbot_ros.viewer.overlay import Overlay
 from ballbot_ros.viewer.scene import DrawnRobot, Scene
 from ballbot_ros.viewer.snapshot import Snapshot

@@ -25,9 +25,9 @@ from ballbot_ros.robot.world.exports import OccupancyGrid, floor_map_of
 from ballbot_ros.robot.world.floor_map import FloorMap
 from ballbot_ros.viewer.overlay import Mark, MarkKind
 from ballbot_ros.viewer.robot import TRAIL_STEP
-from ballbot_ros.viewer.rotations import RolledBall
 from ballbot_ros.viewer.snapshot import Floats, ForceEvent, Snapshot, acting_force
 from ballbot_ros.viewer.transforms import wxyz
+from ballbot_ros.viewer.views import RolledBall
 
 _MARKS_PER_LINE = 200
 """Marks of a kind that are distinguishable on a time line."""

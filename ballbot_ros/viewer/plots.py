@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 from viser import uplot
 
 from ballbot_ros.analysis.drawing import DUTY, PITCH, POSITION
-from ballbot_ros.analysis.style import BLUE, ORANGE
-from ballbot_ros.analysis.table import envelope
+from ballbot_ros.analysis.figure_parts import BLUE, ORANGE, envelope
 from ballbot_ros.parameters.timing import TICK_S
-from ballbot_ros.viewer.colours import GHOST, GHOST_LIGHT, Colour
 from ballbot_ros.viewer.playback_run import PlaybackRun
+from ballbot_ros.viewer.robot import GHOST, GHOST_LIGHT, Colour
 
 Floats = NDArray[np.float64]
 

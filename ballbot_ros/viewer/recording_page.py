@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import viser
 
-from ballbot_ros.analysis.table import envelope
+from ballbot_ros.analysis.figure_parts import envelope
 from ballbot_ros.analysis.topic_samples import TopicSamples
 from ballbot_ros.errors import RecordingError
 from ballbot_ros.process import ProgressCallback
@@ -28,7 +28,6 @@ from ballbot_ros.viewer.overlay import (
     Timeline,
 )
 from ballbot_ros.viewer.page import Page
-from ballbot_ros.viewer.panel import PERIOD, ScenePanel
 from ballbot_ros.viewer.playback_run import PlaybackClock, PlaybackRun
 from ballbot_ros.viewer.plots import (
     MAX_ROWS,
@@ -42,7 +41,7 @@ from ballbot_ros.viewer.plots import (
     recorded_plot,
     topic_kind,
 )
-from ballbot_ros.viewer.scene import Scene
+from ballbot_ros.viewer.scene import PERIOD, Scene, ScenePanel
 
 
 class RecordedRobots:

@@ -26,11 +26,11 @@ from ballbot_ros.parameters import Dimensions, PlantParameters
 from ballbot_ros.process import ProgressCallback
 from ballbot_ros.robot.plant.ground_truth import Pair
 from ballbot_ros.robot.world.floor_map import load_map
-from ballbot_ros.viewer.colours import BLACK, WHITE
-from ballbot_ros.viewer.floor import Area
+from ballbot_ros.viewer.markers import Area
 from ballbot_ros.viewer.offscreen import Image, offscreen_scene
 from ballbot_ros.viewer.playback_run import PlaybackRun
 from ballbot_ros.viewer.recording_page import RecordedRobots
+from ballbot_ros.viewer.robot import BLACK, WHITE
 from ballbot_ros.viewer.snapshot import Snapshot
 from ballbot_ros.viewer.views import CHASER_1, View, camera
 

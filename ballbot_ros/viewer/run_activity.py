@@ -1,19 +1,97 @@
-"""What the run on a live page is doing, and what the overlay says about it."""
+"""What a live page tells about the run: its activity, its report, the session around it."""
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+from threading import Lock
+from typing import Any
 
 from ballbot_ros.analysis.metrics import Judgement, Verdict
 from ballbot_ros.engine.scenario.metrics import label
+from ballbot_ros.engine.scenario.scenario import Expectation
+from ballbot_ros.errors import BallbotError
 from ballbot_ros.lockstep.run_actions import Outcome
 from ballbot_ros.recording.messages.run_reports import PlantReport
 from ballbot_ros.robot.plant.ground_truth import Pair
 from ballbot_ros.viewer.overlay import Banner, BannerKind, Button, OverlayState
-from ballbot_ros.viewer.session import Session, SessionResult
 from ballbot_ros.viewer.snapshot import Snapshot
+
+
+@dataclass(frozen=True)
+class SessionResult:
+    """Result of a run.
+
+    Attributes
+    ----------
+    verdict : str
+        One of :class:`~ballbot_ros.analysis.metrics.Verdict`.
+    reason : str
+        Why the run did not pass; otherwise ''.
+    recording : str
+        Path of the recording; '' if there is none.
+    judgements : tuple of Judgement
+        The expectations with their measured values; empty if the run was not judged.
+    """
+
+    verdict: str
+    reason: str = ''
+    recording: str = ''
+    judgements: tuple[Judgement, ...] = ()
+
+
+@dataclass(frozen=True)
+class Session:
+    """The run that the command has started last; `result` is None until it has ended."""
+
+    scenario: str
+    result: SessionResult | None = None
+
+
+def encode_session(scenario: str, result: Mapping[str, object] | None = None) -> str:
+    """Return a session as JSON; `result` is the object that ``run --json`` prints."""
+    return json.dumps({'scenario': scenario, 'result': result}, allow_nan=False)
+
+
+def decode_session(text: str) -> Session:
+    """Decode a session; ValueError if the text is none."""
+    try:
+        content = json.loads(text)
+        result = content['result']
+        return Session(str(content['scenario']), None if result is None else _result(result))
+    except (AttributeError, KeyError, RecursionError, TypeError) as error:
+        raise ValueError(f'not a session: {error!r}') from None
+
+
+def _result(content: Mapping[str, Any]) -> SessionResult:
+    return SessionResult(
+        verdict=str(content['outcome']),
+        reason=str(content['reason']),
+        recording=str(content.get('recording') or ''),
+        judgements=tuple(
+            _judgement(each)
+            for each in content.get('expectations', ())
+            if each['holds'] is not None
+        ),
+    )
+
+
+def _judgement(content: Mapping[str, Any]) -> Judgement:
+    """Return what :meth:`Judgement.as_json` has written, where a missing number is None."""
+    end, value = content['to'], content['value']
+    expectation = Expectation(
+        content['metric'],
+        start=content['from'],
+        end=math.inf if end is None else end,
+        minimum=content['min'],
+        maximum=content['max'],
+    )
+    return Judgement(expectation, math.nan if value is None else value)
+
 
 SPAN_S = 1.0
 """Wall time over which the factor is measured."""
@@ -221,3 +299,38 @@ def _buttons(*, is_paused: bool) -> tuple[Button, ...]:
         Button(STEP, 'Step', '.', 'Run one tick of a paused plant'),
         Button(RESET, 'Reset', 'r', 'Begin a new run'),
     )
+
+
+class RunReport:
+    """Makes the report of a recording when it is first asked for; any thread may ask."""
+
+    def __init__(self) -> None:
+        self._lock = Lock()
+        self._recording = ''
+        self._page = b''
+
+    def page(self, recording: str) -> bytes:
+        """Return the page of a recording, or one that says why there is none."""
+        with self._lock:
+            if recording != self._recording:
+                self._page = _page(recording)
+                self._recording = recording
+            return self._page
+
+
+def _page(recording: str) -> bytes:
+    if not recording:
+        return _notice('This run has no report: it has not ended, or was not recorded.')
+    # Imported only here: it takes half a second.
+    from ballbot_ros.analysis.assessment import assess
+    from ballbot_ros.analysis.report import report_document
+    from ballbot_ros.analysis.run_data import read_run
+
+    try:
+        return report_document(assess(read_run(Path(recording)))).encode()
+    except (BallbotError, OSError) as error:
+        return _notice(f'There is no report: {error}')
+
+
+def _notice(text: str) -> bytes:
+    return f'<!DOCTYPE html><title>Report</title><p>{escape(text)}</p>'.encode()

@@ -16,10 +16,9 @@ from viser import LineSegmentsHandle, SceneApi
 
 from ballbot_ros.robot.plant.ground_truth import Pair
 from ballbot_ros.robot.world.floor_map import CELL_M, LINE, FloorMap
-from ballbot_ros.viewer import colours
-from ballbot_ros.viewer.colours import Colour
-from ballbot_ros.viewer.floor import Rectangle
-from ballbot_ros.viewer.robot import Part
+from ballbot_ros.viewer import robot as colours
+from ballbot_ros.viewer.markers import Rectangle
+from ballbot_ros.viewer.robot import Colour, Part
 from ballbot_ros.viewer.snapshot import TRAIL_PIECE
 
 Mesh = tuple[NDArray[np.float64], NDArray[np.int64]]

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.analysis.table import plane_columns
+from ballbot_ros.analysis.figure_parts import plane_columns
 from ballbot_ros.controllers.interface import OperatingState
 from ballbot_ros.recording.messages.conversions import NO_CONTROLLER_STATE, ControllerState
 from ballbot_ros.robot.plant.ground_truth import Pair

@@ -13,7 +13,7 @@ from ballbot_ros.analysis.drawing import (
     draw_track,
     legend_above,
 )
-from ballbot_ros.analysis.style import BLUE, ON_DARK, Line
+from ballbot_ros.analysis.figure_parts import BLUE, ON_DARK, Line
 from ballbot_ros.robot.world.exports import occupancy_grid
 from ballbot_ros.robot.world.floor_map import load_map
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import strategies as st
 from laws import given
 
-from ballbot_ros.analysis.interval import Interval
+from ballbot_ros.analysis.figure_parts import Interval
 from ballbot_ros.analysis.observations import (
     EstimatedTicks,
     EstimateStart,

@@ -5,9 +5,9 @@ from itertools import combinations
 import numpy as np
 from matplotlib.text import Annotation
 
-from ballbot_ros.analysis.figures import draw_motion
-from ballbot_ros.analysis.style import png_of
-from ballbot_ros.engine.scenario.library import load_scenario, scenario_names
+from ballbot_ros.analysis.drawing import draw_motion
+from ballbot_ros.analysis.figure_parts import png_of
+from ballbot_ros.engine.scenario.reader import load_scenario, scenario_names
 from ballbot_ros.engine.scenario.scenario import Segment
 from ballbot_ros.engine.trajectory import Trajectory
 

@@ -11,12 +11,11 @@ from browsing import shared_browser
 from graph import LAST_RESORT_S
 from PIL import Image
 
+from ballbot_ros.analysis.figure_parts import DARKER, PLANES, Interval, IntervalKind
 from ballbot_ros.analysis.interactive import MAX_ROWS, PackedNumbers, history_figure, track_figure
-from ballbot_ros.analysis.interval import Interval, IntervalKind
 from ballbot_ros.analysis.recorded_scenario import RecordedPush
 from ballbot_ros.analysis.report import report_document
 from ballbot_ros.analysis.run_figures import figure_contents
-from ballbot_ros.analysis.style import DARKER, PLANES
 
 PUSH = RecordedPush(1.5, 1.7, (0.0, 2.0), (0.0, 0.0), is_external=True)
 ROWS = 9

@@ -8,9 +8,9 @@ import pytest
 
 from ballbot_ros.analysis.assessment import assess
 from ballbot_ros.analysis.extraction import STAMPED_TOPICS
+from ballbot_ros.analysis.limit_cycle import spectrum_table
 from ballbot_ros.analysis.run_data import Series, read_run
 from ballbot_ros.analysis.run_figures import FIGURES
-from ballbot_ros.analysis.spectrum import spectrum_table
 from ballbot_ros.engine.trajectory import Trajectory
 from ballbot_ros.parameters.timing import TICK_NS
 from ballbot_ros.recording.reader import RecordingReader

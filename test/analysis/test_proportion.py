@@ -4,7 +4,7 @@ import pytest
 from hypothesis import strategies as st
 from laws import given
 
-from ballbot_ros.analysis.proportion import wilson_interval
+from ballbot_ros.lab.studies.study_data import wilson_interval
 
 PUBLISHED = {
     (81, 263): (0.2553, 0.3662),

@@ -24,7 +24,7 @@ from ballbot_ros.lockstep.participants import SOURCE_HASH
 from ballbot_ros.parameters import ParameterError
 from ballbot_ros.recording.reader import AttachedFile, RecordingReader
 from ballbot_ros.run.execution import execute
-from ballbot_ros.run.processes import Processes
+from ballbot_ros.run.requirements import Processes
 from ballbot_ros.run.spec import RunOptions, RunSpec
 
 

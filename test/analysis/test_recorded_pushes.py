@@ -8,14 +8,14 @@ import pytest
 from hypothesis import strategies as st
 from laws import given
 
-from ballbot_ros.analysis.figures import draw_motion
+from ballbot_ros.analysis.drawing import draw_motion
 from ballbot_ros.analysis.recorded_scenario import (
     RecordedPush,
     outside_pushes,
     recorded_pushes,
     scheduled_pushes,
 )
-from ballbot_ros.engine.scenario.library import load_scenario
+from ballbot_ros.engine.scenario.reader import load_scenario
 from ballbot_ros.recording.messages.conversions import encode_accepted_push
 from ballbot_ros.recording.messages.topics import ACCEPTED_PUSH
 from ballbot_ros.robot.plant.ground_truth import Push

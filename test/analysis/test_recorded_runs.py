@@ -11,10 +11,11 @@ from ballbot_ros.analysis.recorded_runs import (
     RecordedRun,
     RunFinder,
     messages_by_epoch,
+    robot_namespace,
+    robot_topics,
     samples_in,
 )
 from ballbot_ros.analysis.replay import RunInputs, read_inputs
-from ballbot_ros.analysis.robot_topics import robot_namespace, robot_topics
 from ballbot_ros.errors import RecordingError
 from ballbot_ros.lockstep.recording_order import MAX_AHEAD_NS
 from ballbot_ros.recording.messages.conversions import fill_header

@@ -17,12 +17,12 @@ from matplotlib.image import imread
 
 from ballbot_ros.analysis import interactive, report
 from ballbot_ros.analysis.assessment import assess
+from ballbot_ros.analysis.figure_parts import MAX_FIGURE_ROWS, envelope, every_nth
 from ballbot_ros.analysis.metrics import Verdict
 from ballbot_ros.analysis.page import number_text
 from ballbot_ros.analysis.report import loop_of, report_document, report_page, write_report
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.analysis.run_figures import FIGURES, MIN_AXIS_SPAN, figure_contents
-from ballbot_ros.analysis.table import MAX_FIGURE_ROWS, envelope, every_nth
 from ballbot_ros.engine.scenario.metrics import METRICS
 from ballbot_ros.engine.scenario.scenario import Scenario
 from ballbot_ros.lockstep.run_actions import ParameterChange

@@ -8,7 +8,7 @@ import pytest
 
 from ballbot_ros.analysis.assessment import shown_metrics
 from ballbot_ros.analysis.extraction import Status
-from ballbot_ros.analysis.interval import Interval
+from ballbot_ros.analysis.figure_parts import Interval
 from ballbot_ros.analysis.metrics import Judgement
 from ballbot_ros.analysis.run_data import Series
 from ballbot_ros.analysis.run_metrics import RUN_METRICS

@@ -1,6 +1,6 @@
 """The tables on the page of controllers are those of `ballbot compare`."""
 
-from ballbot_ros.engine.scenario.library import scenario_names
+from ballbot_ros.engine.scenario.reader import scenario_names
 from benchmark import controllers
 from benchmark.controllers import CONTROLLERS, PAGE, PROFILES, cells, compare
 

@@ -8,8 +8,7 @@ import pytest
 from click.shell_completion import ShellComplete
 from click.testing import CliRunner
 
-from ballbot_ros.cli.command import COMMANDS, ballbot, load_command
-from ballbot_ros.cli.invoke import invoke
+from ballbot_ros.cli.command import COMMANDS, ballbot, invoke, load_command
 
 HEAVY = ('numpy', 'matplotlib', 'rclpy', 'rosbags', 'scipy', 'viser')
 

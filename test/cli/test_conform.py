@@ -10,7 +10,7 @@ import pytest
 from graph import BALLBOT, LAST_RESORT_S, call, environment
 
 from ballbot_ros.nodes.conformance.examination import RequirementResult, RequirementVerdict
-from ballbot_ros.nodes.presence import DomainLock
+from ballbot_ros.nodes.middleware import DomainLock
 from ballbot_ros.parameters import GYRO, ROLES
 
 pytest.importorskip('rclpy')

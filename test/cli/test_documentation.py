@@ -8,7 +8,7 @@ from ballbot_ros.analysis.loop_summary import margin_rows
 from ballbot_ros.cli.command import COMMANDS, load_command
 from ballbot_ros.controllers.design.loop_analysis import analyse_ideal, analyse_sampled
 from ballbot_ros.engine.golden import load_golden
-from ballbot_ros.engine.scenario.library import scenario_names
+from ballbot_ros.engine.scenario.reader import scenario_names
 from ballbot_ros.nodes.conformance.contract import CONTRACTS
 from ballbot_ros.nodes.conformance.examination import REQUIREMENTS
 from ballbot_ros.parameters import ALL_NODES, ParameterSet

@@ -8,7 +8,7 @@ import click
 import pytest
 from graph import BALLBOT, call_main, environment
 
-from ballbot_ros.cli.invoke import invoke
+from ballbot_ros.cli.command import invoke
 from ballbot_ros.recording.reader import RecordingReader
 
 

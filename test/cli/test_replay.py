@@ -18,7 +18,7 @@ from ballbot_ros.analysis.recording_replay import ReplayResult
 from ballbot_ros.analysis.replay import read_inputs
 from ballbot_ros.cli.replay import print_results, replay_recording
 from ballbot_ros.controllers.codegen.implementation import missing_tool_for
-from ballbot_ros.engine.scenario.library import scenario_names
+from ballbot_ros.engine.scenario.reader import scenario_names
 from ballbot_ros.errors import RecordingError
 from ballbot_ros.recording.messages.conversions import encode_duty, fill_header, fill_time
 from ballbot_ros.recording.messages.run_reports import encode_parameter_event

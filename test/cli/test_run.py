@@ -18,15 +18,15 @@ from matplotlib.image import imread
 
 from ballbot_ros.cli.result import print_table
 from ballbot_ros.engine.golden import duty_sha256
-from ballbot_ros.engine.scenario.library import load_scenario
+from ballbot_ros.engine.scenario.reader import load_scenario
 from ballbot_ros.lockstep.run_actions import Outcome
-from ballbot_ros.nodes.presence import DomainLock
+from ballbot_ros.nodes.middleware import DomainLock
 from ballbot_ros.nodes.processes import descendants
 from ballbot_ros.parameters import GYRO, PLANT, ParameterSet, ViewerParameters
 from ballbot_ros.parameters.files import assign
 from ballbot_ros.process import STOP_SIGNALS
 from ballbot_ros.recording.reader import RecordingReader
-from ballbot_ros.run.processes import Processes
+from ballbot_ros.run.requirements import Processes
 from ballbot_ros.run.result import RunResult
 from ballbot_ros.run.spec import RunOptions, RunSpec
 

@@ -4,8 +4,8 @@ from generated import random_values
 from hypothesis import strategies as st
 from laws import given
 
+from ballbot_ros.controllers.codegen.application import state_bytes
 from ballbot_ros.controllers.codegen.folder_check import random_steps
-from ballbot_ros.controllers.codegen.state_variables import state_bytes
 from ballbot_ros.controllers.document.program import INITIAL_STATE, ControlProgram
 
 INPUTS = (

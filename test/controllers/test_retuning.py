@@ -9,10 +9,9 @@ from own_controllers import BALANCE
 from pushes import pushes
 from shipped_controllers import duties
 
-from ballbot_ros.controllers import glide
+from ballbot_ros.controllers import interface as glide
 from ballbot_ros.controllers.codegen.implementation import compose_controller, implementation_for
-from ballbot_ros.controllers.glide import GLIDE_TICKS
-from ballbot_ros.controllers.interface import OperatingState
+from ballbot_ros.controllers.interface import GLIDE_TICKS, OperatingState
 from ballbot_ros.engine.scenario.scenario import Scenario
 from ballbot_ros.errors import ControllerError
 from ballbot_ros.parameters import (

@@ -8,7 +8,7 @@ from parts import make_loop, run_loop, step, steps
 from pushes import pushes
 
 from ballbot_ros.engine.closed_loop import ClosedLoop
-from ballbot_ros.engine.scenario.library import load_profile
+from ballbot_ros.engine.scenario.reader import load_profile
 from ballbot_ros.engine.scenario.scenario import Scenario
 from ballbot_ros.engine.trajectory import TrajectoryLog
 from ballbot_ros.parameters import PLANT

@@ -22,7 +22,7 @@ from ballbot_ros.engine.compiled_loop import CompiledLoop, events_of, floor_of, 
 from ballbot_ros.engine.golden import load_golden
 from ballbot_ros.engine.rows import RobotRows, program_rows, rows_of
 from ballbot_ros.engine.run import RunLog, new_robots, simulate_runs, tick_type
-from ballbot_ros.engine.scenario.library import load_scenario, scenario_names
+from ballbot_ros.engine.scenario.reader import load_scenario, scenario_names
 from ballbot_ros.parameters import (
     ControllerParameters,
     EncoderParameters,

@@ -5,7 +5,7 @@ import json
 import pytest
 from graph import call
 
-from ballbot_ros.engine.scenario.library import scenario_names
+from ballbot_ros.engine.scenario.reader import scenario_names
 
 
 @pytest.mark.parametrize('name', scenario_names())

@@ -6,9 +6,8 @@ from lockstep_world import FREE_PERIODS_S, LockstepWorld, data_of, make_particip
 from ballbot_ros.engine.trajectory import TrajectoryLog
 from ballbot_ros.lockstep import run_actions as do
 from ballbot_ros.lockstep.free_running import FreeRunningMaster
-from ballbot_ros.lockstep.participants import Announcement, Objection
+from ballbot_ros.lockstep.participants import Announcement, Objection, Publisher
 from ballbot_ros.lockstep.run_actions import Outcome
-from ballbot_ros.lockstep.strangers import Publisher
 from ballbot_ros.parameters import CONTROLLER, GYRO
 from ballbot_ros.parameters.timing import FREE_RUNNING_SILENCE_S, TICK_NS, TICK_S
 

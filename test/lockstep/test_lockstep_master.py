@@ -25,10 +25,15 @@ from ballbot_ros.engine.trajectory import TrajectoryLog
 from ballbot_ros.lockstep import run_actions as do
 from ballbot_ros.lockstep.lockstep import RunIdentity
 from ballbot_ros.lockstep.lockstep_master import LockstepMaster
-from ballbot_ros.lockstep.participants import Announcement, LocalNode, Objection
+from ballbot_ros.lockstep.participants import (
+    ANSWER_CALLS,
+    Announcement,
+    LocalNode,
+    Objection,
+    Publisher,
+)
 from ballbot_ros.lockstep.run_actions import Outcome, ParameterChange
 from ballbot_ros.lockstep.run_master import DISCOVERY_POLL_S, DISCOVERY_S
-from ballbot_ros.lockstep.strangers import ANSWER_CALLS, Publisher
 from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, RECORDER, SONAR
 from ballbot_ros.parameters.timing import MAX_LEAD_TICKS, SLOW_PERIOD_NS, TICK_NS, next_start_ns
 

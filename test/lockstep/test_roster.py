@@ -7,9 +7,17 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
-from ballbot_ros.lockstep.participants import Announcement, LocalNode, Objection, Participant
+from ballbot_ros.lockstep.participants import (
+    ANSWER_CALLS,
+    LEASE_S,
+    NAME_S,
+    Announcement,
+    LocalNode,
+    Objection,
+    Participant,
+    Publisher,
+)
 from ballbot_ros.lockstep.roster import ReadinessState, Roster
-from ballbot_ros.lockstep.strangers import ANSWER_CALLS, LEASE_S, NAME_S, Publisher
 
 RUN = '1 abc'
 START_NS = 1_000_000_000

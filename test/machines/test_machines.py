@@ -26,7 +26,7 @@ import setuptools
 from golden_runs import MODELS, RANDOM_FILE, SETS, SHARES, WITHOUT_FMA, seeds_of_share
 
 from ballbot_ros.engine.golden import load_golden
-from ballbot_ros.engine.scenario.library import scenario_names
+from ballbot_ros.engine.scenario.reader import scenario_names
 from ballbot_ros.run.machine_checks import GOLDEN_SCENARIOS
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -5,7 +5,7 @@ import tempfile
 import pytest
 
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.nodes.presence import LOCK_FD_ENV, DomainLock
+from ballbot_ros.nodes.middleware import LOCK_FD_ENV, DomainLock
 
 
 def test_a_second_lock_is_refused_until_the_first_is_released(domain):

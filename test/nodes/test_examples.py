@@ -13,7 +13,7 @@ pytest.importorskip('rclpy')
 
 from ballbot_ros.parameters import GYRO, EncoderParameters
 from ballbot_ros.run.execution import execute
-from ballbot_ros.run.processes import Processes
+from ballbot_ros.run.requirements import Processes
 from ballbot_ros.run.spec import RunOptions, RunSpec
 
 pytestmark = pytest.mark.graph

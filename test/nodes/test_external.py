@@ -22,7 +22,7 @@ from ballbot_ros.recording.messages.topics import (  # noqa: E402
     ROLL_CALL,
 )
 from ballbot_ros.run.execution import execute  # noqa: E402
-from ballbot_ros.run.processes import Processes  # noqa: E402
+from ballbot_ros.run.requirements import Processes  # noqa: E402
 from ballbot_ros.run.spec import RunOptions, RunSpec  # noqa: E402
 
 pytestmark = pytest.mark.graph

@@ -11,11 +11,11 @@ pytest.importorskip('rclpy')
 
 import rclpy
 
-from ballbot_ros.lockstep.strangers import Publisher
-from ballbot_ros.nodes import graph_observer
+from ballbot_ros.lockstep.participants import Publisher
+from ballbot_ros.nodes import participation as graph_observer
 from ballbot_ros.nodes.endpoints import hidden_node
-from ballbot_ros.nodes.graph_observer import GraphObserver
 from ballbot_ros.nodes.middleware import DISCOVERY_RANGE
+from ballbot_ros.nodes.participation import GraphObserver
 from ballbot_ros.parameters import GYRO
 from ballbot_ros.recording.messages.conversions import encode_duty
 from ballbot_ros.recording.messages.topics import GYRO_IMU, JOINT_STATES, MOTOR_DUTY

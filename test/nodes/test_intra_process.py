@@ -6,9 +6,8 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from ballbot_ros.nodes import intra_process as module
-from ballbot_ros.nodes.endpoints import TopicPublisher, drain
-from ballbot_ros.nodes.intra_process import IntraProcess, intra_process
+from ballbot_ros.nodes import endpoints as module
+from ballbot_ros.nodes.endpoints import IntraProcess, TopicPublisher, drain, intra_process
 from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, RECORDER
 from ballbot_ros.recording.messages.topics import (
     BATTERY_STATE,

@@ -34,7 +34,7 @@ from ballbot_ros.recording.messages.topics import (
     SONAR_RANGE,
 )
 from ballbot_ros.robot.plant.ground_truth import Push
-from ballbot_ros.viewer.session import Session, encode_session
+from ballbot_ros.viewer.run_activity import Session, encode_session
 
 pytestmark = pytest.mark.graph
 

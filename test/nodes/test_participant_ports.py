@@ -3,8 +3,8 @@
 import pytest
 from graph import occupied
 
-from ballbot_ros.nodes import presence
-from ballbot_ros.nodes.presence import living_participants
+from ballbot_ros.nodes import middleware as presence
+from ballbot_ros.nodes.middleware import living_participants
 
 
 @pytest.fixture

@@ -15,8 +15,8 @@ from ballbot_ros.lockstep import run_actions as do
 from ballbot_ros.lockstep.lockstep import RunIdentity
 from ballbot_ros.lockstep.run_actions import Outcome
 from ballbot_ros.nodes import plant_sim
-from ballbot_ros.nodes.heartbeat import Heartbeat
 from ballbot_ros.nodes.plant_sim import PlantActions, PlantSim
+from ballbot_ros.nodes.processes import Heartbeat
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.recording.messages.topics import CLOCK, DIAGNOSTICS, MAP, MOTOR_DUTY, RUN_STATUS
 from ballbot_ros.robot.plant.ground_truth import Push

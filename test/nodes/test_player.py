@@ -24,8 +24,8 @@ from stubs import bare  # noqa: E402
 from ballbot_ros.errors import BallbotError  # noqa: E402
 from ballbot_ros.nodes import player  # noqa: E402
 from ballbot_ros.nodes.endpoints import reliable_qos  # noqa: E402
+from ballbot_ros.nodes.middleware import DomainLock  # noqa: E402
 from ballbot_ros.nodes.player import Player, _is_truth, _qos  # noqa: E402
-from ballbot_ros.nodes.presence import DomainLock  # noqa: E402
 from ballbot_ros.parameters import PlayerParameters  # noqa: E402
 from ballbot_ros.recording.messages.topics import CLOCK, HISTORY, LCD, message_class  # noqa: E402
 from ballbot_ros.recording.reader import RecordingReader  # noqa: E402

@@ -10,11 +10,11 @@ import sys
 from graph import wait_for
 
 from ballbot_ros.lockstep.participants import LocalNode
-from ballbot_ros.nodes.presence import Presence, present_nodes
+from ballbot_ros.nodes.middleware import Presence, present_nodes
 
 OTHER_PROCESS = """
 import sys
-from ballbot_ros.nodes.presence import Presence
+from ballbot_ros.nodes.middleware import Presence
 presence = Presence(int(sys.argv[1]), '/', 'gyro_driver', 'cd')
 print(flush=True)
 sys.stdin.read()

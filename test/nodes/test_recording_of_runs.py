@@ -8,7 +8,7 @@ from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
 from ballbot_ros.engine.golden import duty_sha256
-from ballbot_ros.engine.scenario.library import load_scenario
+from ballbot_ros.engine.scenario.reader import load_scenario
 from ballbot_ros.parameters.timing import TICK_NS
 from ballbot_ros.recording.messages.topics import TOPICS
 from ballbot_ros.recording.reader import RecordingReader

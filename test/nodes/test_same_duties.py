@@ -11,7 +11,7 @@ import pytest
 from graph import NODES, Node, call, free_domain
 
 from ballbot_ros.engine.golden import duty_sha256
-from ballbot_ros.engine.scenario.library import load_scenario
+from ballbot_ros.engine.scenario.reader import load_scenario
 from ballbot_ros.engine.trajectory import load_trajectory
 from ballbot_ros.parameters import GYRO, PLANT, RECORDER, PlantParameters
 

@@ -14,7 +14,7 @@ from std_srvs.srv import Trigger
 
 from ballbot_ros.controllers.document.axis import TASK_TS1
 from ballbot_ros.engine.golden import duty_sha256
-from ballbot_ros.engine.scenario.library import load_scenario
+from ballbot_ros.engine.scenario.reader import load_scenario
 from ballbot_ros.engine.trajectory import load_trajectory
 from ballbot_ros.lockstep import lockstep_master
 from ballbot_ros.nodes.controller import ControllerNode, TaskTimers
@@ -24,7 +24,7 @@ from ballbot_ros.parameters.timing import FIRST_TICK_NS, MILLISECOND_NS, TICK_NS
 from ballbot_ros.recording.messages.topics import DIAGNOSTICS, PLANT_IMU
 from ballbot_ros.run import one_process
 from ballbot_ros.run.execution import execute
-from ballbot_ros.run.processes import Processes
+from ballbot_ros.run.requirements import Processes
 from ballbot_ros.run.spec import RunOptions, RunSpec
 
 pytestmark = pytest.mark.graph

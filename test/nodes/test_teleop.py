@@ -20,10 +20,10 @@ from ros_client import Client, header  # noqa: E402
 from sensor_msgs.msg import Joy  # noqa: E402
 
 from ballbot_ros.engine.closed_loop import ClosedLoop  # noqa: E402
-from ballbot_ros.engine.scenario.library import load_scenario  # noqa: E402
+from ballbot_ros.engine.scenario.reader import load_scenario  # noqa: E402
 from ballbot_ros.engine.scenario.scenario import Scenario  # noqa: E402
 from ballbot_ros.engine.trajectory import TrajectoryLog  # noqa: E402
-from ballbot_ros.nodes.teleop.arbiter import NO_SOURCE  # noqa: E402
+from ballbot_ros.nodes.teleop.sticks import NO_SOURCE  # noqa: E402
 from ballbot_ros.parameters import GAMEPAD, NODES, PLANT, RECORDER, ParameterSet  # noqa: E402
 from ballbot_ros.parameters.timing import (  # noqa: E402
     FIRST_TICK_NS,

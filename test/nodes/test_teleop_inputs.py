@@ -19,8 +19,8 @@ from rclpy.qos import (
 from ballbot_ros.errors import TeleopError
 from ballbot_ros.nodes import gamepad_teleop
 from ballbot_ros.nodes.gamepad_teleop import TeleopInputs
-from ballbot_ros.nodes.teleop.arbiter import Arbiter
 from ballbot_ros.nodes.teleop.gamepad import ANY, GamepadState, InputErrors
+from ballbot_ros.nodes.teleop.sticks import Arbiter
 from ballbot_ros.parameters import GamepadParameters
 from ballbot_ros.recording.messages.topics import CMD_VEL, CMD_VEL_STAMPED, JOY, VIEWER_JOY
 from ballbot_ros.recording.schemas import encoder, new_message

@@ -12,7 +12,7 @@ from maps import save, with_walls
 
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.engine.devices import SONAR_DEVICE
-from ballbot_ros.engine.scenario.library import load_profile
+from ballbot_ros.engine.scenario.reader import load_profile
 from ballbot_ros.parameters import SONAR, SonarParameters
 from ballbot_ros.recording.messages.conversions import odometry_position
 from ballbot_ros.recording.messages.topics import MOTOR_DUTY

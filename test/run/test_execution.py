@@ -22,14 +22,14 @@ from ballbot_ros.engine.scenario.scenario import Expectation
 from ballbot_ros.engine.trajectory import TrajectoryLog
 from ballbot_ros.errors import BallbotError, RecordingError
 from ballbot_ros.lockstep.run_actions import Outcome, ParameterChange
-from ballbot_ros.nodes.intra_process import intra_process
+from ballbot_ros.nodes.endpoints import intra_process
 from ballbot_ros.parameters import NODES, PLANT, RECORDER
 from ballbot_ros.recording.messages.topics import CLOCK
 from ballbot_ros.recording.writer import RecordingWriter
 from ballbot_ros.robot.world.floor_map import read_map_file
 from ballbot_ros.run import execution, offline, requirements
 from ballbot_ros.run.execution import execute
-from ballbot_ros.run.processes import Processes
+from ballbot_ros.run.requirements import Processes
 from ballbot_ros.run.result import RoundTrip, RunResult
 from ballbot_ros.run.spec import RunOptions, RunSpec
 

@@ -16,7 +16,7 @@ from ballbot_ros.lockstep.run_actions import Outcome
 from ballbot_ros.recording.writer import RecordingWriter
 from ballbot_ros.run import execution, spec
 from ballbot_ros.run.execution import execute
-from ballbot_ros.run.processes import Processes
+from ballbot_ros.run.requirements import Processes
 from ballbot_ros.run.result import RunResult
 from ballbot_ros.run.spec import RunOptions, RunSpec
 

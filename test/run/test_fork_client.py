@@ -17,7 +17,7 @@ pytest.importorskip('rclpy')
 
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.nodes.fork_server import NodeRequest
-from ballbot_ros.nodes.presence import LOCK_FD_ENV, DomainLock
+from ballbot_ros.nodes.middleware import LOCK_FD_ENV, DomainLock
 from ballbot_ros.nodes.processes import children
 from ballbot_ros.run import node_process as fork_client
 from ballbot_ros.run.node_process import ForkClient

@@ -27,7 +27,7 @@ from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.robot.plant.model import PhysicalParameters, state_space
 from ballbot_ros.run import library
 from ballbot_ros.run.execution import execute
-from ballbot_ros.run.processes import Processes
+from ballbot_ros.run.requirements import Processes
 from ballbot_ros.run.spec import RunOptions, RunSpec
 
 SHORT = {'plant_sim.duration': 1.2}

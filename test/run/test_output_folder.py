@@ -8,8 +8,8 @@ import pytest
 from ballbot_ros.engine.scenario.scenario import Scenario
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.parameters import ParameterSet
-from ballbot_ros.run import output_folder
-from ballbot_ros.run.output_folder import OutputFiles, output_files
+from ballbot_ros.run import execution as output_folder
+from ballbot_ros.run.execution import OutputFiles, output_files
 from ballbot_ros.run.spec import RunSpec
 
 NOW = datetime(2026, 1, 2, 3, 4, 5)

@@ -14,7 +14,7 @@ from ballbot_ros.lockstep.run_actions import Outcome
 from ballbot_ros.recording.messages.conversions import stamp_ns
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.run.execution import execute
-from ballbot_ros.run.processes import Processes
+from ballbot_ros.run.requirements import Processes
 from ballbot_ros.run.spec import RunOptions, RunSpec
 
 DOES_NOT_RETURN = 'does not return within 1 s'

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from ballbot_ros.lockstep.liveness import ThreadTime
-from ballbot_ros.nodes.heartbeat import HEARTBEAT_FD_ENV, Heartbeat, HeartbeatSender
+from ballbot_ros.nodes.processes import HEARTBEAT_FD_ENV, Heartbeat, HeartbeatSender
 from ballbot_ros.run import separate_processes
 from ballbot_ros.run.separate_processes import (
     PLANT_BUSY_S,

@@ -16,8 +16,7 @@ from stubs import bare
 
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.lockstep.run_actions import Outcome
-from ballbot_ros.nodes.middleware import DISCOVERY_RANGE
-from ballbot_ros.nodes.presence import DomainLock
+from ballbot_ros.nodes.middleware import DISCOVERY_RANGE, DomainLock
 from ballbot_ros.parameters import GYRO, NODES, PLANT, RECORDER, VIEWER, ParameterSet
 from ballbot_ros.parameters.timing import FIRST_TICK_NS, TICK_NS
 from ballbot_ros.run import node_process, one_process, separate_processes

@@ -6,7 +6,7 @@ import yaml
 from laws import refusal
 
 from ballbot_ros import __version__
-from ballbot_ros.engine.scenario.library import load_profile, load_scenario
+from ballbot_ros.engine.scenario.reader import load_profile, load_scenario
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.parameters import (
     NODES,
@@ -21,7 +21,7 @@ from ballbot_ros.recording.rosbag2 import PARAMETERS, SCENARIO, VERSIONS
 from ballbot_ros.robot.world.floor_map import read_map_file
 from ballbot_ros.run.execution import execute
 from ballbot_ros.run.graph import attachments_of
-from ballbot_ros.run.processes import Processes
+from ballbot_ros.run.requirements import Processes
 from ballbot_ros.run.spec import RunOptions, RunSpec
 
 NOISE = """purpose: noise of its own

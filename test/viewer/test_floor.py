@@ -6,7 +6,7 @@ from hypothesis.extra import numpy as arrays
 from laws import given
 
 from ballbot_ros.robot.world.floor_map import CELL_M, FLOOR, LINE, WALL, FloorMap
-from ballbot_ros.viewer.floor import walls
+from ballbot_ros.viewer.markers import walls
 from ballbot_ros.viewer.shapes import line_mesh
 
 maps = arrays.arrays(

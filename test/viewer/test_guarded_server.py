@@ -30,7 +30,7 @@ from ballbot_ros.parameters import Dimensions, ParameterSet, ViewerParameters
 from ballbot_ros.viewer.live_controls import LiveControls
 from ballbot_ros.viewer.overlay import Banner, OverlayState, Press
 from ballbot_ros.viewer.page import Page
-from ballbot_ros.viewer.panel import ScenePanel
+from ballbot_ros.viewer.scene import ScenePanel
 from ballbot_ros.viewer.snapshot import Snapshot
 
 PROTOCOL = f'viser-v{viser.__version__}'

@@ -22,9 +22,8 @@ from ballbot_ros.recording.messages.tool_messages import (
 )
 from ballbot_ros.recording.schemas import encoder, new_message
 from ballbot_ros.robot.world.floor_map import FLOOR, WALL, FloorMap
-from ballbot_ros.viewer import colours
-from ballbot_ros.viewer.floor import walls
-from ballbot_ros.viewer.markers import TRAIL_POINTS, RobotMarkers
+from ballbot_ros.viewer import robot as colours
+from ballbot_ros.viewer.markers import TRAIL_POINTS, RobotMarkers, walls
 from ballbot_ros.viewer.robot import (
     BALL,
     BODY,
@@ -35,7 +34,6 @@ from ballbot_ros.viewer.robot import (
     sonar_position,
     wheel_centres,
 )
-from ballbot_ros.viewer.rotations import RollingOrientation
 from ballbot_ros.viewer.snapshot import Snapshot
 from ballbot_ros.viewer.transforms import (
     MAP,
@@ -46,6 +44,7 @@ from ballbot_ros.viewer.transforms import (
     poses_in_map,
     wxyz,
 )
+from ballbot_ros.viewer.views import RollingOrientation
 
 FRAMES = Frames(DIMENSIONS)
 ARRAY, TRANSFORMS = 'visualization_msgs/msg/MarkerArray', 'tf2_msgs/msg/TFMessage'

@@ -25,7 +25,7 @@ from ballbot_ros.viewer.overlay import (  # noqa: E402
     Timeline,
 )
 from ballbot_ros.viewer.page import Page  # noqa: E402
-from ballbot_ros.viewer.panel import ScenePanel  # noqa: E402
+from ballbot_ros.viewer.scene import ScenePanel  # noqa: E402
 from ballbot_ros.viewer.snapshot import Snapshot  # noqa: E402
 
 STATE = OverlayState(

@@ -37,14 +37,17 @@ from ballbot_ros.robot.world.floor_map import (  # noqa: E402
     LINE,
     load_map,
 )
-from ballbot_ros.viewer.colours import BLACK, DARK  # noqa: E402
-from ballbot_ros.viewer.floor import Area  # noqa: E402
 from ballbot_ros.viewer.live_controls import LiveControls  # noqa: E402
+from ballbot_ros.viewer.markers import Area  # noqa: E402
 from ballbot_ros.viewer.page import Page  # noqa: E402
-from ballbot_ros.viewer.panel import ScenePanel  # noqa: E402
 from ballbot_ros.viewer.playback_run import PlaybackRun  # noqa: E402
 from ballbot_ros.viewer.recording_page import RecordingPage  # noqa: E402
-from ballbot_ros.viewer.robot import parts  # noqa: E402
+from ballbot_ros.viewer.robot import (  # noqa: E402
+    BLACK,
+    DARK,
+    parts,
+)
+from ballbot_ros.viewer.scene import ScenePanel  # noqa: E402
 from ballbot_ros.viewer.snapshot import Snapshot  # noqa: E402
 from ballbot_ros.viewer.tuning_sliders import FOLDER  # noqa: E402
 from ballbot_ros.viewer.views import CHASER_1, ROBOT, TITLES, VIEWS, camera  # noqa: E402

@@ -16,8 +16,7 @@ from ballbot_ros.cli.recordings import read_playback_run
 from ballbot_ros.errors import ViewerError
 from ballbot_ros.parameters import VIEWER, Dimensions, ParameterSet, ViewerParameters
 from ballbot_ros.robot.brick.brick import Tone
-from ballbot_ros.run.processes import Processes
-from ballbot_ros.run.requirements import require_viewer
+from ballbot_ros.run.requirements import Processes, require_viewer
 from ballbot_ros.viewer import address
 from ballbot_ros.viewer.address import (
     NEXT_FREE,
@@ -27,8 +26,8 @@ from ballbot_ros.viewer.address import (
     network_warning,
     url_authority,
 )
-from ballbot_ros.viewer.panel import tone_html
 from ballbot_ros.viewer.playback_run import PlaybackRun
+from ballbot_ros.viewer.scene import tone_html
 
 
 @pytest.fixture(scope='module')

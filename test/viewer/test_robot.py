@@ -7,16 +7,25 @@ import pytest
 from parts import DIMENSIONS
 
 from ballbot_ros.recording.messages.conversions import pitch_angles
-from ballbot_ros.viewer.floor import Area
+from ballbot_ros.viewer.markers import Area
 from ballbot_ros.viewer.robot import (
     BALL,
     LINKS,
     parts,
 )
-from ballbot_ros.viewer.rotations import RollingOrientation, body_rotation
 from ballbot_ros.viewer.snapshot import Snapshot
 from ballbot_ros.viewer.transforms import wxyz
-from ballbot_ros.viewer.views import CHASER_1, CHASER_2, ROBOT, TOP, TRACKING, VIEWS, camera
+from ballbot_ros.viewer.views import (
+    CHASER_1,
+    CHASER_2,
+    ROBOT,
+    TOP,
+    TRACKING,
+    VIEWS,
+    RollingOrientation,
+    body_rotation,
+    camera,
+)
 
 
 def snapshot(position=(0.0, 0.0), psi=(0.0, 0.0), time=1.0):

@@ -10,8 +10,18 @@ from ballbot_ros.engine.scenario.scenario import Expectation
 from ballbot_ros.recording.messages.run_reports import PlantReport
 from ballbot_ros.viewer.live_controls import carry_out
 from ballbot_ros.viewer.overlay import Banner, BannerKind, ChooseRate, Press, Seek
-from ballbot_ros.viewer.run_activity import PAUSE, RATES, REPORT, RESET, STEP, RunActivity
-from ballbot_ros.viewer.session import Session, SessionResult, decode_session, encode_session
+from ballbot_ros.viewer.run_activity import (
+    PAUSE,
+    RATES,
+    REPORT,
+    RESET,
+    STEP,
+    RunActivity,
+    Session,
+    SessionResult,
+    decode_session,
+    encode_session,
+)
 
 STARTING = Session('square')
 MET = Judgement(Expectation('wall_clearance_m', minimum=0.05), 0.0851)

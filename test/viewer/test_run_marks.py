@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from ballbot_ros.analysis.interval import Interval, IntervalKind
+from ballbot_ros.analysis.figure_parts import Interval, IntervalKind
 from ballbot_ros.analysis.recorded_scenario import RecordedPush
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.robot.brick.brick import Tone

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import strategies as st
 from laws import given
 
-from ballbot_ros.viewer.tunable import Tunable
+from ballbot_ros.viewer.tuning_sliders import Tunable
 
 
 def tunable(value, low=-math.inf, high=math.inf, **kind):

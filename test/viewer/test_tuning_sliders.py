@@ -8,8 +8,7 @@ from browsing import receive
 from parts import DIMENSIONS
 
 from ballbot_ros.viewer.page import Page
-from ballbot_ros.viewer.tunable import Tunable
-from ballbot_ros.viewer.tuning_sliders import RESTORE, TuningSliders
+from ballbot_ros.viewer.tuning_sliders import RESTORE, Tunable, TuningSliders
 
 GAIN = Tunable('k_i', 'a gain [V]', -1e9, 1e9, (-0.5,), (-0.4,))
 ROW = Tunable('k_f', 'gains', -math.inf, math.inf, (1.0, 2.0), (1.0, 2.0), is_array=True)

@@ -25,19 +25,19 @@ from ballbot_ros.parameters import (  # noqa: E402
 from ballbot_ros.recording.messages.conversions import MOTOR_NAMES  # noqa: E402
 from ballbot_ros.recording.messages.tool_messages import FOOTPRINT  # noqa: E402
 from ballbot_ros.robot.plant.model import Bodies  # noqa: E402
-from ballbot_ros.viewer.colours import NAMES  # noqa: E402
 from ballbot_ros.viewer.derived_messages import robot_description  # noqa: E402
 from ballbot_ros.viewer.robot import (  # noqa: E402
     BALL,
     BODY,
     LINKS,
+    NAMES,
     WHEEL_X,
     WHEEL_Y,
     parts,
     sonar_position,
     wheel_centres,
 )
-from ballbot_ros.viewer.rotations import RollingOrientation  # noqa: E402
+from ballbot_ros.viewer.views import RollingOrientation  # noqa: E402
 
 BODIES = Bodies.from_parameters(VisualizerParameters())
 lengths = st.floats(1e-3, 1.0)

@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.stats import t as student
 
-from ballbot_ros.analysis.identification.arrays import Floats
 from ballbot_ros.analysis.identification.experiment import (
     ROUNDING_DEVIATION,
     Channel,
+    Floats,
     expected_rounding,
     with_identified,
 )

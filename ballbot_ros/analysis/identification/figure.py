@@ -7,13 +7,13 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from ballbot_ros.analysis.drawing import style_axes
-from ballbot_ros.analysis.identification.arrays import Floats
+from ballbot_ros.analysis.figure_parts import BLUE, GRAY, ORANGE, WIDTH, new_figure, png_of
+from ballbot_ros.analysis.identification.experiment import Floats
 from ballbot_ros.analysis.identification.identification import (
     Identifiability,
     Identification,
     IdentifiedParameter,
 )
-from ballbot_ros.analysis.style import BLUE, GRAY, ORANGE, WIDTH, new_figure, png_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ballbot_ros.analysis.identification.arrays import Floats
 from ballbot_ros.analysis.identification.estimation import (
     ROUNDS,
     Estimator,
@@ -18,12 +17,12 @@ from ballbot_ros.analysis.identification.estimation import (
     covariance,
     information,
 )
-from ballbot_ros.analysis.identification.experiment import GYRO, Experiment, with_identified
+from ballbot_ros.analysis.identification.experiment import GYRO, Experiment, Floats, with_identified
 from ballbot_ros.analysis.identification.segment_model import SegmentModel
 from ballbot_ros.analysis.identification.segments import Segments, cut, segment_length
 from ballbot_ros.errors import IdentificationError
 from ballbot_ros.parameters import PLANT, PlantParameters, parameters_of, suggest
-from ballbot_ros.parameters.text_enum import TextEnum
+from ballbot_ros.parameters.parameter import TextEnum
 from ballbot_ros.process import ProgressCallback
 
 HARD_TO_MEASURE = (

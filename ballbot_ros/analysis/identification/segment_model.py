@@ -10,13 +10,19 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ballbot_ros.analysis.identification.arrays import Floats, for_arrays
-from ballbot_ros.analysis.identification.experiment import Channel, ChannelQuantity, Experiment
+from ballbot_ros.analysis.identification.experiment import (
+    Channel,
+    ChannelQuantity,
+    Experiment,
+    Floats,
+    for_arrays,
+)
 from ballbot_ros.analysis.identification.segments import Segments, segment_length
 from ballbot_ros.parameters import PlantParameters
-from ballbot_ros.robot.plant import actuator, integration, laws
-from ballbot_ros.robot.plant.actuator import effective_duty
+from ballbot_ros.robot.plant import integration, laws
+from ballbot_ros.robot.plant import laws as actuator
 from ballbot_ros.robot.plant.integration import discrete_matrices, equations_of
+from ballbot_ros.robot.plant.laws import effective_duty
 from ballbot_ros.robot.plant.model import PhysicalParameters
 
 _PLANES = (0, 1)

@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.analysis.identification.arrays import Floats
-from ballbot_ros.analysis.identification.experiment import ENCODER, Channel, Experiment
+from ballbot_ros.analysis.identification.experiment import ENCODER, Channel, Experiment, Floats
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.parameters.timing import STEPS_PER_TICK
 

@@ -14,13 +14,19 @@ import weakref
 from collections.abc import Sequence
 from typing import IO, NamedTuple, Protocol
 
-from ballbot_ros.controllers.codegen.state_variables import STATE_SIZE, named_values, plane_values
+from ballbot_ros.controllers.codegen.application import STATE_SIZE, named_values, plane_values
 from ballbot_ros.controllers.document.program import ControlMode, operating_state
 from ballbot_ros.controllers.interface import OperatingState
 from ballbot_ros.errors import CodegenError
 from ballbot_ros.parameters import ControllerParameters
-from ballbot_ros.robot.brick.brick import Brick, DeviceInputs, DeviceOutputs, Tone
-from ballbot_ros.robot.brick.schedule import Schedule, TaskTiming
+from ballbot_ros.robot.brick.brick import (
+    Brick,
+    DeviceInputs,
+    DeviceOutputs,
+    Schedule,
+    TaskTiming,
+    Tone,
+)
 
 MAX_DUE = 8
 _REQUEST = struct.Struct(f'<IiiiHHHBbbB{MAX_DUE}s2x')

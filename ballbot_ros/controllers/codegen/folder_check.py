@@ -10,11 +10,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ballbot_ros.controllers.codegen.application import PARAMETER_FILE, read_tasks
+from ballbot_ros.controllers.codegen.application import (
+    PARAMETER_FILE,
+    members,
+    named_values,
+    read_tasks,
+    state_bytes,
+)
 from ballbot_ros.controllers.codegen.compiled_program import Answer, BrickProcess, CompiledProgram
-from ballbot_ros.controllers.codegen.measure import Memory, count_instructions, measure_memory
-from ballbot_ros.controllers.codegen.state_variables import members, named_values, state_bytes
-from ballbot_ros.controllers.codegen.toolchain import Target, build
+from ballbot_ros.controllers.codegen.toolchain import (
+    Memory,
+    Target,
+    build,
+    count_instructions,
+    measure_memory,
+)
 from ballbot_ros.controllers.document.axis import TS1_MS
 from ballbot_ros.controllers.document.program import ControlProgram
 from ballbot_ros.errors import CodegenError

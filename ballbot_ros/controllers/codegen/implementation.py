@@ -6,7 +6,15 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ballbot_ros.controllers.controller_program import ControllerProgram, TickTimes
+from ballbot_ros.controllers.controller_program import (
+    ControllerProgram,
+    TickTimes,
+    design,
+    design_model,
+    missing_design,
+    own_rows,
+    user_parameters,
+)
 from ballbot_ros.controllers.document.axis import task_timings
 from ballbot_ros.controllers.document.program import ControlProgram
 from ballbot_ros.controllers.interface import Program
@@ -14,13 +22,6 @@ from ballbot_ros.controllers.loading import (
     LoadedController,
     load_controller,
     resolve_reference,
-)
-from ballbot_ros.controllers.own_parameters import (
-    design,
-    design_model,
-    missing_design,
-    own_rows,
-    user_parameters,
 )
 from ballbot_ros.errors import CodegenError, short_repr
 from ballbot_ros.parameters import (
@@ -34,7 +35,7 @@ from ballbot_ros.parameters import (
     Value,
     parameters_of,
 )
-from ballbot_ros.robot.brick.schedule import TaskTiming
+from ballbot_ros.robot.brick.brick import TaskTiming
 
 
 def missing_tool_for(name: str) -> str:

@@ -20,8 +20,12 @@ from ballbot_ros.controllers.design.linear_model import (
     design_servo,
     require_weights,
 )
-from ballbot_ros.controllers.design.loop_analysis import ROUNDING, STEADY, sorted_poles
-from ballbot_ros.controllers.design.margins import steady_covariance
+from ballbot_ros.controllers.design.loop_analysis import (
+    ROUNDING,
+    STEADY,
+    sorted_poles,
+    steady_covariance,
+)
 from ballbot_ros.controllers.design.sampled_loop import (
     DUTY,
     ENCODER_ERROR,
@@ -33,7 +37,7 @@ from ballbot_ros.controllers.design.sampled_loop import (
 )
 from ballbot_ros.parameters import CONTROLLER, ParameterSet, PlantParameters
 from ballbot_ros.parameters.timing import TICK_S
-from ballbot_ros.robot.plant.actuator import max_voltage
+from ballbot_ros.robot.plant.laws import max_voltage
 from ballbot_ros.robot.plant.model import Matrix, PhysicalParameters
 
 DISTURBANCE_N = 0.2

@@ -1,27 +1,224 @@
-"""What the loop of one plane can bear: poles, margins and noise, ideal and as it runs."""
+"""Analysis of a loop: stability margins, noise, and the states that can be recovered.
+
+The upright robot has one unstable pole p. Its motion z = w·x grows as ``z' = p z + (w·b) v``, with
+the left eigenvector w of p. The voltage v is bounded, so z can be brought back if and only if
+``p |z| < |w·b| v_max``: beyond that, it grows even under full duty. The other poles do not grow and
+set no limit. So the states that can be recovered are a strip between two parallel planes.
+"""
 
 from __future__ import annotations
 
 import cmath
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import control
 import numpy as np
-from scipy.optimize import bisect
+from numpy.typing import NDArray
+from scipy.optimize import bisect, brentq, minimize_scalar
 
-from ballbot_ros.controllers.design.linear_model import ideal_loop
-from ballbot_ros.controllers.design.margins import Limit, LoopResponse, Margins, steady_covariance
+from ballbot_ros.controllers.design.linear_model import DesignError, ideal_loop
 from ballbot_ros.controllers.design.sampled_loop import (
     ENCODER_ERROR,
     GYRO_ERROR,
     LoopDelays,
     SampledLoop,
 )
-from ballbot_ros.parameters import ParameterSet
+from ballbot_ros.parameters import ParameterSet, PlantParameters
 from ballbot_ros.parameters.timing import TICK_S
+from ballbot_ros.robot.plant.laws import motor_voltage
+from ballbot_ros.robot.plant.model import Matrix, PhysicalParameters, state_space
+
+FADED = 1e-30
+"""Part of a motion below which nothing is left of it."""
+
+
+def steady_covariance(a: Matrix, noise: Matrix) -> Matrix:
+    """Return the covariance (n, n) of the states of ``x[k+1] = a x[k] + w[k]``.
+
+    It is the sum of ``a^k noise a'^k`` over all k, found by doubling their number: the states of a
+    loop differ by orders of magnitude, and a solver of Lyapunov's equation loses digits with them.
+
+    Parameters
+    ----------
+    a : ndarray, shape (n, n)
+        A stable transition.
+    noise : ndarray, shape (n, n)
+        The covariance of w.
+    """
+    power, covariance = a, noise
+    while np.abs(power).max() > FADED:
+        covariance = covariance + power @ covariance @ power.T
+        power = power @ power
+    return covariance
+
+
+Response = NDArray[np.complex128]
+
+POINTS = 2000
+"""Number of frequencies of a response; crossings and peaks are refined between them."""
+
+LOWEST, HIGHEST = 1e-3, 1e5
+"""Range of the frequencies [rad/s]; that of a sampled loop ends at half the sampling rate."""
+
+
+class Limit(NamedTuple):
+    """A change at which a loop begins to oscillate, and the frequency of that [Hz]."""
+
+    value: float
+    hz: float
+
+
+@dataclass(frozen=True)
+class Margins:
+    """How much may change before a stable loop becomes unstable.
+
+    Attributes
+    ----------
+    gain_low, gain_high : Limit
+        Factors of the gain between which it stays stable; 0 and infinity without a limit.
+    phase_deg : Limit
+        Additional phase, lag or lead [deg].
+    dead_time_ms : Limit
+        Additional dead time of the motors [ms].
+    disk : float
+        Balanced disk margin, for a change of gain and phase at the same time.
+    sensitivity : Limit
+        Peak of the sensitivity, the inverse of the loop's distance from -1.
+    """
+
+    gain_low: Limit
+    gain_high: Limit
+    phase_deg: Limit
+    dead_time_ms: Limit
+    disk: float
+    sensitivity: Limit
+
+
+class LoopResponse:
+    """The frequency response L of a loop that negative feedback closes.
+
+    Attributes
+    ----------
+    frequencies : ndarray, shape (n,)
+        [rad/s].
+    values : ndarray of complex, shape (n,)
+        L at these frequencies.
+    """
+
+    def __init__(self, loop: control.StateSpace) -> None:
+        self._loop, self._dt = loop, float(loop.dt)
+        highest = math.pi / self._dt if self._dt else HIGHEST
+        self.frequencies: NDArray[np.float64] = np.geomspace(LOWEST, highest, POINTS)
+        self.values = self._at(self.frequencies)
+
+    def _at(self, frequency: NDArray[np.float64] | float) -> Response:
+        s = 1j * np.asarray(frequency)
+        return np.asarray(self._loop(np.exp(s * self._dt) if self._dt else s))
+
+    def margins(self, dead_time_ms: Limit | None = None) -> Margins:
+        """Return the margins of the loop, which must be stable.
+
+        Without `dead_time_ms`, that margin is computed as in continuous time.
+        """
+        gains = [Limit(0.0, math.nan), Limit(math.inf, math.nan), *self._gains()]
+        phases = self._phases() or [Limit(math.inf, math.nan)]
+        delays = [Limit(phase % 360.0 / 360.0 / hz * 1e3, hz) for phase, hz in phases]
+        disk, _, _ = control.disk_margins(self._loop, self.frequencies)
+        return Margins(
+            gain_low=max(each for each in gains if each.value < 1.0),
+            gain_high=min(each for each in gains if each.value > 1.0),
+            phase_deg=min((Limit(abs(phase), hz) for phase, hz in phases)),
+            dead_time_ms=dead_time_ms or min(delays),
+            disk=float(disk),
+            sensitivity=self._sensitivity_peak(),
+        )
+
+    def _gains(self) -> list[Limit]:
+        """Return the factors of the gain at which the loop oscillates."""
+        crossings = self._roots(lambda response: response.imag)
+        if self._dt:
+            crossings.append(float(self.frequencies[-1]))  # there, a sampled response is real
+        found = ((self._at(each).item().real, each) for each in crossings)
+        return [Limit(-1.0 / value, _hz(frequency)) for value, frequency in found if value < 0.0]
+
+    def _phases(self) -> list[Limit]:
+        """Return the phase lags (> 0) and leads (< 0) at which the loop oscillates [deg]."""
+        crossings = self._roots(lambda response: abs(response) - 1.0)
+        return [Limit(float(np.angle(-self._at(each), deg=True)), _hz(each)) for each in crossings]
+
+    def _sensitivity_peak(self) -> Limit:
+        def distance(frequency: float) -> float:
+            return float(abs(1.0 + self._at(frequency)))
+
+        nearest = int(np.argmin(abs(1.0 + self.values)))
+        first, last = max(nearest - 1, 0), min(nearest + 1, POINTS - 1)
+        bounds = self.frequencies[first], self.frequencies[last]
+        best = minimize_scalar(distance, bounds=bounds, method='bounded').x
+        frequency = min(best, self.frequencies[nearest], key=distance)
+        return Limit(1.0 / distance(frequency), _hz(frequency))
+
+    def _roots(self, quantity: Callable[[Response], NDArray[Any]]) -> list[float]:
+        """Return the frequencies at which a quantity of the response changes its sign."""
+        signs = np.sign(quantity(self.values))
+        return [
+            brentq(lambda w: float(quantity(self._at(w))), *self.frequencies[index : index + 2])
+            for index in np.flatnonzero(signs[1:] * signs[:-1] < 0)
+        ]
+
+
+def _hz(frequency: float) -> float:
+    return float(frequency) / (2.0 * math.pi)
+
+
+@dataclass(frozen=True)
+class RecoverableStates:
+    """The states of a plane that some controller can bring back, by the linear model.
+
+    Attributes
+    ----------
+    rate : float
+        The unstable pole [1/s].
+    direction : ndarray, shape (4,)
+        Factors of theta, psi [rad] and their rates [rad/s]; their sum is 1 or -1 at the limit.
+    """
+
+    rate: float
+    direction: Matrix
+
+    def share(self, states: Matrix) -> Matrix:
+        """Return how much of what can be recovered the states (..., 4) take; 1 at the limit."""
+        share: Matrix = np.abs(states @ self.direction)
+        return share
+
+
+def recoverable_states(parameters: ParameterSet) -> RecoverableStates:
+    """Return the states that can be recovered with the battery's voltage at the start.
+
+    Raises
+    ------
+    DesignError
+        If the robot has not exactly one unstable pole, or its motors can't move it.
+    """
+    plant = parameters.of(PlantParameters)
+    a, b = state_space(PhysicalParameters.from_parameters(plant))
+    values, vectors = np.linalg.eig(a.T)
+    unstable = np.flatnonzero(values.real > 0.0)
+    if len(unstable) != 1:
+        raise DesignError(f'the robot has {len(unstable)} unstable poles instead of 1')
+    rate, direction = values[unstable[0]].real, vectors[:, unstable[0]].real
+    volts = motor_voltage(
+        100, plant.battery_voltage, plant.dead_zone, plant.voltage_slope, plant.voltage_offset
+    )
+    limit = abs(direction @ b[:, 0]) * volts / rate
+    if not limit:
+        raise DesignError('the motors cannot move the robot')
+    # The sign of an eigenvector is arbitrary.
+    return RecoverableStates(float(rate), direction / limit * np.sign(direction[1]))
+
 
 MAX_DEAD_TIME_MS = 1000.0
 """Longest additional dead time that is tried; a loop that bears it counts as without a limit."""

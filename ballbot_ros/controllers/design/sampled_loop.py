@@ -35,7 +35,7 @@ from ballbot_ros.parameters import (
 )
 from ballbot_ros.parameters.timing import STEPS_PER_TICK, TICK_MS, TICK_S
 from ballbot_ros.robot.brick.sensors import battery_mv, mean_delay
-from ballbot_ros.robot.plant.actuator import max_voltage
+from ballbot_ros.robot.plant.laws import max_voltage
 from ballbot_ros.robot.plant.model import Matrix, PhysicalParameters, state_space
 
 DUTY, GYRO_ERROR, ENCODER_ERROR, STICK, FORCE = INPUTS = (

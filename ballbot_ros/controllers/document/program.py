@@ -24,8 +24,7 @@ from ballbot_ros.controllers.document.axis import (
     control,
     in_control,
 )
-from ballbot_ros.controllers.glide import Glide
-from ballbot_ros.controllers.interface import OperatingState
+from ballbot_ros.controllers.interface import Glide, OperatingState
 from ballbot_ros.parameters import ControllerParameters
 from ballbot_ros.robot.brick.bluetooth import LogPacket
 from ballbot_ros.robot.brick.brick import (

@@ -1,4 +1,4 @@
-"""Reading scenario files; every error message names file and line."""
+"""Scenarios: the shipped ones and those of files, read and checked."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from ballbot_ros.engine.scenario.scenario import (
     push_fault,
     segment_fault,
 )
-from ballbot_ros.errors import BallbotError, ScenarioError, WorldError
-from ballbot_ros.files import read_text
+from ballbot_ros.errors import BallbotError, ScenarioError, WorldError, did_you_mean
+from ballbot_ros.files import read_text, share_directory
 from ballbot_ros.parameters import (
     CONTROLLER,
     GYRO,
@@ -31,7 +31,7 @@ from ballbot_ros.parameters import (
     PlantParameters,
     parameters_of,
 )
-from ballbot_ros.parameters.files import leaves
+from ballbot_ros.parameters.files import leaves, read_parameter_file
 from ballbot_ros.parameters.yaml_document import YamlDocument, yaml_text
 from ballbot_ros.robot.plant.ground_truth import FORCE_LIMIT
 from ballbot_ros.robot.world.floor_map import is_file_name, load_map
@@ -393,3 +393,58 @@ class ScenarioReader(ExpectationReader):
 
 def _own_profile(data: Mapping[str, object]) -> str:
     return str(data.get('profile', IDEAL))
+
+
+def scenario_names() -> list[str]:
+    """Return the names of the shipped scenarios."""
+    return sorted(path.stem for path in (share_directory() / 'config/scenarios').glob('*.yaml'))
+
+
+def load_scenario(
+    name_or_file: str, profile: str | None = None, map_file: Path | None = None
+) -> Scenario:
+    """Load a shipped scenario by its name, or a file by its path.
+
+    `profile` is a device profile to use instead of the scenario's, and `map_file` an image to read
+    instead of any that the scenario names.
+
+    Raises
+    ------
+    ScenarioError, YamlError, ParameterError
+        The message is one line that names file, line, key, and what is allowed.
+    """
+    shipped = share_directory() / 'config/scenarios' / f'{name_or_file}.yaml'
+    if name_or_file in scenario_names():
+        path = shipped
+    elif name_or_file.endswith(('.yaml', '.yml')) or '/' in name_or_file:
+        path = Path(name_or_file)
+    else:
+        raise ScenarioError(
+            f'unknown scenario {name_or_file!r}{did_you_mean(name_or_file, scenario_names())}; '
+            f'shipped: {", ".join(scenario_names())} '
+            '(for your own scenario, give the path of its file, ending in .yaml)'
+        )
+    return ScenarioReader(YamlDocument(path), load_profile, map_file).scenario(profile)
+
+
+def scenario_of(name_or_file: str) -> Scenario:
+    """Load a scenario as :func:`load_scenario` does, or for '' return one without any events."""
+    return load_scenario(name_or_file) if name_or_file else Scenario()
+
+
+def load_profile(name: str) -> ParameterSet:
+    """Return the values that the profile `name` sets; ``ideal`` sets none and keeps the defaults.
+
+    Raises
+    ------
+    ScenarioError
+        If the profile does not exist.
+    """
+    if name == IDEAL:
+        return ParameterSet()
+    folder = share_directory() / 'config/profiles'
+    known = [IDEAL, *[path.stem for path in sorted(folder.glob('*.yaml'))]]
+    if name not in known:
+        hint = did_you_mean(name, known)
+        raise ScenarioError(f'unknown profile {name!r}{hint}; known: {", ".join(known)}')
+    return read_parameter_file(folder / f'{name}.yaml')

@@ -43,9 +43,9 @@ from ballbot_ros.engine.plant_tick import (
 )
 from ballbot_ros.engine.rows import RobotRows, state_of
 from ballbot_ros.engine.run import clear_rings, longest_age, robot_constants
+from ballbot_ros.lab.environments.configuration import BALANCE
 from ballbot_ros.lab.environments.setup import DEVICES as DEVICES_OBSERVED
 from ballbot_ros.lab.environments.setup import Setup, Start
-from ballbot_ros.lab.environments.tasks import BALANCE
 from ballbot_ros.parameters import (
     DEVICES,
     ControllerParameters,

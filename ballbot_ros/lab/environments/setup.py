@@ -18,6 +18,10 @@ from ballbot_ros.engine.scenario.scenario import Scenario
 from ballbot_ros.errors import EnvironmentConfigurationError, short_repr
 from ballbot_ros.lab.environments.configuration import (
     Commands,
+    Numbers,
+    Parts,
+    Task,
+    Vector,
     check_hold,
     check_step,
     checked_commands,
@@ -28,7 +32,6 @@ from ballbot_ros.lab.environments.configuration import (
     release_s,
     steps_of,
 )
-from ballbot_ros.lab.environments.tasks import Numbers, Parts, Task, Vector
 from ballbot_ros.parameters import (
     GYRO,
     PLANT,
@@ -41,7 +44,7 @@ from ballbot_ros.parameters import (
 from ballbot_ros.parameters.files import Parameters, plain_value
 from ballbot_ros.parameters.timing import TICK_MS
 from ballbot_ros.robot.plant.ground_truth import Pair
-from ballbot_ros.robot.world.sonar_beam import check_rays
+from ballbot_ros.robot.world.distances import check_rays
 from ballbot_ros.robot.world.world import World
 
 DEVICES, STATE = 'devices', 'state'

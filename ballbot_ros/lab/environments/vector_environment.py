@@ -14,9 +14,9 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from ballbot_ros.errors import EnvironmentConfigurationError, short_repr
+from ballbot_ros.lab.environments.configuration import BALANCE, DRIVE, Task
 from ballbot_ros.lab.environments.episode import MovedRobots
 from ballbot_ros.lab.environments.setup import DEVICES, Floats, Setup, checked_actions
-from ballbot_ros.lab.environments.tasks import BALANCE, DRIVE, Task
 from ballbot_ros.parameters.files import Parameters
 from ballbot_ros.parameters.timing import TICK_MS
 

@@ -9,15 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.analysis.drawing import style_axes
-from ballbot_ros.analysis.proportion import wilson_interval
-from ballbot_ros.analysis.style import BLUE, GRAY, ORANGE, WIDTH, new_figure
-from ballbot_ros.analysis.table import Table
-from ballbot_ros.lab.studies.axes import Axis, Extent, with_unit
+from ballbot_ros.analysis.figure_parts import BLUE, GRAY, ORANGE, WIDTH, Table, new_figure
 from ballbot_ros.lab.studies.columns import MeasureColumn
 from ballbot_ros.lab.studies.maps import PANEL_WIDTH, set_scale
 from ballbot_ros.lab.studies.sensitivity import Sensitivity
-from ballbot_ros.lab.studies.study_data import QUANTILES, MeasureSummary
-from ballbot_ros.lab.studies.survey import CellCounts
+from ballbot_ros.lab.studies.study_data import QUANTILES, MeasureSummary, wilson_interval
+from ballbot_ros.lab.studies.survey import Axis, CellCounts, Extent, with_unit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

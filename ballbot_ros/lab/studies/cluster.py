@@ -11,11 +11,17 @@ from collections.abc import Coroutine, Iterator
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from functools import cache
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 from uuid import uuid4
 
+import numpy as np
+import scipy
+
+import ballbot_ros
 import ballbot_ros.lab.studies.worker_task
+from ballbot_ros.engine.compilation import code_sha256
 from ballbot_ros.errors import StudyError, one_line
 from ballbot_ros.lab.studies.execution import StudyObserver, WorkersOfJob
 from ballbot_ros.lab.studies.job import Job, PackedJob
@@ -23,10 +29,33 @@ from ballbot_ros.lab.studies.manifest import PartSummary
 from ballbot_ros.lab.studies.part_file import EncodedPart
 from ballbot_ros.lab.studies.runs import Samples
 from ballbot_ros.lab.studies.worker_task import Answer
-from ballbot_ros.lab.studies.worker_versions import worker_versions
 
 if TYPE_CHECKING:
     from distributed import Client
+
+
+@cache
+def worker_versions() -> dict[str, str]:
+    """Return the versions that must be the same on all workers, by name.
+
+    Python and numba may differ: the compiled code keeps the operations of IEEE arithmetic and their
+    order, whoever compiles it.
+    """
+    return {
+        'ballbot_ros': ballbot_ros.__version__,
+        'code of ballbot_ros': f'SHA-256 {code_sha256()}',
+        'numpy': np.__version__,
+        'scipy': scipy.__version__,
+        'distributed': _version('distributed'),
+    }
+
+
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return ''
+
 
 CONNECT_TIMEOUT_S = 10.0
 """How long a scheduler has to answer [s]."""

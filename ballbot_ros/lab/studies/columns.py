@@ -1,4 +1,4 @@
-"""The columns of a study's results."""
+"""The columns of a study's results, and the metrics of many runs at once."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.engine.scenario.metrics import METRICS, label, wall_clearance_m
+from ballbot_ros.analysis.metrics import measured_window
+from ballbot_ros.engine.scenario.metrics import METRICS, Motion, label, wall_clearance_m
 from ballbot_ros.engine.scenario.scenario import Expectation, Measure
-from ballbot_ros.parameters.text_enum import TextEnum
+from ballbot_ros.parameters.parameter import TextEnum
 
 Floats = NDArray[np.float64]
 
@@ -137,3 +138,59 @@ def measure_name(measure: Measure) -> str:
 def _shortest(seconds: float) -> str:
     """Return a number as text that reads back exactly, so that no two windows share a name."""
     return repr(float(seconds)).removesuffix('.0')
+
+
+def metric(motion: Motion) -> float:
+    """Stand for the metric that the compiler puts in its place."""
+    raise NotImplementedError
+
+
+def measure_runs(
+    plants: Any,
+    starts: Any,
+    ends: Any,
+    log: Any,
+    time: Any,
+    walls: Any,
+    window_start: float,
+    window_end: float,
+    values: Any,
+) -> None:
+    """Measure a metric in a window of many runs; NaN if no tick is in the window.
+
+    Parameters
+    ----------
+    plants : rows
+        The parameters of ``plant_sim``.
+    starts : ndarray, shape (r, 2)
+        Start positions [m].
+    ends : rows of robots
+        How the runs ended.
+    log : RunLog
+        The runs.
+    time : ndarray, shape (n,)
+        Time of each tick since the first [s].
+    walls : Walls
+        As in :class:`~ballbot_ros.engine.scenario.metrics.Motion`.
+    window_start, window_end : float
+        The measured window [s].
+    values : ndarray, shape (r,)
+        Where the values are written.
+    """
+    for run in range(len(plants)):
+        first, last = measured_window(
+            time[: ends[run].ticks], plants[run].hold_time, window_start, window_end
+        )
+        if first >= last:
+            values[run] = math.nan
+            continue
+        values[run] = metric(
+            Motion(
+                time[first:last],
+                log.position[run, first:last],
+                log.psi[run, first:last],
+                log.duty[run, first:last],
+                starts[run],
+                walls,
+            )
+        )

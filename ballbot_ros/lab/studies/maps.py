@@ -10,15 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, maximum_filter, minimum_filter
 
-from ballbot_ros.analysis.style import ORANGE, Line, new_figure
-from ballbot_ros.analysis.table import Table
+from ballbot_ros.analysis.figure_parts import ORANGE, Line, Table, new_figure
 from ballbot_ros.controllers.design.linear_model import DesignError
-from ballbot_ros.controllers.design.margins import recoverable_states
+from ballbot_ros.controllers.design.loop_analysis import recoverable_states
 from ballbot_ros.controllers.design.sampled_loop import SampledLoop
-from ballbot_ros.lab.studies.axes import Axis
 from ballbot_ros.lab.studies.columns import ColumnKind
 from ballbot_ros.lab.studies.programs import with_values
-from ballbot_ros.lab.studies.survey import CellCounts
+from ballbot_ros.lab.studies.survey import Axis, CellCounts
 from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, EncoderParameters, ParameterSet
 from ballbot_ros.robot.plant.model import PhysicalParameters
 

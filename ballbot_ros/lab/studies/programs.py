@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.controllers.codegen.implementation import compose_controller
+from ballbot_ros.controllers.controller import LawController
+from ballbot_ros.controllers.controller_program import design_model, user_parameters
 from ballbot_ros.controllers.document.program import INITIAL_STATE
-from ballbot_ros.controllers.law import LawController
 from ballbot_ros.controllers.loading import LoadedController
-from ballbot_ros.controllers.own_parameters import design_model, user_parameters
 from ballbot_ros.engine.compilation import (
     NO_COMPILER,
     CompilationError,

@@ -10,9 +10,13 @@ from typing import ClassVar
 
 from ballbot_ros.controllers.loading import resolve_reference
 from ballbot_ros.engine.rows import robot_parameter
-from ballbot_ros.engine.scenario.library import load_profile, load_scenario, scenario_names
 from ballbot_ros.engine.scenario.metrics import METRICS
-from ballbot_ros.engine.scenario.reader import window_fault
+from ballbot_ros.engine.scenario.reader import (
+    load_profile,
+    load_scenario,
+    scenario_names,
+    window_fault,
+)
 from ballbot_ros.engine.scenario.scenario import Expectation
 from ballbot_ros.errors import BallbotError, StudyError, did_you_mean, short_repr
 from ballbot_ros.files import read_text, share_directory
@@ -33,7 +37,7 @@ from ballbot_ros.parameters.files import leaves
 from ballbot_ros.parameters.timing import TICK_S
 from ballbot_ros.parameters.yaml_document import YamlDocument
 from ballbot_ros.robot.world.floor_map import is_file_name
-from ballbot_ros.run.processes import Processes
+from ballbot_ros.run.requirements import Processes
 from ballbot_ros.run.spec import RunOptions, RunSpec
 
 STUDY_KEYS = {

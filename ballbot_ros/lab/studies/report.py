@@ -8,7 +8,6 @@ from itertools import combinations
 import numpy as np
 
 from ballbot_ros.errors import StudyError
-from ballbot_ros.lab.studies.axes import Axis
 from ballbot_ros.lab.studies.charts import histogram_edges, share_bins
 from ballbot_ros.lab.studies.columns import PASSED
 from ballbot_ros.lab.studies.manifest import StudyRecord
@@ -17,7 +16,7 @@ from ballbot_ros.lab.studies.report_page import Findings, StudyReport
 from ballbot_ros.lab.studies.sensitivity import MAX_SAMPLE, Sensitivity, analyse
 from ballbot_ros.lab.studies.study import StudyText
 from ballbot_ros.lab.studies.study_data import StudyData
-from ballbot_ros.lab.studies.survey import Survey, tally
+from ballbot_ros.lab.studies.survey import Axis, Survey, tally
 
 MAPPED_VARIABLES = 4
 """Largest number of variables, those with the most influence, of which all pairs have a map."""

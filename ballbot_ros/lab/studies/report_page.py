@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot_ros.analysis.figure_parts import Table, csv_of, png_of
 from ballbot_ros.analysis.page import (
     ReportError,
     check_folder,
@@ -23,12 +24,9 @@ from ballbot_ros.analysis.page import (
     write_folder,
 )
 from ballbot_ros.analysis.run_figures import RenderedFigure
-from ballbot_ros.analysis.style import png_of
-from ballbot_ros.analysis.table import Table, csv_of
 from ballbot_ros.engine.scenario.scenario import bounds_text
 from ballbot_ros.errors import BallbotError, one_line
 from ballbot_ros.files import own_command
-from ballbot_ros.lab.studies.axes import Axis
 from ballbot_ros.lab.studies.charts import (
     Histogram,
     ShareChart,
@@ -44,7 +42,7 @@ from ballbot_ros.lab.studies.rerun import study_parameters
 from ballbot_ros.lab.studies.sensitivity import MIN_SAMPLE, SLICES, Sensitivity
 from ballbot_ros.lab.studies.study import StudyText
 from ballbot_ros.lab.studies.study_data import QUANTILES, RunResults, StudyData, StudySummary
-from ballbot_ros.lab.studies.survey import Survey, Tallies
+from ballbot_ros.lab.studies.survey import Axis, Survey, Tallies
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ballbot_ros.controllers.loading import is_installed
-from ballbot_ros.engine.scenario.library import load_scenario
+from ballbot_ros.engine.scenario.reader import load_scenario
 from ballbot_ros.engine.scenario.scenario import Scenario
 from ballbot_ros.engine.scenario.writer import scenario_data
 from ballbot_ros.errors import StudyError, short_text
@@ -25,7 +25,7 @@ from ballbot_ros.parameters import (
 )
 from ballbot_ros.parameters.files import format_parameters, read_parameter_file
 from ballbot_ros.parameters.yaml_document import yaml_text
-from ballbot_ros.run.processes import Processes
+from ballbot_ros.run.requirements import Processes
 from ballbot_ros.run.spec import RunOptions, RunSpec
 
 RERUNS = 'reruns'

@@ -28,8 +28,8 @@ from ballbot_ros.engine.scenario.metrics import METRICS, wall_clearance_m
 from ballbot_ros.engine.scenario.scenario import Measure, Scenario
 from ballbot_ros.engine.trajectory import TrajectoryLog
 from ballbot_ros.errors import ControllerError, StudyError, WorldError
+from ballbot_ros.lab.studies.columns import measure_runs
 from ballbot_ros.lab.studies.events import event_part, scenarios_of
-from ballbot_ros.lab.studies.measurement import measure_runs
 from ballbot_ros.lab.studies.programs import Programs, programs_of, with_values
 from ballbot_ros.lab.studies.variables import DURATION
 from ballbot_ros.parameters import (
@@ -41,7 +41,7 @@ from ballbot_ros.parameters import (
     SonarParameters,
 )
 from ballbot_ros.parameters.timing import FIRST_TICK_NS, SECOND_NS, TICK_NS
-from ballbot_ros.robot.world.clearance import NO_WALLS, Walls, walls_around
+from ballbot_ros.robot.world.distances import NO_WALLS, Walls, walls_around
 from ballbot_ros.robot.world.world import World, half_cells, is_blocked
 from ballbot_ros.run.spec import RunSpec
 from ballbot_ros.run.tick_timer import TickTimer

@@ -15,7 +15,7 @@ from ballbot_ros.lab.studies.distributions import Floats, Levels
 from ballbot_ros.lab.studies.runs import Samples
 from ballbot_ros.lab.studies.study import Sampling, Study, grid_shape
 from ballbot_ros.lab.studies.variables import SEED
-from ballbot_ros.robot.brick.noise import noise_key
+from ballbot_ros.robot.brick.sensors import noise_key
 from ballbot_ros.robot.numerics.random_numbers import Words, bits_53, philox4x32
 
 _WORD = 0xFFFFFFFF

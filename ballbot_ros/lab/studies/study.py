@@ -27,7 +27,7 @@ from ballbot_ros.lab.studies.events import EventPart
 from ballbot_ros.lab.studies.runs import Samples
 from ballbot_ros.lab.studies.variables import DURATION, SEED, Variable
 from ballbot_ros.parameters import PlantParameters
-from ballbot_ros.parameters.text_enum import TextEnum
+from ballbot_ros.parameters.parameter import TextEnum
 from ballbot_ros.run.spec import RunSpec
 
 MAX_RUNS = 10**9

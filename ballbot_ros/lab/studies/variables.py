@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Hashable
 from dataclasses import dataclass, replace
 
-from ballbot_ros.controllers.own_parameters import own_rows
+from ballbot_ros.controllers.controller_program import own_rows
 from ballbot_ros.engine.rows import ROBOT_CLASSES, robot_parameter
 from ballbot_ros.errors import StudyError
 from ballbot_ros.lab.studies.distributions import Distribution

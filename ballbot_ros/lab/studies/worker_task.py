@@ -33,7 +33,7 @@ def do_part(required: Mapping[str, str], payload: bytes) -> Answer:
 def _difference(required: Mapping[str, str]) -> str:
     """Return what is missing or differs; '' if nothing."""
     try:
-        from ballbot_ros.lab.studies.worker_versions import worker_versions
+        from ballbot_ros.lab.studies.cluster import worker_versions
     except ImportError as error:
         missing = error.name or str(error)
         if missing.startswith('ballbot_ros.'):

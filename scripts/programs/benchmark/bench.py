@@ -16,7 +16,7 @@ from functools import partial
 import click
 from rich.console import Console
 
-from ballbot_ros.cli.invoke import invoke
+from ballbot_ros.cli.command import invoke
 from ballbot_ros.parameters import CONTROLLER, NODES
 from benchmark.figures import MILLISECONDS, RATIO, REAL_TIME, SECONDS, Figure, as_json, table_of
 from benchmark.film import measure_films

@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 
 import click
 
-from ballbot_ros.cli.invoke import invoke
-from ballbot_ros.engine.scenario.library import scenario_names
+from ballbot_ros.cli.command import invoke
+from ballbot_ros.engine.scenario.reader import scenario_names
 
 PAGE = Path(__file__).parents[3] / 'docs' / 'controllers.md'
 BEGIN, END = '<!-- figures: begin -->\n', '<!-- figures: end -->\n'

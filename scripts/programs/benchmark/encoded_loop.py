@@ -10,7 +10,7 @@ import sys
 import time
 
 from ballbot_ros.engine.closed_loop import ClosedLoop
-from ballbot_ros.engine.scenario.library import load_scenario
+from ballbot_ros.engine.scenario.reader import load_scenario
 from ballbot_ros.recording.messages.run_messages import RunMessages
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import yaml
 
 from ballbot_ros.parameters.parameter import Parameter, TakesEffect, Value
+from ballbot_ros.parameters.parameter_set import ALL_NODES, TABLE
 from ballbot_ros.parameters.plant import PlantParameters
-from ballbot_ros.parameters.table import ALL_NODES, TABLE
 from ballbot_ros.robot.plant.model import PhysicalParameters
 
 DERIVED = {

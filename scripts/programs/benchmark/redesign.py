@@ -11,7 +11,7 @@ from scipy.optimize import bisect
 import ballbot_ros as bb
 from ballbot_ros.controllers.design.gain_design import GainDesign
 from ballbot_ros.controllers.design.sampled_loop import LoopDelays
-from ballbot_ros.engine.scenario.library import scenario_names
+from ballbot_ros.engine.scenario.reader import scenario_names
 from ballbot_ros.parameters import CONTROLLER, ParameterSet
 from ballbot_ros.parameters.files import assign_values
 from benchmark.tables import print_table

@@ -13,7 +13,7 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 
 from ballbot_ros.nodes import base
-from ballbot_ros.nodes.intra_process import IntraProcess
+from ballbot_ros.nodes.endpoints import IntraProcess
 from ballbot_ros.nodes.registry import REGISTRY
 from ballbot_ros.process import StopRequest
 

@@ -22,7 +22,7 @@ from distributed import Client
 from rich.console import Console
 
 from ballbot_ros.engine.closed_loop import ClosedLoop
-from ballbot_ros.engine.scenario.library import load_scenario
+from ballbot_ros.engine.scenario.reader import load_scenario
 from ballbot_ros.engine.trajectory import TrajectoryLog
 from ballbot_ros.lab.studies.cluster import workers_of
 from ballbot_ros.lab.studies.execution import (

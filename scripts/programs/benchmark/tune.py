@@ -14,10 +14,10 @@ from typing import NamedTuple
 import click
 import numpy as np
 
-from ballbot_ros.cli.invoke import invoke
+from ballbot_ros.cli.command import invoke
 from ballbot_ros.controllers.document.program import ControlProgram
 from ballbot_ros.engine.closed_loop import ClosedLoop
-from ballbot_ros.engine.scenario.library import load_profile
+from ballbot_ros.engine.scenario.reader import load_profile
 from ballbot_ros.engine.scenario.scenario import Scenario, Segment, StickSignal
 from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, SONAR, ParameterSet
 from benchmark.identification import identification

@@ -21,7 +21,7 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from ballbot_ros.cli.invoke import invoke
+from ballbot_ros.cli.command import invoke
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.process import StopRequest
 from campaign.fault import Verdict

@@ -20,13 +20,12 @@ from unittest.mock import patch
 
 import click
 
-from ballbot_ros.cli.command import load_command
-from ballbot_ros.cli.invoke import invoke
+from ballbot_ros.cli.command import invoke, load_command
 from ballbot_ros.cli.recordings import read_playback_runs
 from ballbot_ros.recording.playback import Playback
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.run.execution import execute
-from ballbot_ros.run.processes import Processes
+from ballbot_ros.run.requirements import Processes
 from ballbot_ros.run.spec import RunOptions, RunSpec
 from campaign.hostile_files import Content, hostile_file
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ballbot_ros.engine.closed_loop import ClosedLoop
-from ballbot_ros.engine.scenario.library import load_scenario
+from ballbot_ros.engine.scenario.reader import load_scenario
 from ballbot_ros.engine.trajectory import TrajectoryLog
 from ballbot_ros.parameters import PLANT
 from ballbot_ros.parameters.timing import SECOND_NS, TICK_NS

@@ -4,15 +4,14 @@ import numpy as np
 import pytest
 from parts import physical
 
-from ballbot_ros.analysis.identification.arrays import for_arrays
-from ballbot_ros.robot.plant.actuator import max_voltage, motor_current
+from ballbot_ros.analysis.identification.experiment import for_arrays
 from ballbot_ros.robot.plant.integration import (
     advance_linear,
     advance_nonlinear,
     discrete_matrices,
     equations_of,
 )
-from ballbot_ros.robot.plant.laws import shaft_angle
+from ballbot_ros.robot.plant.laws import max_voltage, motor_current, shaft_angle
 
 DT = 1e-3
 LINEAR = discrete_matrices(physical(), DT)

@@ -22,7 +22,7 @@ from ballbot_ros.parameters import ControllerParameters, PlantParameters
 from ballbot_ros.parameters.timing import FIRST_TICK_NS, TICK_S
 from ballbot_ros.recording.csv_log import CsvLog
 from ballbot_ros.robot.brick.bluetooth import LogPacket
-from ballbot_ros.robot.plant.actuator import max_voltage
+from ballbot_ros.robot.plant.laws import max_voltage
 
 LSB = ControllerParameters().lsb
 

@@ -9,13 +9,14 @@ from parts import values_of
 
 import ballbot_ros
 from ballbot_ros.controllers.codegen.application import (
+    PLANE_VARIABLES,
+    PROGRAM_VARIABLES,
     application_files,
     c_parameters,
     parameter_hash,
     read_tasks,
     write_application,
 )
-from ballbot_ros.controllers.codegen.state_variables import PLANE_VARIABLES, PROGRAM_VARIABLES
 from ballbot_ros.controllers.document.axis import TS1_MS, ProgramConstants
 from ballbot_ros.controllers.document.program import TASK_BITS, tasks_due
 from ballbot_ros.errors import CodegenError

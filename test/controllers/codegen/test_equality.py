@@ -20,7 +20,7 @@ from ballbot_ros.controllers.document.program import (
     ControlProgram,
 )
 from ballbot_ros.engine.golden import duty_sha256, load_golden
-from ballbot_ros.engine.scenario.library import load_scenario, scenario_names
+from ballbot_ros.engine.scenario.reader import load_scenario, scenario_names
 from ballbot_ros.engine.scenario_steps import scenario_steps
 from ballbot_ros.parameters import (
     CONTROLLER,

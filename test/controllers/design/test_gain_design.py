@@ -30,7 +30,7 @@ from ballbot_ros.controllers.design.sampled_loop import (
 from ballbot_ros.parameters import ParameterSet, PlantParameters
 from ballbot_ros.parameters.files import assign_values
 from ballbot_ros.parameters.timing import TICK_S
-from ballbot_ros.robot.plant.actuator import max_voltage
+from ballbot_ros.robot.plant.laws import max_voltage
 
 DOCUMENT = design_servo(physical()).gain
 QUIET_FILTERS = {'controller.a_d': 0.975}

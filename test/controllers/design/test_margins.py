@@ -9,8 +9,12 @@ import pytest
 
 from ballbot_ros.controllers.design import loop_analysis
 from ballbot_ros.controllers.design.linear_model import ideal_loop
-from ballbot_ros.controllers.design.loop_analysis import Pole, analyse_ideal, analyse_sampled
-from ballbot_ros.controllers.design.margins import LoopResponse
+from ballbot_ros.controllers.design.loop_analysis import (
+    LoopResponse,
+    Pole,
+    analyse_ideal,
+    analyse_sampled,
+)
 from ballbot_ros.controllers.design.sampled_loop import (
     ENCODER_ERROR,
     GYRO_ERROR,

@@ -9,7 +9,7 @@ import yaml
 
 import ballbot_ros as bb
 from ballbot_ros.controllers.design.loop_analysis import analyse_sampled
-from ballbot_ros.engine.scenario.library import scenario_names
+from ballbot_ros.engine.scenario.reader import scenario_names
 from ballbot_ros.parameters import ControllerParameters
 from ballbot_ros.parameters.files import read_parameter_file
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from parts import make_plant
 
 from ballbot_ros.controllers.design.linear_model import DesignError
-from ballbot_ros.controllers.design.margins import recoverable_states
+from ballbot_ros.controllers.design.loop_analysis import recoverable_states
 from ballbot_ros.parameters import PLANT, ParameterSet
 
 BALL_RATES, PITCH_RATES = st.floats(-10.0, 10.0), st.floats(-2.0, 2.0)

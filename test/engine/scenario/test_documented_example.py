@@ -5,9 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from ballbot_ros.engine.scenario.library import load_scenario
 from ballbot_ros.engine.scenario.metrics import METRICS
-from ballbot_ros.engine.scenario.reader import SCENARIO_KEYS
+from ballbot_ros.engine.scenario.reader import SCENARIO_KEYS, load_scenario
 
 PAGE = (Path(__file__).parents[3] / 'docs/scenarios.md').read_text(encoding='utf-8')
 EXAMPLE = re.search(r'```yaml\n(.*?)```', PAGE, re.DOTALL)[1]

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import strategies as st
 from laws import given, is_read_or_refused_in_one_line, refusal
 
-from ballbot_ros.engine.scenario.library import load_profile, load_scenario, scenario_names
+from ballbot_ros.engine.scenario.reader import load_profile, load_scenario, scenario_names
 from ballbot_ros.engine.scenario.scenario import Expectation, ScheduledPush
 from ballbot_ros.errors import BallbotError, ScenarioError
 from ballbot_ros.parameters import (

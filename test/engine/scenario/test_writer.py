@@ -8,7 +8,7 @@ import pytest
 import yaml
 from laws import given
 
-from ballbot_ros.engine.scenario.library import load_scenario, scenario_names
+from ballbot_ros.engine.scenario.reader import load_scenario, scenario_names
 from ballbot_ros.engine.scenario.scenario import (
     PUSH_DIRECTIONS,
     ScheduledPush,

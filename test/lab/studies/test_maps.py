@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 
-from ballbot_ros.analysis.style import png_of
-from ballbot_ros.lab.studies.axes import Axis, Extent
+from ballbot_ros.analysis.figure_parts import png_of
 from ballbot_ros.lab.studies.charts import MOST_BINS, ShareChart, histogram_edges
 from ballbot_ros.lab.studies.columns import ColumnKind, MeasureColumn, ResultColumn
 from ballbot_ros.lab.studies.maps import PassMap, contour_lines, map_bins
-from ballbot_ros.lab.studies.survey import CellCounts
+from ballbot_ros.lab.studies.survey import Axis, CellCounts, Extent
 
 
 def axis(values, kind=ColumnKind.FLOAT, bins=20, **options):

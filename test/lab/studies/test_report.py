@@ -16,7 +16,6 @@ from study_folders import EXPECTATIONS, NOW, record, write_study
 pytest.importorskip('pyarrow')
 pytest.importorskip('SALib')
 
-from ballbot_ros.analysis.proportion import wilson_interval
 from ballbot_ros.engine.scenario.scenario import Measure
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.lab.studies.columns import ColumnKind, MeasureColumn, ResultColumn
@@ -26,7 +25,7 @@ from ballbot_ros.lab.studies.part_file import PartRows, write_part
 from ballbot_ros.lab.studies.reader import read_study
 from ballbot_ros.lab.studies.report import study_report
 from ballbot_ros.lab.studies.runs import Results
-from ballbot_ros.lab.studies.study_data import StudyData
+from ballbot_ros.lab.studies.study_data import StudyData, wilson_interval
 
 RUNS, PARTS = 3000, 3
 NASTY = '<script>alert("x")</script> & Söhne'

@@ -16,7 +16,7 @@ from ballbot_ros.lab.studies.runs import (
     simulator_for,
 )
 from ballbot_ros.parameters import ControllerParameters, ParameterError
-from ballbot_ros.run.processes import Processes
+from ballbot_ros.run.requirements import Processes
 from ballbot_ros.run.spec import RunOptions, RunSpec
 
 VARIED = {

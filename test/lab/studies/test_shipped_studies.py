@@ -5,7 +5,7 @@ import pytest
 from study_reruns import rerun_of
 
 from ballbot_ros.engine.rows import ROBOT_CLASSES
-from ballbot_ros.engine.scenario.library import load_scenario
+from ballbot_ros.engine.scenario.reader import load_scenario
 from ballbot_ros.lab.studies.programs import with_values
 from ballbot_ros.lab.studies.reader import read_study, study_names
 from ballbot_ros.lab.studies.rerun import scenario_text

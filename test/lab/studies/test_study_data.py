@@ -11,12 +11,11 @@ from study_folders import MEASURES, NOW, record, rows_of, write_study
 
 pytest.importorskip('pyarrow')
 
-from ballbot_ros.analysis.proportion import wilson_interval
 from ballbot_ros.errors import BallbotError, StudyError
 from ballbot_ros.lab.studies.data_set import begin_or_resume
 from ballbot_ros.lab.studies.part_file import PartRows, write_part
 from ballbot_ros.lab.studies.runs import Results
-from ballbot_ros.lab.studies.study_data import QUANTILES, RunResults, StudyData
+from ballbot_ros.lab.studies.study_data import QUANTILES, RunResults, StudyData, wilson_interval
 
 
 @pytest.fixture(scope='module')

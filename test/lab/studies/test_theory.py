@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from ballbot_ros.controllers.design.margins import recoverable_states
-from ballbot_ros.lab.studies.axes import Axis, Extent
+from ballbot_ros.controllers.design.loop_analysis import recoverable_states
 from ballbot_ros.lab.studies.columns import ColumnKind, ResultColumn
 from ballbot_ros.lab.studies.maps import predict, refined, usual_values
+from ballbot_ros.lab.studies.survey import Axis, Extent
 from ballbot_ros.parameters import ParameterSet
 
 GAIN, DELAY = 'controller.pwm_gain', 'plant_sim.actuator_delay'

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import strategies as st
 from laws import given
 
-from ballbot_ros.nodes.teleop.arbiter import (
+from ballbot_ros.nodes.teleop.sticks import (
     LIVE_SOURCES,
     NO_SOURCE,
     SILENCE_S,

@@ -22,15 +22,15 @@ from ballbot_ros.engine.compilation import compiled
 from ballbot_ros.engine.devices import sample_age
 from ballbot_ros.parameters import CONTROLLER
 from ballbot_ros.parameters.timing import TICK_NS
-from ballbot_ros.robot.brick.noise import device_number, noise_key
 from ballbot_ros.robot.brick.sensors import (
     battery_mv,
+    device_number,
     drawn_delay,
     gyro_reading,
+    noise_key,
     radians_to_degrees,
     sonar_reading,
 )
-from ballbot_ros.robot.plant.actuator import motor_current, motor_voltage, terminal_voltage
 from ballbot_ros.robot.plant.integration import (
     advance_linear,
     advance_nonlinear,
@@ -39,9 +39,12 @@ from ballbot_ros.robot.plant.integration import (
 )
 from ballbot_ros.robot.plant.laws import (
     add_push_forces,
+    motor_current,
+    motor_voltage,
     shaft_angle,
     state_after_fall,
     state_after_impact,
+    terminal_voltage,
 )
 from ballbot_ros.robot.plant.model import mass_matrix
 

@@ -6,7 +6,7 @@ from laws import given
 from parts import values_of
 
 from ballbot_ros.parameters import PLANT
-from ballbot_ros.robot.plant.actuator import effective_duty, max_voltage, motor_voltage
+from ballbot_ros.robot.plant.laws import effective_duty, max_voltage, motor_voltage
 
 duties = st.integers(-100, 100)
 batteries = st.floats(0.0, 12.0)

@@ -7,7 +7,7 @@ from laws import given
 from parts import make_plant, run_plant, values_of
 
 from ballbot_ros.parameters import PLANT
-from ballbot_ros.robot.plant.actuator import capacity_slope, discharge
+from ballbot_ros.robot.plant.laws import capacity_slope, discharge
 
 DRAINING = {'battery_model': 'draining'}
 

@@ -6,7 +6,7 @@ from parts import START_NS, make_plant, nonlinear_step, physical, run_plant
 
 from ballbot_ros.engine.plant_tick import NEVER_NS, duty_at, note_duty, waiting_count
 from ballbot_ros.parameters.timing import STEP_NS, STEPS_PER_TICK, TICK_NS
-from ballbot_ros.robot.plant.actuator import motor_voltage
+from ballbot_ros.robot.plant.laws import motor_voltage
 
 RATIO = 0.026 / 0.021
 DUTIES = [(20, 0), (-35, 5), (50, -60), (0, 80), (-90, 10)] * 4

@@ -1,0 +1,305 @@
+"""What all figures are made of: their style, tables, intervals of time, and panels."""
+
+from __future__ import annotations
+
+import csv
+import io
+import textwrap
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from io import BytesIO
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot_ros.parameters.parameter import TextEnum
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+# Okabe and Ito's colours, which colour-blind readers and black-and-white prints can tell apart.
+BLUE, ORANGE, GRAY = '#0072B2', '#D55E00', '#666666'
+GREEN, SKY, YELLOW, PURPLE = '#009E73', '#56B4E9', '#F0E442', '#CC79A7'
+
+DARKER: Mapping[str, str] = {BLUE: '#003A5C', ORANGE: '#7D2F00'}
+"""The colours of thin curves over the wide ones of the planes."""
+
+INK, PAPER = '#1A1A1A', '#FFFFFF'
+"""Colours of text, and of what is behind it."""
+
+ON_DARK: Mapping[str, str] = {
+    INK: '#E6E8EA',
+    PAPER: '#15181B',
+    BLUE: '#56B4E9',
+    ORANGE: '#FF8F45',
+    GRAY: '#A0A4A8',
+    GREEN: '#2FC79A',
+    SKY: '#8C8CFF',
+    PURPLE: '#E29AC2',
+    DARKER[BLUE]: '#B5E3FF',
+    DARKER[ORANGE]: '#FFD166',
+}
+"""What stands for a colour on a dark page; other colours stay."""
+
+WIDTH = 8.0
+"""Width of a figure on a page [inch]."""
+
+_TITLE_LETTERS_PER_INCH = 11
+
+
+@dataclass(frozen=True)
+class Line:
+    """Style of a curve: width [point], a line style of matplotlib, its name in the legend or ''."""
+
+    color: str
+    width: float = 1.4
+    dash: str = '-'
+    label: str = ''
+
+
+PLANES = (Line(BLUE, label='plane x'), Line(ORANGE, 1.0, '--', 'plane y'))
+"""The curves of planes x and y."""
+
+
+@cache
+def _figure_class() -> type[Figure]:
+    # Imported here, so that the start of a run does not wait for the import, which takes a second.
+    from matplotlib.figure import Figure
+
+    class ShownFigure(Figure):
+        """A figure that a notebook shows, whether or not it uses pyplot."""
+
+        _repr_png_ = png_of
+
+    return ShownFigure
+
+
+def new_figure(width: float, height: float, title: str = '') -> Figure:
+    """Return a figure of this size [inch], with its title on as many lines as it needs."""
+    figure = _figure_class()(figsize=(width, height), layout='constrained')
+    if title:
+        letters = int(width * _TITLE_LETTERS_PER_INCH)
+        figure.suptitle(textwrap.fill(title, letters, break_on_hyphens=False))
+    return figure
+
+
+def png_of(figure: Figure) -> bytes:
+    """Return a figure as the content of a PNG file."""
+    from matplotlib.text import Text
+
+    for text in figure.findobj(Text):
+        # Show a $ in user-defined names as it is; no figure has a formula.
+        text.set_parse_math(False)
+    buffer = BytesIO()
+    figure.savefig(buffer, dpi=150)
+    return buffer.getvalue()
+
+
+class IntervalKind(TextEnum):
+    """What an interval is about."""
+
+    STATE = 'state'
+    STICKS = 'sticks'
+    PUSH = 'push'
+    WALL_HIT = 'wall hit'
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A named interval of time [s]; `detail` is a description, or ''."""
+
+    start: float
+    end: float
+    name: str
+    kind: IntervalKind = IntervalKind.STATE
+    detail: str = ''
+
+
+MAX_FIGURE_ROWS = 20_000
+"""Maximum number of rows (80 s of ticks) that a figure shows one by one."""
+
+_ROWS_PER_INTERVAL = 4
+"""Minimum number of rows that become the two of an interval."""
+
+Table = Mapping[str, NDArray[Any]]
+"""Columns of equal length by name; the first one is the time [s]."""
+
+
+def plane_columns(name: str, unit: str, values: NDArray[Any]) -> dict[str, NDArray[Any]]:
+    """Return the columns for values of both planes, shape (n, 2), by name."""
+    return {f'{name}_x_{unit}': values[:, 0], f'{name}_y_{unit}': values[:, 1]}
+
+
+def track_columns(position: NDArray[Any]) -> dict[str, NDArray[Any]]:
+    """Return the track in ``map`` [cm] for positions in the planes [m], (n, 2)."""
+    x, y = position.T * 100.0
+    return {'map_x_cm': x, 'map_y_cm': -y}
+
+
+def envelope(
+    time: NDArray[Any], columns: Mapping[str, NDArray[Any]], max_rows: int = MAX_FIGURE_ROWS
+) -> Table:
+    """Return a table of the columns; more than `max_rows` are reduced to extremes of intervals.
+
+    Each interval then has two rows, with the minimum and the maximum of each column. A line through
+    them covers the same area as a line through all rows.
+    """
+    if len(time) <= max_rows:
+        return {'time_s': time, **columns}
+    intervals = max_rows // _ROWS_PER_INTERVAL
+    bounds = np.linspace(0, len(time), intervals + 1).astype(int)[:-1]
+    table = {'time_s': np.repeat(time[bounds], 2)}
+    table['time_s'][1::2] += np.diff(time[bounds], append=time[-1]) / 2.0
+    for name, values in columns.items():
+        table[name] = np.empty(2 * intervals)
+        table[name][0::2] = np.fmin.reduceat(values, bounds)
+        table[name][1::2] = np.fmax.reduceat(values, bounds)
+    return table
+
+
+def every_nth(
+    time: NDArray[Any],
+    columns: Mapping[str, NDArray[Any]],
+    max_rows: int = MAX_FIGURE_ROWS,
+) -> Table:
+    """Return a table of the columns; many rows are reduced to every nth and the last."""
+    stride = -(-len(time) // max_rows)
+    rows = np.unique(np.append(np.arange(0, len(time), stride), len(time) - 1))
+    return {'time_s': time[rows], **{name: values[rows] for name, values in columns.items()}}
+
+
+def csv_of(table: Table) -> bytes:
+    """Return a table as CSV; a missing number is an empty field."""
+    rows = zip(*(values.tolist() for values in table.values()), strict=True)
+    return csv_text(list(table), ([_text(value) for value in row] for row in rows))
+
+
+def csv_text(header: Sequence[str], rows: Iterable[Sequence[str]]) -> bytes:
+    """Return a header and rows as CSV."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator='\n')
+    writer.writerow(header)
+    writer.writerows(rows)
+    return text.getvalue().encode()
+
+
+def _text(value: float | str) -> str:
+    if isinstance(value, str):
+        return value
+    return '' if value != value else f'{value:.9g}'
+
+
+NO_ECHO_CM = 255.0
+"""Where a measurement without an echo is drawn [cm]: the number that the sensor then returns."""
+
+Values = NDArray[Any]
+
+
+def _all_values(values: Values) -> Values:
+    return values
+
+
+@dataclass(frozen=True)
+class Role:
+    """What a curve is: its name, and the width and dash of its line.
+
+    Only one of several curves is `true`. `select` returns the values to draw of a column.
+    """
+
+    name: str
+    width: float = 1.4
+    dash: str = '-'
+    select: Callable[[Values], Values] = _all_values
+
+
+TRUE = Role('true', 2.2)
+COMMANDED = Role('commanded', 1.2, ':')
+REFERENCE = Role('reference', 0.9, '--')
+ESTIMATED = Role('estimated', 0.9, '--')
+READING = Role('reading − offset', 0.9, '--')
+MEASURED = Role('')
+ECHO = Role('echo', 3.0, '.', lambda values: np.where(np.isfinite(values), values, np.nan))
+NO_ECHO = Role('no echo', 4.0, '|', lambda values: np.where(np.isinf(values), NO_ECHO_CM, np.nan))
+POINTS = ('.', '|')
+"""Dashes that are points instead of a line; the width is their size."""
+
+ROLES = (TRUE, COMMANDED, REFERENCE, ESTIMATED, READING, MEASURED, ECHO, NO_ECHO)
+"""The roles in the order of every legend."""
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A column of a table, of plane ``x`` or ``y`` or, if it is '', of no plane."""
+
+    column: str
+    role: Role = TRUE
+    plane: str = ''
+
+    @property
+    def line(self) -> Line:
+        """Its line next to the curves of the same plane only."""
+        color = ORANGE if self.plane == 'y' or self.role is NO_ECHO else BLUE
+        if self.plane and self.role is not TRUE:
+            color = DARKER[color]
+        return Line(color, self.role.width, self.role.dash, self.role.name)
+
+    @property
+    def line_of_both(self) -> Line:
+        """Its line next to the curves of the other plane."""
+        return PLANES['xy'.index(self.plane)] if self.plane and self.role is TRUE else self.line
+
+
+@dataclass(frozen=True)
+class Panel:
+    """Curves of one quantity on one pair of axes.
+
+    Attributes
+    ----------
+    label : str
+        The quantity and its unit in brackets, as ``body pitch [°]``.
+    min_span : float
+        What the vertical axis spans at least, so that small changes look small.
+    limits : tuple of float
+        Values at which there is a dotted line.
+    bounds : tuple of float or None
+        The ends of the vertical axis; None if the curves decide.
+    """
+
+    label: str
+    curves: tuple[Curve, ...]
+    min_span: float = 0.0
+    limits: tuple[float, ...] = ()
+    bounds: tuple[float, float] | None = None
+
+    @property
+    def quantity(self) -> str:
+        """The label without the unit."""
+        return self.label.partition(' [')[0]
+
+    @property
+    def unit(self) -> str:
+        """The unit."""
+        return self.label.partition('[')[2].rstrip(']')
+
+    def of_plane(self, plane: str) -> Panel:
+        """Return the panel with only the curves of a plane."""
+        return replace(self, curves=tuple(each for each in self.curves if each.plane == plane))
+
+    def of_table(self, table: Table) -> Panel:
+        """Return the panel without curves that have no value in a table."""
+        curves = tuple(each for each in self.curves if not np.isnan(table[each.column]).all())
+        return replace(self, curves=curves)
+
+
+def panel_of_planes(
+    label: str, curves: Iterable[tuple[Role, str]], *, min_span: float = 0.0
+) -> Panel:
+    """Return a panel with curves of both planes; {} in a column stands for the plane."""
+    both = ((role, column, plane) for role, column in curves for plane in 'xy')
+    return Panel(
+        label,
+        tuple(Curve(column.format(plane), role, plane) for role, column, plane in both),
+        min_span,
+    )
