@@ -38,7 +38,7 @@ from ballbot_ros.parameters import (
     ParameterSet,
     parameters_of,
 )
-from ballbot_ros.robot.numerics.random_numbers import bits_53, philox4x32, uniform
+from ballbot_ros.robot.arithmetic import bits_53, philox4x32, uniform
 
 RANDOM_FILE = Path(__file__).parent / 'machines' / 'random_runs.json'
 MODELS = ('linear', 'nonlinear')
@@ -188,7 +188,7 @@ def probes():
 def write():
     head = (
         '# Results that every machine must reproduce to the bit: the arithmetic of '
-        'ballbot_ros.robot.numerics,\n'
+        'ballbot_ros.robot.arithmetic,\n'
         '# and the duty_sha256 of each shipped scenario. Explain any change in CHANGELOG.\n'
         '# Written by test/golden_runs.py --write.\n'
     )

@@ -20,9 +20,8 @@ from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.analysis.run_metrics import RUN_METRICS
 from ballbot_ros.lockstep.run_actions import changes_text
 from ballbot_ros.parameters import GyroParameters, PlantParameters
-from ballbot_ros.robot.world.distances import NO_WALLS, Walls
-from ballbot_ros.robot.world.exports import floor_map_of
-from ballbot_ros.robot.world.floor_map import CELL_M
+from ballbot_ros.robot.world.clearance import NO_WALLS, Walls
+from ballbot_ros.robot.world.floor_map import CELL_M, floor_map_of
 from ballbot_ros.robot.world.world import World
 
 

@@ -53,8 +53,7 @@ from ballbot_ros.analysis.run_setup import (
 )
 from ballbot_ros.errors import BallbotError, similar
 from ballbot_ros.recording.messages.topics import MOTOR_DUTY, PLANT_IMU, PLANT_ODOM, Topic
-from ballbot_ros.robot.world.exports import OccupancyGrid
-from ballbot_ros.robot.world.floor_map import FloorMap
+from ballbot_ros.robot.world.floor_map import FloorMap, OccupancyGrid
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

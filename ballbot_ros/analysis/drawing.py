@@ -38,8 +38,7 @@ from ballbot_ros.analysis.figure_parts import (
 from ballbot_ros.controllers.interface import OperatingState
 from ballbot_ros.engine.scenario.scenario import Segment
 from ballbot_ros.engine.trajectory import Trajectory
-from ballbot_ros.robot.world.exports import OccupancyGrid
-from ballbot_ros.robot.world.floor_map import CELL_M, LINE, WALL, FloorMap
+from ballbot_ros.robot.world.floor_map import CELL_M, LINE, WALL, FloorMap, OccupancyGrid
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

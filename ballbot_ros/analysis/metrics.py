@@ -15,7 +15,7 @@ from ballbot_ros.engine.trajectory import Trajectory
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.parameters.parameter import TextEnum
 from ballbot_ros.parameters.timing import TICK_S
-from ballbot_ros.robot.world.distances import NO_WALLS, Walls
+from ballbot_ros.robot.world.clearance import NO_WALLS, Walls
 
 
 class Verdict(TextEnum):

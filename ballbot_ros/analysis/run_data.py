@@ -52,8 +52,7 @@ from ballbot_ros.recording.messages.topics import (
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.writer import RUN_OUTCOME
 from ballbot_ros.robot.brick.brick import Tone
-from ballbot_ros.robot.world.exports import OccupancyGrid
-from ballbot_ros.robot.world.floor_map import FloorMap
+from ballbot_ros.robot.world.floor_map import FloorMap, OccupancyGrid
 
 Integers = NDArray[np.int64]
 _Event = TypeVar('_Event')

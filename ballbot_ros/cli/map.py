@@ -10,8 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from ballbot_ros.cli.options import NEW_FILE
-from ballbot_ros.robot.world.exports import write_files
-from ballbot_ros.robot.world.floor_map import CELL_M, LINE, FloorMap, load_map
+from ballbot_ros.robot.world.floor_map import CELL_M, LINE, FloorMap, load_map, write_files
 
 
 @click.command('map')

@@ -33,7 +33,7 @@ from ballbot_ros.parameters.timing import (
 from ballbot_ros.robot.brick.bluetooth import NEUTRAL
 from ballbot_ros.robot.brick.brick import DeviceInputs, DeviceOutputs, from_numbers
 from ballbot_ros.robot.plant.ground_truth import GroundTruth, Push
-from ballbot_ros.robot.world.distances import check_rays
+from ballbot_ros.robot.world.sonar_beam import check_rays
 from ballbot_ros.robot.world.world import World
 
 

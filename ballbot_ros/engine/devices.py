@@ -32,6 +32,7 @@ from ballbot_ros.parameters import (
     SonarParameters,
 )
 from ballbot_ros.parameters.timing import SLOW_PERIOD_NS, STEP_NS, TICK_NS
+from ballbot_ros.robot.arithmetic import compiled_as, normal, uniform
 from ballbot_ros.robot.brick.sensors import GyroConstants as PlaneGyro
 from ballbot_ros.robot.brick.sensors import (
     Key,
@@ -43,11 +44,9 @@ from ballbot_ros.robot.brick.sensors import (
     noise_key,
     sonar_reading,
 )
-from ballbot_ros.robot.numerics.compiler_hints import compiled_as
-from ballbot_ros.robot.numerics.random_numbers import normal, uniform
 from ballbot_ros.robot.plant.ground_truth import GroundTruth, MeasuredState, Pair
-from ballbot_ros.robot.world.distances import nearest_echo, sides_of
 from ballbot_ros.robot.world.floor_map import CELL_M, map_point
+from ballbot_ros.robot.world.sonar_beam import nearest_echo, sides_of
 
 
 @cache
@@ -238,7 +237,7 @@ def distance_ahead(constants: SonarConstants, x: float, y: float, sides: Any) ->
     x, y : float
         Position of the ball's centre [m].
     sides : array of int32
-        Result of :func:`~ballbot_ros.robot.world.distances.sides_of`.
+        Result of :func:`~ballbot_ros.robot.world.sonar_beam.sides_of`.
     """
     if not len(sides):
         return math.inf

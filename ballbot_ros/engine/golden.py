@@ -15,8 +15,14 @@ from ballbot_ros.engine.trajectory import TrajectoryLog
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.files import share_directory
 from ballbot_ros.parameters import PlantParameters
-from ballbot_ros.robot.numerics.elementary import natural_log, sine_cosine
-from ballbot_ros.robot.numerics.random_numbers import bits_53, normal, philox4x32, uniform
+from ballbot_ros.robot.arithmetic import (
+    bits_53,
+    natural_log,
+    normal,
+    philox4x32,
+    sine_cosine,
+    uniform,
+)
 from ballbot_ros.robot.plant.integration import zero_order_hold
 
 GOLDEN_FILE = 'config/golden.yaml'
@@ -50,7 +56,7 @@ def duty_sha256(scenario: Scenario) -> str:
 
 
 def arithmetic_sha256() -> str:
-    """Return a hash of every bit that ``ballbot_ros.robot.numerics`` computes from random inputs.
+    """Return a hash of every bit that ``ballbot_ros.robot.arithmetic`` computes from random inputs.
 
     The control loop damps differences in the last bit, and duties are whole numbers, so the hash
     of a scenario can miss such a difference.

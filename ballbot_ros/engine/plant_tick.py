@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 from ballbot_ros.engine.devices import choice, uniform_pair
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.parameters.timing import SLOW_PERIOD_NS, STEP_NS, STEPS_PER_TICK, TICK_NS
+from ballbot_ros.robot.arithmetic import inlined
 from ballbot_ros.robot.brick.sensors import Key, device_number, drawn_delay, noise_key
-from ballbot_ros.robot.numerics.compiler_hints import inlined
 from ballbot_ros.robot.plant.ground_truth import Pair
 from ballbot_ros.robot.plant.integration import (
     Equations,

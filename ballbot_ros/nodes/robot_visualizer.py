@@ -30,10 +30,10 @@ from ballbot_ros.recording.messages.topics import (
     find_message_class,
     message_class,
 )
-from ballbot_ros.robot.world.exports import floor_map_of
+from ballbot_ros.robot.world.floor_map import floor_map_of
 from ballbot_ros.viewer.derived_messages import DerivedMessages
 from ballbot_ros.viewer.markers import RobotMarkers
-from ballbot_ros.viewer.transforms import Frames, poses_in_map
+from ballbot_ros.viewer.robot import Frames, poses_in_map
 
 _DRAWN = (PLANT_IMU, PLANT_ODOM, SONAR_RANGE, OPERATING_STATE, LCD, MAP, RUN)
 _SOURCES = tuple(topic for topic in DerivedMessages.INPUTS if topic is not PARTICIPANTS)

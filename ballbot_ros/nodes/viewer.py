@@ -43,8 +43,7 @@ from ballbot_ros.recording.messages.topics import (
     Topic,
 )
 from ballbot_ros.robot.plant.ground_truth import Pair
-from ballbot_ros.robot.world.exports import floor_map_of
-from ballbot_ros.robot.world.floor_map import FloorMap, load_map
+from ballbot_ros.robot.world.floor_map import FloorMap, floor_map_of, load_map
 from ballbot_ros.viewer.address import address_line, network_warning, require_viser
 from ballbot_ros.viewer.live_controls import PageSticks, carry_out
 from ballbot_ros.viewer.overlay import Hold

@@ -19,7 +19,7 @@ from ballbot_ros.lockstep.run_actions import Outcome
 from ballbot_ros.nodes.middleware import require_middleware
 from ballbot_ros.parameters import RECORDER
 from ballbot_ros.process import DeferredSignals
-from ballbot_ros.robot.world.distances import NO_WALLS
+from ballbot_ros.robot.world.clearance import NO_WALLS
 from ballbot_ros.robot.world.world import World
 from ballbot_ros.run.node_process import ForkClient
 from ballbot_ros.run.requirements import OR_NONE, Processes, require_rclpy

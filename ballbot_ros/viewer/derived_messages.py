@@ -54,21 +54,22 @@ from ballbot_ros.recording.rosbag2 import QosProfile
 from ballbot_ros.recording.schemas import encoder, new_message
 from ballbot_ros.robot.brick.odometry import WINDOW_NS, DeadReckoning, OdometryState
 from ballbot_ros.robot.plant.model import Bodies
-from ballbot_ros.robot.world.exports import floor_map_of
-from ballbot_ros.robot.world.floor_map import FloorMap
+from ballbot_ros.robot.world.floor_map import FloorMap, floor_map_of
 from ballbot_ros.viewer.markers import floor_markers
 from ballbot_ros.viewer.robot import (
     BODY,
     DARK,
     DECK_ABOVE_WHEEL,
+    MOVING,
     NAMES,
+    PARENTS,
     Z_AXIS,
+    Frames,
     Part,
     parts,
     sonar_position,
     wheel_centres,
 )
-from ballbot_ros.viewer.transforms import MOVING, PARENTS, Frames
 
 _ZERO = 1e-15
 

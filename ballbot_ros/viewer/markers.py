@@ -22,12 +22,19 @@ from ballbot_ros.recording.messages.tool_messages import (
     fill_points,
     place_marker,
 )
-from ballbot_ros.robot.world.exports import WALL_HEIGHT_CM
-from ballbot_ros.robot.world.floor_map import CELL_M, FloorMap
+from ballbot_ros.robot.world.floor_map import CELL_M, WALL_HEIGHT_CM, FloorMap
 from ballbot_ros.viewer import robot as colours
-from ballbot_ros.viewer.robot import BODY, LINKS, TRAIL_STEP, Vector, cone_slope, parts
+from ballbot_ros.viewer.robot import (
+    BODY,
+    LINKS,
+    SONAR,
+    TRAIL_STEP,
+    Transform,
+    Vector,
+    cone_slope,
+    parts,
+)
 from ballbot_ros.viewer.snapshot import Snapshot
-from ballbot_ros.viewer.transforms import SONAR, Transform
 
 FREE_HALF_SIDE = 1.0
 """Half the side of the square shown of an unlimited floor [m]."""

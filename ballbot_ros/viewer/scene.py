@@ -20,8 +20,7 @@ from viser import MeshHandle, SceneApi, SceneNodeDragEvent
 from ballbot_ros.parameters import Dimensions
 from ballbot_ros.recording.messages.conversions import body_orientation
 from ballbot_ros.robot.brick.brick import COLUMNS, ROWS, Tone
-from ballbot_ros.robot.world.exports import WALL_HEIGHT_CM
-from ballbot_ros.robot.world.floor_map import FloorMap
+from ballbot_ros.robot.world.floor_map import WALL_HEIGHT_CM, FloorMap
 from ballbot_ros.viewer import markers as floor
 from ballbot_ros.viewer import robot as colours
 from ballbot_ros.viewer import shapes
@@ -40,10 +39,10 @@ from ballbot_ros.viewer.robot import (
     parts,
     sonar_position,
     wheel_centres,
+    wxyz,
 )
 from ballbot_ros.viewer.shapes import Arrow, Points, Trail, force_vector, line_mesh
 from ballbot_ros.viewer.snapshot import Snapshot
-from ballbot_ros.viewer.transforms import wxyz
 from ballbot_ros.viewer.views import RollingOrientation, body_rotation
 
 _PAPER, _INK = (176, 196, 168), (24, 34, 30)

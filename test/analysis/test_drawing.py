@@ -14,8 +14,7 @@ from ballbot_ros.analysis.drawing import (
     legend_above,
 )
 from ballbot_ros.analysis.figure_parts import BLUE, ON_DARK, Line
-from ballbot_ros.robot.world.exports import occupancy_grid
-from ballbot_ros.robot.world.floor_map import load_map
+from ballbot_ros.robot.world.floor_map import load_map, occupancy_grid
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ from ballbot_ros.engine.scenario.metrics import METRICS
 from ballbot_ros.engine.scenario.scenario import Expectation, Measure
 from ballbot_ros.engine.trajectory import Trajectory
 from ballbot_ros.parameters import PLANT
-from ballbot_ros.robot.world.distances import NO_WALLS
+from ballbot_ros.robot.world.clearance import NO_WALLS
 from ballbot_ros.robot.world.world import World
 
 TICK = 0.004

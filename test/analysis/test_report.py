@@ -30,7 +30,7 @@ from ballbot_ros.parameters import CONTROLLER, ParameterSet
 from ballbot_ros.recording.messages.run_reports import encode_parameter_event
 from ballbot_ros.recording.messages.topics import CONTROLLER_STATE, PARAMETER_EVENTS
 from ballbot_ros.recording.schemas import encoder, new_message
-from ballbot_ros.robot.world.exports import OccupancyGrid
+from ballbot_ros.robot.world.floor_map import OccupancyGrid
 
 VOID = {'meta', 'img', 'br', 'link'}
 

@@ -17,8 +17,7 @@ from ballbot_ros.parameters import SONAR, SonarParameters
 from ballbot_ros.recording.messages.conversions import odometry_position
 from ballbot_ros.recording.messages.topics import MOTOR_DUTY
 from ballbot_ros.recording.reader import RecordingReader
-from ballbot_ros.robot.world.exports import occupancy_grid
-from ballbot_ros.robot.world.floor_map import load_map
+from ballbot_ros.robot.world.floor_map import load_map, occupancy_grid
 
 pytestmark = pytest.mark.graph
 

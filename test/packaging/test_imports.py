@@ -9,7 +9,7 @@ ROOT = Path(ballbot_ros.__file__).parent
 
 ROOMS = {
     'parameters': (),
-    'robot': ('numerics', 'brick', 'plant', 'world'),
+    'robot': ('', 'brick', 'plant', 'world'),
     'controllers': ('', 'design', 'codegen'),
     'engine': ('scenario', ''),
     'lockstep': (),

@@ -14,8 +14,7 @@ from mcap_ros2.decoder import DecoderFactory
 
 from ballbot_ros.parameters import GamepadParameters
 from ballbot_ros.recording.messages.topics import MARKERS, ROBOT_DESCRIPTION, TF, TF_STATIC
-from ballbot_ros.viewer.robot import BALL, BODY
-from ballbot_ros.viewer.transforms import MAP
+from ballbot_ros.viewer.robot import BALL, BODY, MAP
 
 CONFIG = Path(__file__).resolve().parents[2] / 'config'
 

@@ -52,9 +52,9 @@ from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.writer import RecordingWriter
 from ballbot_ros.robot.brick.odometry import Estimate, OdometryState
 from ballbot_ros.robot.plant.ground_truth import GroundTruth
-from ballbot_ros.robot.world.exports import occupancy_grid
+from ballbot_ros.robot.world.floor_map import occupancy_grid
 from ballbot_ros.viewer.derived_messages import JUMP_NS, PERIOD_NS, DerivedChannels, DerivedMessages
-from ballbot_ros.viewer.transforms import SONAR
+from ballbot_ros.viewer.robot import SONAR
 
 SHAPE = PlantParameters()
 FLOOR = with_walls(20, 30, (0, 2, 0, 30), (5, 9, 7, 8))

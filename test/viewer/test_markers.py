@@ -28,22 +28,20 @@ from ballbot_ros.viewer.robot import (
     BALL,
     BODY,
     LINKS,
-    WHEEL_X,
-    WHEEL_Y,
-    parts,
-    sonar_position,
-    wheel_centres,
-)
-from ballbot_ros.viewer.snapshot import Snapshot
-from ballbot_ros.viewer.transforms import (
     MAP,
     MOVING,
     PARENTS,
     SONAR,
+    WHEEL_X,
+    WHEEL_Y,
     Frames,
+    parts,
     poses_in_map,
+    sonar_position,
+    wheel_centres,
     wxyz,
 )
+from ballbot_ros.viewer.snapshot import Snapshot
 from ballbot_ros.viewer.views import RollingOrientation
 
 FRAMES = Frames(DIMENSIONS)

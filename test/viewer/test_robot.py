@@ -12,9 +12,9 @@ from ballbot_ros.viewer.robot import (
     BALL,
     LINKS,
     parts,
+    wxyz,
 )
 from ballbot_ros.viewer.snapshot import Snapshot
-from ballbot_ros.viewer.transforms import wxyz
 from ballbot_ros.viewer.views import (
     CHASER_1,
     CHASER_2,

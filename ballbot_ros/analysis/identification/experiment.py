@@ -38,9 +38,9 @@ from ballbot_ros.recording.messages.topics import (
     PLANT_ODOM,
     Topic,
 )
+from ballbot_ros.robot import arithmetic as elementary
 from ballbot_ros.robot.brick.bluetooth import LogPacket
 from ballbot_ros.robot.brick.sensors import COUNT_V, battery_mv, count_of, mean_delay
-from ballbot_ros.robot.numerics import elementary
 
 Floats = NDArray[np.float64]
 

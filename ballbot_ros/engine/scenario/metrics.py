@@ -13,7 +13,7 @@ from typing import Generic, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.robot.world.distances import Walls, clearance
+from ballbot_ros.robot.world.clearance import Walls, clearance
 
 Measured = TypeVar('Measured')
 """What a metric is computed from."""
@@ -114,7 +114,7 @@ class Motion(NamedTuple):
     start : ndarray, shape (2,)
         Ball centre at the start of the run [m].
     walls : Walls
-        :data:`~ballbot_ros.robot.world.distances.NO_WALLS` if there are none.
+        :data:`~ballbot_ros.robot.world.clearance.NO_WALLS` if there are none.
     """
 
     time: Floats

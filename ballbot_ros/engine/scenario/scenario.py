@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.parameters import ParameterSet
+from ballbot_ros.robot.arithmetic import sine_cosine
 from ballbot_ros.robot.brick.sensors import quantise
-from ballbot_ros.robot.numerics.elementary import sine_cosine
 from ballbot_ros.robot.plant.ground_truth import Push
 
 

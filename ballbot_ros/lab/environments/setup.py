@@ -44,7 +44,7 @@ from ballbot_ros.parameters import (
 from ballbot_ros.parameters.files import Parameters, plain_value
 from ballbot_ros.parameters.timing import TICK_MS
 from ballbot_ros.robot.plant.ground_truth import Pair
-from ballbot_ros.robot.world.distances import check_rays
+from ballbot_ros.robot.world.sonar_beam import check_rays
 from ballbot_ros.robot.world.world import World
 
 DEVICES, STATE = 'devices', 'state'

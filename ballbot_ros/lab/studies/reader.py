@@ -20,13 +20,16 @@ from ballbot_ros.engine.scenario.reader import (
 from ballbot_ros.engine.scenario.scenario import Expectation
 from ballbot_ros.errors import BallbotError, StudyError, did_you_mean, short_repr
 from ballbot_ros.files import read_text, share_directory
-from ballbot_ros.lab.studies.distributions import GRID, LIST, DistributionReader, Levels
 from ballbot_ros.lab.studies.events import check_extremes
 from ballbot_ros.lab.studies.study import MAX_RUNS, Sampling, Study, grid_shape, nearest_grid
 from ballbot_ros.lab.studies.variables import (
     CONE_RAYS,
     DURATION,
+    GRID,
+    LIST,
     SEED,
+    DistributionReader,
+    Levels,
     Variable,
     find_variable,
     fixed_identities,

@@ -41,7 +41,7 @@ from ballbot_ros.parameters import (
     SonarParameters,
 )
 from ballbot_ros.parameters.timing import FIRST_TICK_NS, SECOND_NS, TICK_NS
-from ballbot_ros.robot.world.distances import NO_WALLS, Walls, walls_around
+from ballbot_ros.robot.world.clearance import NO_WALLS, Walls, walls_around
 from ballbot_ros.robot.world.world import World, half_cells, is_blocked
 from ballbot_ros.run.spec import RunSpec
 from ballbot_ros.run.tick_timer import TickTimer

@@ -13,19 +13,21 @@ from numpy.typing import NDArray
 
 from ballbot_ros.engine.scenario.scenario import Expectation, Measure, Scenario
 from ballbot_ros.errors import printable
-from ballbot_ros.lab.studies.distributions import (
+from ballbot_ros.lab.studies.events import EventPart
+from ballbot_ros.lab.studies.runs import Samples
+from ballbot_ros.lab.studies.variables import (
     DISTRIBUTIONS,
+    DURATION,
     GRID,
     LIST,
     LOG_UNIFORM,
     NORMAL,
+    SEED,
     UNIFORM,
     Grid,
     Levels,
+    Variable,
 )
-from ballbot_ros.lab.studies.events import EventPart
-from ballbot_ros.lab.studies.runs import Samples
-from ballbot_ros.lab.studies.variables import DURATION, SEED, Variable
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.parameters.parameter import TextEnum
 from ballbot_ros.run.spec import RunSpec

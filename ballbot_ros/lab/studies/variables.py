@@ -1,14 +1,20 @@
-"""What can vary from run to run of a study, by its name."""
+"""What can vary from run to run of a study, by its name, and the distributions of values."""
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+import math
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any, Protocol, cast
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ballbot_ros.controllers.controller_program import own_rows
 from ballbot_ros.engine.rows import ROBOT_CLASSES, robot_parameter
+from ballbot_ros.engine.scenario.reader import ExpectationReader, Keys
 from ballbot_ros.errors import StudyError
-from ballbot_ros.lab.studies.distributions import Distribution
 from ballbot_ros.lab.studies.events import EventPart, event_parameter, event_part, is_event
 from ballbot_ros.parameters import (
     CONTROLLER,
@@ -21,6 +27,260 @@ from ballbot_ros.parameters import (
     suggest,
 )
 from ballbot_ros.run.spec import RunSpec
+
+Floats = NDArray[np.float64]
+
+MAX_LEVELS = 100_000
+"""Largest number of values of one variable in a grid."""
+
+
+class Distribution(Protocol):
+    """A distribution, by its quantile function."""
+
+    @property
+    def ends(self) -> tuple[Any, Any]:
+        """The smallest and the largest value."""
+
+    def values(self, shares: Floats) -> NDArray[Any]:
+        """Return the values below which these shares, within [0, 1), of all values lie."""
+
+
+class _Limited:
+    """What lies between two values."""
+
+    low: Any
+    high: Any
+
+    @property
+    def ends(self) -> tuple[Any, Any]:
+        """The smallest and the largest value."""
+        return self.low, self.high
+
+
+@dataclass(frozen=True)
+class Uniform(_Limited):
+    """Any number from `low` to `high`, with equal chances."""
+
+    low: float
+    high: float
+
+    def values(self, shares: Floats) -> Floats:
+        """Return the values for shares within [0, 1)."""
+        return np.clip(self.low + shares * (self.high - self.low), self.low, self.high)
+
+
+@dataclass(frozen=True)
+class LogUniform(_Limited):
+    """Numbers from `low` to `high`, both positive, whose logarithms have equal chances."""
+
+    low: float
+    high: float
+
+    def values(self, shares: Floats) -> Floats:
+        """Return the values for shares within [0, 1)."""
+        low, high = math.log(self.low), math.log(self.high)
+        return np.clip(np.exp(low + shares * (high - low)), self.low, self.high)
+
+
+@dataclass(frozen=True)
+class Normal(_Limited):
+    """A normal distribution of which only the part from `low` to `high` remains."""
+
+    mean: float
+    standard_deviation: float
+    low: float
+    high: float
+
+    def values(self, shares: Floats) -> Floats:
+        """Return the values for shares within [0, 1)."""
+        from scipy.special import ndtr, ndtri
+
+        below, above = ndtr([self._scaled(self.low), -self._scaled(self.high)])
+        lower = below + shares * (1.0 - below - above)
+        # Near 1 a share has few digits left, so take the distance from 1 instead.
+        upper = above + (1.0 - shares) * (1.0 - below - above)
+        scaled = np.where(lower < 0.5, ndtri(lower), -ndtri(upper))
+        values: Floats = np.clip(self.mean + self.standard_deviation * scaled, self.low, self.high)
+        return values
+
+    def _scaled(self, value: float) -> float:
+        return (value - self.mean) / self.standard_deviation
+
+
+@dataclass(frozen=True)
+class WholeNumbers(_Limited):
+    """The values of another distribution, rounded to whole numbers from `low` to `high`.
+
+    That of ``whole_numbers`` reaches half a number farther, so that the ends are not rarer.
+    """
+
+    rounded: Uniform | LogUniform | Normal
+    low: int
+    high: int
+
+    def values(self, shares: Floats) -> NDArray[np.int64]:
+        """Return the values for shares within [0, 1)."""
+        # Above 2^53 a float is no exact whole number; the largest float below 2^63 fits.
+        rounded = np.minimum(np.rint(self.rounded.values(shares)), np.nextafter(2.0**63, 0.0))
+        return np.clip(rounded.astype(np.int64), self.low, self.high)
+
+
+def whole_numbers(given: Uniform | LogUniform | Normal) -> WholeNumbers:
+    """Return the whole numbers of a distribution whose ends are whole numbers."""
+    low, high = int(given.low), int(given.high)
+    wider: Uniform | LogUniform | Normal
+    if isinstance(given, Normal):
+        wider = Normal(given.mean, given.standard_deviation, low - 0.5, high + 0.5)
+    else:
+        wider = type(given)(low - 0.5, high + 0.5)
+    return WholeNumbers(wider, low, high)
+
+
+@dataclass(frozen=True)
+class Levels:
+    """A few values, with equal chances.
+
+    Attributes
+    ----------
+    levels : tuple
+        Numbers, switches or words.
+    """
+
+    levels: tuple[Any, ...]
+
+    @property
+    def ends(self) -> tuple[Any, Any]:
+        """The smallest and the largest value."""
+        return min(self.levels), max(self.levels)
+
+    def values(self, shares: Floats) -> NDArray[Any]:
+        """Return the values for shares within [0, 1)."""
+        numbers = np.floor(shares * len(self.levels)).astype(np.int64)
+        return self.at(np.minimum(numbers, len(self.levels) - 1))
+
+    def at(self, numbers: NDArray[np.int64]) -> NDArray[Any]:
+        """Return the values with these numbers, from 0."""
+        return np.array(self.levels)[numbers]
+
+
+class Grid(Levels):
+    """Real numbers at equal distances, of which there may be more or fewer."""
+
+    def with_count(self, count: int) -> Grid:
+        """Return so many numbers with the same ends."""
+        return Grid(tuple(np.linspace(*self.ends, min(max(2, count), MAX_LEVELS)).tolist()))
+
+
+UNIFORM, LOG_UNIFORM, NORMAL, LIST, GRID = 'uniform', 'log_uniform', 'normal', 'list', 'grid'
+DISTRIBUTIONS = (UNIFORM, LOG_UNIFORM, NORMAL, LIST, GRID)
+
+
+class DistributionReader(ExpectationReader):
+    """Reads documents with distributions."""
+
+    def _distribution(self, data: object, keys: Keys, parameter: Parameter) -> Distribution:
+        """Return a distribution whose values are all allowed for a parameter."""
+        given = self._mapping(data, keys, (*DISTRIBUTIONS, 'min', 'max'))
+        kinds = [each for each in DISTRIBUTIONS if each in given]
+        if len(kinds) != 1:
+            raise self._error(
+                keys, f'{parameter.name} needs exactly one of {", ".join(DISTRIBUTIONS)}'
+            )
+        kind = kinds[0]
+        if kind != NORMAL:
+            for key in ('min', 'max'):
+                if key in given:
+                    raise self._error((*keys, key), f'{key} is only for {NORMAL}')
+        at = (*keys, kind)
+        if kind == LIST:
+            return self._list(given[kind], at, parameter)
+        is_number = isinstance(parameter.default, int | float)
+        if isinstance(parameter.default, bool) or parameter.choices or not is_number:
+            raise self._error(at, f'{parameter.name} can only vary by {LIST}')
+        if kind == GRID:
+            return self._grid(given[kind], at, parameter)
+        continuous = (
+            self._normal(given, keys, parameter)
+            if kind == NORMAL
+            else self._range(given[kind], at, parameter)
+        )
+        return whole_numbers(continuous) if isinstance(parameter.default, int) else continuous
+
+    def _list(self, data: object, keys: Keys, parameter: Parameter) -> Levels:
+        levels = self._each(data, keys, lambda item, at: self._allowed(item, at, parameter))
+        if not levels:
+            raise self._error(keys, f'{parameter.name}: the list is empty')
+        known = set()
+        for index, value in enumerate(levels):
+            if value in known:
+                raise self._error((*keys, index), f'{parameter.name}: {value!r} is doubled')
+            known.add(value)
+        return Levels(tuple(levels))
+
+    def _grid(self, data: object, keys: Keys, parameter: Parameter) -> Levels:
+        if not isinstance(data, list) or len(data) != 3:
+            raise self._error(keys, f'{GRID} is not a list [first, last, number of levels]')
+        first, last = self._ends(data[:2], keys, parameter)
+        number = data[2]
+        if isinstance(number, bool) or not isinstance(number, int) or not 2 <= number <= MAX_LEVELS:
+            raise self._error(keys, f'{number!r} is not a whole number of levels, 2 … {MAX_LEVELS}')
+        levels = np.linspace(first, last, number).tolist()
+        if isinstance(parameter.default, int):
+            broken = [each for each in levels if each % 1]
+            if broken:
+                raise self._error(
+                    keys, f'{parameter.name}: the level {broken[0]:g} is not a whole number'
+                )
+            levels = [int(each) for each in levels]
+        if any(after <= before for before, after in pairwise(levels)):
+            raise self._error(keys, f'{parameter.name}: the levels are too close to each other')
+        return (Grid if isinstance(parameter.default, float) else Levels)(tuple(levels))
+
+    def _range(self, data: object, keys: Keys, parameter: Parameter) -> Uniform | LogUniform:
+        if not isinstance(data, list) or len(data) != 2:
+            raise self._error(keys, f'{keys[-1]} is not a pair [lowest, highest]')
+        low, high = self._ends(data, keys, parameter)
+        if keys[-1] == UNIFORM:
+            return Uniform(low, high)
+        if low <= 0:
+            raise self._error(keys, f'{parameter.name}: {LOG_UNIFORM} needs ends above 0')
+        return LogUniform(low, high)
+
+    def _ends(self, data: list[Any], keys: Keys, parameter: Parameter) -> tuple[float, float]:
+        low, high = (self._allowed(value, keys, parameter) for value in data)
+        if not low < high:
+            raise self._error(keys, f'{parameter.name}: the range {low:g} … {high:g} is empty')
+        return low, high
+
+    def _normal(self, given: Mapping[str, object], keys: Keys, parameter: Parameter) -> Normal:
+        at = (*keys, NORMAL)
+        pair = given[NORMAL]
+        if not isinstance(pair, list) or len(pair) != 2:
+            raise self._error(at, f'{NORMAL} is not a pair [mean, standard deviation]')
+        mean, deviation = (self._number(each, at) for each in pair)
+        if deviation <= 0.0:
+            raise self._error(at, f'{parameter.name}: the standard deviation is not above 0')
+        limits = parameter.bounds
+        low, high = (
+            self._allowed(given[key], (*keys, key), parameter)
+            if key in given
+            else (limits[end] if limits else math.nan)
+            for end, key in enumerate(('min', 'max'))
+        )
+        if math.isnan(low) or math.isnan(high):
+            raise self._error(at, f'{parameter.name} has no bounds: {NORMAL} needs min and max')
+        if not low < high:
+            raise self._error(keys, f'{parameter.name}: the range {low:g} … {high:g} is empty')
+        if not low <= mean <= high:
+            raise self._error(
+                at, f'{parameter.name}: the mean {mean:g} is not within {low:g} … {high:g}'
+            )
+        return Normal(mean, deviation, low, high)
+
+    def _allowed(self, value: object, keys: Keys, parameter: Parameter) -> Any:
+        """Return a value in the parameter's own type."""
+        return cast(Any, parameter.check(value, f'{self._document.where(*keys)}: '))
+
 
 SEED = f'{PLANT}.seed'
 DURATION = f'{PLANT}.duration'

@@ -56,14 +56,14 @@ from ballbot_ros.recording.messages.topics import (
     WALL_HIT,
 )
 from ballbot_ros.recording.schemas import encoder, new_message
+from ballbot_ros.robot.arithmetic import sine_cosine, sines_cosines
 from ballbot_ros.robot.brick.bluetooth import LogPacket
 from ballbot_ros.robot.brick.brick import Tone
 from ballbot_ros.robot.brick.sensors import RADIANS_PER_DEGREE, battery_mv, quantise
-from ballbot_ros.robot.numerics.elementary import sine_cosine, sines_cosines
 from ballbot_ros.robot.plant.ground_truth import GroundTruth, Pair, Push
 
 if TYPE_CHECKING:
-    from ballbot_ros.robot.world.exports import OccupancyGrid
+    from ballbot_ros.robot.world.floor_map import OccupancyGrid
 
 N = TypeVar('N', float, NDArray[np.float64])
 
@@ -289,7 +289,7 @@ def encode_map(stamp_ns: int, grid: OccupancyGrid) -> bytes:
 def map_grid(message: OccupancyGridMessage) -> OccupancyGrid:
     """Return the occupancy grid of ``map``."""
     # Imported here, so that nodes without a map start faster.
-    from ballbot_ros.robot.world.exports import OccupancyGrid
+    from ballbot_ros.robot.world.floor_map import OccupancyGrid
 
     info = message.info
     cells = np.asarray(message.data, np.int8).reshape(info.height, info.width)

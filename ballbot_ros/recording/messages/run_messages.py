@@ -54,7 +54,7 @@ from ballbot_ros.recording.messages.topics import (
 )
 from ballbot_ros.robot.brick.brick import DeviceInputs, DeviceOutputs
 from ballbot_ros.robot.plant.ground_truth import GroundTruth, Push
-from ballbot_ros.robot.world.exports import occupancy_grid
+from ballbot_ros.robot.world.floor_map import occupancy_grid
 from ballbot_ros.robot.world.world import World
 
 Send = Callable[[int, bytes], None]

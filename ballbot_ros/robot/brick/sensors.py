@@ -20,8 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from ballbot_ros.robot.numerics.elementary import TWO_PI, sine_cosine
-from ballbot_ros.robot.numerics.random_numbers import bits_53, philox4x32
+from ballbot_ros.robot.arithmetic import TWO_PI, bits_53, philox4x32, sine_cosine
 
 _WORD = 0xFFFFFFFF
 _ZERO = np.uint64(0)

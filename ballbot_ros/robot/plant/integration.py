@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.robot.numerics.elementary import sine_cosine
+from ballbot_ros.robot.arithmetic import sine_cosine
 from ballbot_ros.robot.plant.model import (
     PhysicalParameters,
     drive_friction,

@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple, Protocol
 
 from ballbot_ros.parameters.timing import STEP_NS
-from ballbot_ros.robot.numerics.elementary import sine_cosine
+from ballbot_ros.robot.arithmetic import sine_cosine
 from ballbot_ros.robot.plant.ground_truth import Pair
 from ballbot_ros.robot.plant.integration import PlaneState
 from ballbot_ros.robot.plant.model import MassMatrix, impulse_ratio

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.parameters import Subset
-from ballbot_ros.robot.numerics.elementary import sine_cosine
+from ballbot_ros.robot.arithmetic import sine_cosine
 
 Matrix = NDArray[np.float64]
 

@@ -1,15 +1,15 @@
-"""Maps of the floor in square cells of 1 cm: the shipped ones, and image files."""
+"""Maps of the floor in square cells of 1 cm: shipped ones, images, and files for other programs."""
 
 from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from io import BufferedReader
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from PIL import Image, UnidentifiedImageError
 
 from ballbot_ros.errors import WorldError, did_you_mean
 from ballbot_ros.files import open_regular, read_bytes, share_directory
+from ballbot_ros.parameters.yaml_document import yaml_text
 from ballbot_ros.robot.plant.ground_truth import Pair
 
 FLOOR, WALL, LINE = 255, 128, 0
@@ -222,3 +223,144 @@ def _refusals(path: Path) -> Iterator[None]:
 
 def _too_large(path: Path, size: str) -> WorldError:
     return WorldError(f'{path}: {size}; a map has at most {MAX_SIDE_PIXELS} a side')
+
+
+WALL_HEIGHT_CM = 20
+OCCUPIED, FREE = 100, 0
+"""Values of the cells in nav_msgs/OccupancyGrid [%]."""
+
+_PGM_WALL, _PGM_FREE = 0, 254
+_HEIGHTS = {FLOOR: '0', LINE: '0', WALL: str(WALL_HEIGHT_CM)}
+_COLOURS = {FLOOR: '1 1 1', LINE: '0 0 0', WALL: '.502 .502 .502'}
+
+
+class OccupancyGrid(NamedTuple):
+    """The content of nav_msgs/OccupancyGrid.
+
+    Attributes
+    ----------
+    width, height : int
+        Cells along x and along y.
+    resolution : float
+        Side of a cell [m].
+    origin : tuple of float
+        Position of the lower left corner in ``map`` [m], x and y.
+    cells : ndarray of int8, shape (height, width)
+        :data:`OCCUPIED` or :data:`FREE`; the first row is the one with the smallest y.
+    """
+
+    width: int
+    height: int
+    resolution: float
+    origin: tuple[float, float]
+    cells: NDArray[np.int8]
+
+
+def occupancy_grid(floor_map: FloorMap) -> OccupancyGrid:
+    """Return the map as an occupancy grid; a black line is free floor."""
+    cells = np.where(floor_map.walls[::-1], OCCUPIED, FREE).astype(np.int8)
+    return OccupancyGrid(
+        floor_map.columns, floor_map.rows, CELL_M, _lower_left_corner(floor_map), cells
+    )
+
+
+def floor_map_of(grid: OccupancyGrid) -> FloorMap:
+    """Return the map from which a grid was made; its black lines are lost, being free in a grid."""
+    return FloorMap(np.where(grid.cells[::-1] == OCCUPIED, WALL, FLOOR).astype(np.uint8))
+
+
+def _lower_left_corner(floor_map: FloorMap) -> tuple[float, float]:
+    return -floor_map.columns * CELL_M / 2.0, -floor_map.rows * CELL_M / 2.0
+
+
+def write_files(floor_map: FloorMap, *, wrl: Path | None, nav2: Path | None) -> list[Path]:
+    """Write a map as VRML, as nav2's YAML with its image, or as both; return the written files.
+
+    The .pgm is named after the .yaml.
+
+    Raises
+    ------
+    WorldError
+        If a file already exists or can't be written; this call then leaves no files.
+    """
+    for path in filter(None, (wrl, nav2)):
+        if path.is_dir() or not path.name:
+            raise WorldError(f'{path}: is a folder; name a file')
+    contents: dict[Path, Callable[[BinaryIO], None]] = {}
+    if wrl is not None:
+        contents[wrl] = lambda stream: _write_vrml(floor_map, stream)
+    if nav2 is not None:
+        image = nav2.with_suffix('.pgm')
+        if image in (nav2, wrl) or nav2 == wrl:
+            raise WorldError(
+                f'{nav2}: the map server needs a .yaml file, with its .pgm file next to it'
+            )
+        contents[nav2] = lambda stream: _write_nav2(floor_map, image.name, stream)
+        contents[image] = lambda stream: _write_pgm(floor_map, stream)
+    _create(contents)
+    return list(contents)
+
+
+def _create(contents: Mapping[Path, Callable[[BinaryIO], None]]) -> None:
+    created: list[Path] = []
+    try:
+        for path, write in contents.items():
+            with path.open('xb') as stream:
+                created.append(path)
+                write(stream)
+    except OSError as error:
+        for each in created:
+            with suppress(OSError):
+                each.unlink()
+        there = isinstance(error, FileExistsError)
+        reason = 'already exists; choose another name' if there else error.strerror
+        raise WorldError(f'{path}: {reason}') from None
+
+
+def _write_vrml(floor_map: FloorMap, stream: BinaryIO) -> None:
+    """Write an elevation grid (Appendix B.2): a vertex per pixel, x the column, z the row [cm]."""
+
+    def write(text: str) -> None:
+        stream.write(text.encode())
+
+    def write_cells(words: Mapping[int, str]) -> None:
+        # Write row by row: the text, a word for each cell, is ten times as large as the map.
+        table = [words.get(value, '') for value in range(FLOOR + 1)]
+        for row in floor_map.cells.tolist():
+            write(','.join([table[value] for value in row]) + ',\n')
+
+    write(
+        '#VRML V2.0 utf8\n'
+        f'# Floor of the NXT Ballbot: {floor_map.columns} x {floor_map.rows} cm, y up.\n'
+        'Shape {\n'
+        '  appearance Appearance { material Material { } }\n'
+        '  geometry ElevationGrid {\n'
+        f'    xDimension {floor_map.columns}\n    zDimension {floor_map.rows}\n'
+        '    xSpacing 1\n    zSpacing 1\n    solid FALSE\n'
+        '    height [\n'
+    )
+    write_cells(_HEIGHTS)
+    write('    ]\n    colorPerVertex TRUE\n    color Color { color [\n')
+    write_cells(_COLOURS)
+    write('    ] }\n  }\n}\n')
+
+
+def _write_nav2(floor_map: FloorMap, image: str, stream: BinaryIO) -> None:
+    content = {
+        'image': image,
+        'mode': 'trinary',
+        'resolution': CELL_M,
+        'origin': [*_lower_left_corner(floor_map), 0.0],
+        'negate': 0,
+        'occupied_thresh': 0.65,
+        'free_thresh': 0.196,
+    }
+    stream.write(yaml_text(content).encode())
+
+
+def _write_pgm(floor_map: FloorMap, stream: BinaryIO) -> None:
+    # Imported here, so that nodes without a map start faster.
+    from PIL import Image
+
+    pixels = np.where(floor_map.walls, _PGM_WALL, _PGM_FREE).astype(np.uint8)
+    Image.fromarray(pixels).save(stream, 'PPM')

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from ballbot_ros.errors import WorldError
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.robot.plant.ground_truth import Pair
-from ballbot_ros.robot.world.distances import Walls, clearance, wall_distance, walls_around
+from ballbot_ros.robot.world.clearance import Walls, clearance, walls_around
 from ballbot_ros.robot.world.floor_map import CELL_M, CELLS_PER_METRE, FloorMap, load_map, map_point
+from ballbot_ros.robot.world.sonar_beam import wall_distance
 
 
 class Footprint(NamedTuple):
@@ -22,7 +23,7 @@ class Footprint(NamedTuple):
     Attributes
     ----------
     sides : array of int32, shape (rows, columns)
-        Result of :func:`~ballbot_ros.robot.world.distances.wall_distance`.
+        Result of :func:`~ballbot_ros.robot.world.sonar_beam.wall_distance`.
     walls_before : array of int32, shape (rows + 1, columns + 1)
         Number of wall cells above and to the left of each corner of a cell.
     half_u, half_v : float
@@ -153,6 +154,6 @@ class World:
     def clearance(self, positions: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the distances [m] from the outline to a wall, (n,), at positions (n, 2).
 
-        See :func:`ballbot_ros.robot.world.distances.clearance`.
+        See :func:`ballbot_ros.robot.world.clearance.clearance`.
         """
         return clearance(self.walls, positions)

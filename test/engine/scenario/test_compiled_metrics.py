@@ -10,7 +10,7 @@ from laws import given
 
 from ballbot_ros.engine.compilation import compiled_and_kept
 from ballbot_ros.engine.scenario.metrics import METRICS, Motion
-from ballbot_ros.robot.world.distances import NO_WALLS
+from ballbot_ros.robot.world.clearance import NO_WALLS
 from ballbot_ros.robot.world.floor_map import load_map
 from ballbot_ros.robot.world.world import World
 

@@ -13,12 +13,12 @@ pytest.importorskip('numba')
 from compiled_logarithm import compile_logarithm
 
 from ballbot_ros.engine import compilation
-from ballbot_ros.robot.numerics.elementary import natural_log
+from ballbot_ros.robot.arithmetic import natural_log
 
 PROGRAM = """
 from numba.core.event import install_recorder
 
-from ballbot_ros.robot.numerics.elementary import natural_log
+from ballbot_ros.robot.arithmetic import natural_log
 from ballbot_ros.engine.compilation import compiled_and_kept
 
 fast = compiled_and_kept(natural_log)

@@ -6,7 +6,7 @@ import pytest
 from laws import given
 from scipy import stats
 
-from ballbot_ros.lab.studies.distributions import Levels, LogUniform, Normal, Uniform, whole_numbers
+from ballbot_ros.lab.studies.variables import Levels, LogUniform, Normal, Uniform, whole_numbers
 
 SHARES = np.array([0.0, 1e-300, 1e-17, 1e-9, 0.25, 0.5, 0.75, 1.0 - 1e-9, 1.0 - 2.0**-53])
 

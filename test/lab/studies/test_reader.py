@@ -10,10 +10,9 @@ from ballbot_ros.controllers.document.axis import ProgramConstants
 from ballbot_ros.engine.rows import ROBOT_CLASSES
 from ballbot_ros.engine.scenario.scenario import Expectation, Measure
 from ballbot_ros.errors import BallbotError, StudyError
-from ballbot_ros.lab.studies.distributions import Levels, LogUniform, Normal, Uniform
 from ballbot_ros.lab.studies.reader import STUDY_KEYS, read_study
 from ballbot_ros.lab.studies.study import Sampling, grid_shape
-from ballbot_ros.lab.studies.variables import WITHOUT_EFFECT
+from ballbot_ros.lab.studies.variables import WITHOUT_EFFECT, Levels, LogUniform, Normal, Uniform
 from ballbot_ros.parameters import ControllerParameters, PlantParameters
 
 HEAD = 'purpose: x\nscenario: push\nruns: 100\n'

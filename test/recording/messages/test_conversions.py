@@ -26,7 +26,7 @@ from ballbot_ros.recording.messages.topics import (
 from ballbot_ros.recording.schemas import encoder, new_message
 from ballbot_ros.robot.brick.bluetooth import LogPacket
 from ballbot_ros.robot.plant.ground_truth import GroundTruth
-from ballbot_ros.robot.world.exports import occupancy_grid
+from ballbot_ros.robot.world.floor_map import occupancy_grid
 
 STAMP = 1_234_000_000
 int32 = st.integers(-(2**31), 2**31 - 1)

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from laws import given
 from maps import drawn, open_floor, with_walls
 
-from ballbot_ros.robot.world.distances import exact_distance, stepped_distance, wall_distance
 from ballbot_ros.robot.world.floor_map import FLOOR, WALL, FloorMap
+from ballbot_ros.robot.world.sonar_beam import exact_distance, stepped_distance, wall_distance
 
 EAST, SOUTH, WEST, NORTH = (quarter * math.pi / 2 for quarter in range(4))
 FINE = 1e-3

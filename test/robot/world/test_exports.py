@@ -11,14 +11,18 @@ from maps import drawn
 from PIL import Image
 
 from ballbot_ros.errors import WorldError
-from ballbot_ros.robot.world.exports import (
+from ballbot_ros.robot.world.floor_map import (
+    FLOOR,
     FREE,
+    LINE,
     OCCUPIED,
+    WALL,
+    FloorMap,
     floor_map_of,
+    load_map,
     occupancy_grid,
     write_files,
 )
-from ballbot_ros.robot.world.floor_map import FLOOR, LINE, WALL, FloorMap, load_map
 
 PICTURE = drawn('.#-', '##.')
 

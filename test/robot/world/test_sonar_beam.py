@@ -11,7 +11,7 @@ from parts import values_of
 from ballbot_ros.engine.devices import distance_ahead, numbers_of, sonar_constants
 from ballbot_ros.errors import WorldError
 from ballbot_ros.parameters import SONAR
-from ballbot_ros.robot.world.distances import sides_of
+from ballbot_ros.robot.world.sonar_beam import sides_of
 
 
 def make_beam(**changes):

@@ -12,7 +12,7 @@ from parts import values_of
 from ballbot_ros.engine.compilation import compiled
 from ballbot_ros.errors import WorldError
 from ballbot_ros.parameters import PLANT
-from ballbot_ros.robot.world.distances import clearance
+from ballbot_ros.robot.world.clearance import clearance
 from ballbot_ros.robot.world.floor_map import load_map
 from ballbot_ros.robot.world.world import World
 

@@ -7,7 +7,7 @@ import ballbot_ros
 
 PACKAGE = Path(ballbot_ros.__file__).parent
 FLOORS = (
-    'robot/numerics', 'robot/plant', 'robot/brick', 'robot/world', 'controllers',
+    'robot', 'robot/plant', 'robot/brick', 'robot/world', 'controllers',
     'controllers/document', 'engine/scenario', 'engine', 'lockstep', 'nodes/teleop',
 )  # fmt: skip
 # Measurements of a finished run do not lead to a duty, and mpc declares that it is not portable.

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import strategies as st
 from laws import given
 
-from ballbot_ros.robot.numerics import elementary as e
-from ballbot_ros.robot.numerics.elementary import natural_log, sine_cosine
+from ballbot_ros.robot import arithmetic as e
+from ballbot_ros.robot.arithmetic import natural_log, sine_cosine
 
 angles = st.floats(-50.0, 50.0)
 far_angles = st.floats(allow_nan=False, allow_infinity=False)
