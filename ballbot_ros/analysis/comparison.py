@@ -256,7 +256,7 @@ def failures(comparison: Comparison, conditions: Iterable[Condition]) -> list[st
     return found
 
 
-def absolute_and_relative_change(reference: float, value: float) -> tuple[float, float]:
+def _absolute_and_relative_change(reference: float, value: float) -> tuple[float, float]:
     """Return the change, and the change in percent of the reference's magnitude; NaN if unknown."""
     change = value - reference
     if change == 0.0:
@@ -272,7 +272,7 @@ def as_json(comparison: Comparison, failed: Sequence[str]) -> dict[str, object]:
     for name in MEANINGS:
         before = reference.metrics[name]
         differences = [
-            absolute_and_relative_change(before, each.metrics[name]) for each in runs[1:]
+            _absolute_and_relative_change(before, each.metrics[name]) for each in runs[1:]
         ]
         metrics[name] = {
             'values': [number(each.metrics[name]) for each in runs],
@@ -324,7 +324,7 @@ def metric_comparisons(runs: Sequence[ComparedRun]) -> list[MetricComparison]:
             continue
         later = []
         for value in values[1:]:
-            change, percent = absolute_and_relative_change(values[0], value)
+            change, percent = _absolute_and_relative_change(values[0], value)
             share = f'{_signed(percent)} %' if not math.isnan(percent) else '–'
             later.append(Change(metric_text(name, value).value, _signed(change), share))
         is_same = all(np.array_equal(v, values[0], equal_nan=True) for v in values)

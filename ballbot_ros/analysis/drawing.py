@@ -293,7 +293,7 @@ def legend_above(axes: Axes, columns: int = 2) -> None:
     axes.legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=columns, frameon=False)
 
 
-def legend_below(axes: Axes, columns: int = 2) -> None:
+def _legend_below(axes: Axes, columns: int = 2) -> None:
     """Put the legend below the axes, on the right, next to the axis label."""
     axes.legend(loc='upper right', bbox_to_anchor=(1.0, -0.2), ncols=columns, frameon=False)
 
@@ -373,4 +373,4 @@ def _draw_history(
         shade_intervals(axes, intervals)
     name_intervals(rows[0], intervals)
     label_time(rows[2])
-    legend_below(rows[2])
+    _legend_below(rows[2])

@@ -257,11 +257,11 @@ CAPTION = (
 def render_loop(parameters: ParameterSet, analysis: LoopAnalysis) -> RenderedFigure:
     """Return the picture of the loop and its numbers; raises as :func:`loop_table` does."""
     table = loop_table(parameters)
-    png = png_of(draw_loop(parameters, analysis, table))
+    png = png_of(_draw_loop(parameters, analysis, table))
     return RenderedFigure('loop', 'The loop as it runs', CAPTION, png, table)
 
 
-def draw_loop(parameters: ParameterSet, analysis: LoopAnalysis, table: Table) -> Figure:
+def _draw_loop(parameters: ParameterSet, analysis: LoopAnalysis, table: Table) -> Figure:
     """Draw the loop with these parameters: its analysis as it runs, and its responses."""
     loop = SampledLoop(parameters)
     figure = new_figure(WIDTH, 9.0)

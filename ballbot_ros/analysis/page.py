@@ -35,11 +35,11 @@ def render_template(template: str, *, package: str = _PACKAGE, **content: object
     )
     environment.filters['base64'] = lambda data: base64.b64encode(data).decode()
     environment.filters['number'] = number_text
-    environment.filters['reduced'] = reduced_png
+    environment.filters['reduced'] = _reduced_png
     return environment.get_template(template).render(version=__version__, **content)
 
 
-def reduced_png(png: bytes) -> bytes:
+def _reduced_png(png: bytes) -> bytes:
     """Return a PNG with 256 colours, which is half as large; figures have hardly more."""
     with Image.open(BytesIO(png)) as picture:
         reduced = picture.convert('RGB').quantize(_COLOURS, dither=Image.Dither.NONE)

@@ -137,7 +137,7 @@ class RecordedInputs:
 
 
 @contextmanager
-def recording_error_context(reader: RecordingReader, what: str, stamp_ns: int) -> Iterator[None]:
+def _recording_error_context(reader: RecordingReader, what: str, stamp_ns: int) -> Iterator[None]:
     """Add the place in the recording to errors about unusable values.
 
     Raises
@@ -197,17 +197,17 @@ class _EpochInputs:
 
     def add(self, reader: RecordingReader, topic: Topic, raw: RawMessage) -> None:
         if topic is PARAMETER_EVENTS:
-            with recording_error_context(reader, raw.topic, raw.stamp_ns):
+            with _recording_error_context(reader, raw.topic, raw.stamp_ns):
                 values = self.retunings.setdefault(stamp_of(raw.data), {})
                 values.update(decode_parameter_event(raw.data))
             return
         message = reader.decode(raw)
         if topic is GAMEPAD_JOY:
-            with recording_error_context(reader, raw.topic, raw.stamp_ns):
+            with _recording_error_context(reader, raw.topic, raw.stamp_ns):
                 self.sticks[stamp_ns(message)] = decode_sticks(raw.data)
             self.sources[stamp_ns(message)] = message.header.frame_id
         elif topic is MOTOR_DUTY:
-            with recording_error_context(reader, raw.topic, raw.stamp_ns):
+            with _recording_error_context(reader, raw.topic, raw.stamp_ns):
                 self.duties[stamp_ns(message)] = int(message.vector.x), int(message.vector.y)
         else:
             self.pushes.add(message)
@@ -282,7 +282,7 @@ class _RetunedProgram:
         values = self._retunings.get(now_ns)
         if not values:
             return
-        with recording_error_context(self._reader, PARAMETER_EVENTS.name, now_ns):
+        with _recording_error_context(self._reader, PARAMETER_EVENTS.name, now_ns):
             for name, value in values.items():
                 self._parameters.set(CONTROLLER, name, value)
             parameters = self._parameters.of(ControllerParameters)
@@ -325,7 +325,7 @@ def replay_controller(
         comparator.add_recorded(topic, raw.stamp_ns, raw.data, run.epoch)
         if topic not in INPUT_READERS:
             continue
-        with recording_error_context(reader, raw.topic, raw.stamp_ns):
+        with _recording_error_context(reader, raw.topic, raw.stamp_ns):
             samples[topic][raw.stamp_ns] = INPUT_READERS[topic](raw.data)
         while now <= inputs.last_ns and all(
             now in samples[due] for due in INPUT_READERS if now % due.period_ns == 0
@@ -333,7 +333,7 @@ def replay_controller(
             readings = device_inputs(lambda each: samples[each].pop(now, None))  # noqa: B023
             elapsed = now - run.start_ns
             retuned.repeat(now)
-            with recording_error_context(reader, 'the inputs', now):
+            with _recording_error_context(reader, 'the inputs', now):
                 outputs = program.tick(elapsed // MILLISECOND_NS, now // MILLISECOND_NS, readings)
                 messages.tick(now, outputs, program)
             yield ReplayedTick(now, readings, outputs)
@@ -390,7 +390,7 @@ def _samples(recording: RobotRecording, inputs: RunInputs, topic: Topic) -> dict
     readings = {}
     for epoch, _, raw in recording.messages([topic], inputs.run.start_ns):
         if epoch == inputs.run.epoch and raw.stamp_ns <= inputs.last_ns:
-            with recording_error_context(recording.reader, raw.topic, raw.stamp_ns):
+            with _recording_error_context(recording.reader, raw.topic, raw.stamp_ns):
                 readings[raw.stamp_ns] = INPUT_READERS[topic](raw.data)
     return readings
 

@@ -158,7 +158,7 @@ class Redesign:
             parameters.set(CONTROLLER, 'user.actuator_delay', delay_ms, '--delay')
 
 
-def format_gains(parameters: ParameterSet, command: str) -> str:
+def _format_gains(parameters: ParameterSet, command: str) -> str:
     """Return a parameter file with what makes the loop, and what else of the controller was set.
 
     Parameters
@@ -176,7 +176,7 @@ def format_gains(parameters: ParameterSet, command: str) -> str:
 Callback = Callable[[click.Context, click.Parameter, str | None], Any]
 
 
-def number_callback(kind: type[Any], wanted: str, is_allowed: Callable[[Any], bool]) -> Callback:
+def _number_callback(kind: type[Any], wanted: str, is_allowed: Callable[[Any], bool]) -> Callback:
     """Return a callback for an option whose value is a number.
 
     Parameters
@@ -203,7 +203,7 @@ def number_callback(kind: type[Any], wanted: str, is_allowed: Callable[[Any], bo
     return callback
 
 
-def numbers_callback(count: int, each: Callback) -> Callback:
+def _numbers_callback(count: int, each: Callback) -> Callback:
     """Return a callback for an option whose value is some numbers, separated by commas."""
 
     def callback(context: click.Context, option: click.Parameter, value: str | None) -> Any:
@@ -220,22 +220,22 @@ def numbers_callback(count: int, each: Callback) -> Callback:
 LARGEST_WEIGHT = 1e20
 """Far beyond all useful ones; solvers lose all digits with weights such as 1e300."""
 
-positive_weight = number_callback(
+positive_weight = _number_callback(
     float, 'within 1e-20 … 1e20', lambda value: 1.0 / LARGEST_WEIGHT <= value <= LARGEST_WEIGHT
 )
-delay_ms = number_callback(
+delay_ms = _number_callback(
     float, f'within 0 … {MAX_DELAY_MS:g} ms', lambda value: 0.0 <= value <= MAX_DELAY_MS
 )
-five_weights = numbers_callback(
+five_weights = _numbers_callback(
     5,
-    number_callback(
+    _number_callback(
         float,
         '0 or within 1e-20 … 1e20',
         lambda value: value == 0.0 or 1.0 / LARGEST_WEIGHT <= value <= LARGEST_WEIGHT,
     ),
 )
-five_poles = numbers_callback(
-    5, number_callback(complex, 'a pole, such as -7+5j', lambda value: math.isfinite(abs(value)))
+five_poles = _numbers_callback(
+    5, _number_callback(complex, 'a pole, such as -7+5j', lambda value: math.isfinite(abs(value)))
 )
 
 
@@ -353,7 +353,7 @@ def command(
         write_file('--plot', plot, design.plot())
         written.append(f'plot  {plot}')
     if output:  # last, so that a command that failed has written no gains
-        write_file('--output', output, format_gains(parameters, command_line(context)).encode())
+        write_file('--output', output, _format_gains(parameters, command_line(context)).encode())
         written.append(f'gains  {output}')
     if as_json:
         click.echo(json.dumps(design.as_json(), indent=2, allow_nan=False))

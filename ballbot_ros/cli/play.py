@@ -25,7 +25,7 @@ QUIT = 'q'
 _KEY = re.compile('\x1b\\[[0-9]+~|\x1b[\\[O].|.', re.DOTALL)
 
 
-def play_file(parameters: PlayerParameters) -> int:
+def _play_file(parameters: PlayerParameters) -> int:
     """Play a recording; return the exit status."""
     require_rclpy()
     from rclpy.logging import LoggingSeverity
@@ -130,4 +130,4 @@ def command(file: Path, rate: float, start: float, loop: bool, topics: list[str]
     parameters.set(PLAYER, 'start', start)
     parameters.set(PLAYER, 'loop', loop)
     parameters.set(PLAYER, 'topics', ','.join(topics))
-    return play_file(parameters.of(PlayerParameters))
+    return _play_file(parameters.of(PlayerParameters))

@@ -27,7 +27,7 @@ MIN_SIDE, MAX_SIDE = 64, 4096
 Point = tuple[float, float, float]
 
 
-def parse_size(context: click.Context, parameter: click.Parameter, value: str) -> tuple[int, int]:
+def _parse_size(context: click.Context, parameter: click.Parameter, value: str) -> tuple[int, int]:
     """Return width and height [px]."""
     found = re.fullmatch(r'(\d{1,9})x(\d{1,9})', value)
     if not found:
@@ -87,7 +87,7 @@ size_option = click.option(
     metavar='WxH',
     default='960x528',
     show_default=True,
-    callback=parse_size,
+    callback=_parse_size,
     help='Width and height [px].',
 )
 """Selects the size of a picture."""

@@ -109,7 +109,7 @@ def run(
     finished one is not run again. Exit status: 0 if all runs are done, whether they passed or not;
     2 for a mistake in the arguments; 130 after Ctrl-C.
     """
-    from ballbot_ros.cli.study import StudyProgress, print_study_json, print_summary
+    from ballbot_ros.cli.study import _print_study_json, _StudyProgress, print_summary
     from ballbot_ros.lab.studies.execution import LocalWorkers, folder_of, run_study
     from ballbot_ros.lab.studies.job import job_of
     from ballbot_ros.lab.studies.reader import read_study
@@ -128,7 +128,7 @@ def run(
         job = job_of(described, folder)
         workers = LocalWorkers if cluster is None else _workers_of(cluster)
         try:
-            with StudyProgress(described.name) as progress:
+            with _StudyProgress(described.name) as progress:
                 stopped = run_study(job, Sampler(described).part, progress, workers, again=again)
         except KeyboardInterrupt:
             # Ctrl-C once more: Python would wait for its threads, one of which may be compiling.
@@ -138,7 +138,7 @@ def run(
         _say_stopped(folder)
         return 128 + stopped
     data = StudyData.open(folder)
-    (print_study_json if as_json else print_summary)(data)
+    (_print_study_json if as_json else print_summary)(data)
     return 0
 
 
@@ -247,7 +247,7 @@ _WITH_BAR = 110
 """Width of the terminal from which on there is room for the bar itself."""
 
 
-class StudyProgress:
+class _StudyProgress:
     """A bar on a terminal; on a pipe or file notices, and a line every 10 s."""
 
     def __init__(self, name: str) -> None:
@@ -269,7 +269,7 @@ class StudyProgress:
         self._summary = PartSummary()
         self._begun = self._shown = time.monotonic()
 
-    def __enter__(self) -> StudyProgress:
+    def __enter__(self) -> _StudyProgress:
         self._bar.start()
         self._lines.__enter__()
         return self
@@ -305,14 +305,14 @@ class StudyProgress:
     def part(self, summary: PartSummary) -> None:
         """Show the share that passed, with the runs of another part."""
         self._summary += summary
-        self._bar.update(self._task, passed=f'passed {share_text(self._summary)}')
+        self._bar.update(self._task, passed=f'passed {_share_text(self._summary)}')
 
     def notice(self, text: str) -> None:
         """Print a line above the bar."""
         self._console.print(text, soft_wrap=True)
 
 
-def share_text(summary: PartSummary) -> str:
+def _share_text(summary: PartSummary) -> str:
     """Return the share of runs that passed and its interval, such as '96.2 % (95.9 … 96.5 %)'."""
     if not summary.runs:
         return 'none yet'
@@ -368,7 +368,7 @@ def print_summary(data: StudyData) -> None:
 
 def _lines(data: StudyData, summary: StudySummary) -> list[str]:
     totals, measures = summary.totals, summary.measures
-    lines = [f'passed   {share_text(totals)}']
+    lines = [f'passed   {_share_text(totals)}']
     if totals.failed:
         lines.append(f'failed   {totals.failed:,} of the runs: ended early')
     if totals.fallen:
@@ -402,7 +402,7 @@ def _worst_runs(summary: MeasureSummary) -> str:
     return '; '.join(filter(None, (runs, missing)))
 
 
-def print_study_json(data: StudyData) -> None:
+def _print_study_json(data: StudyData) -> None:
     """Print the summary as one JSON object; a missing number is null."""
     summary, study = data.summary(WORST_SHOWN), data.study
     content = {

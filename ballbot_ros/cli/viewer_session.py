@@ -52,7 +52,7 @@ def run_with_viewer(
     assert client is not None  # the nodes are separate processes
     with (
         StopRequest() as stop,
-        closing(ViewerSession(spec, reference, page, client, stop, as_json=as_json)) as session,
+        closing(_ViewerSession(spec, reference, page, client, stop, as_json=as_json)) as session,
     ):
         status = session.run(spec, starts_paused=page.waits)
         number = 1
@@ -64,7 +64,7 @@ def run_with_viewer(
     return status
 
 
-class ViewerSession:
+class _ViewerSession:
     """The viewer's process, and the node that receives the page's requests.
 
     Only the address of the page is taken from the first run's parameters.

@@ -152,7 +152,7 @@ def _law(constants: Any, state: State, readings: Readings) -> tuple[State, Duty]
     """
     p = constants.driving
     driving = driven(p, state.driving, readings)
-    if not is_balanced(driving.operating):
+    if not _is_balanced(driving.operating):
         return State(driving, state.x, state.y), (0, 0)
     (gyro_x, gyro_y), (revolution_x, revolution_y) = readings.gyro, readings.revolutions
     stick_x, stick_y = command(p, driving.operating, readings.sticks)
@@ -194,14 +194,14 @@ def driven(p: DrivingConstants, state: DrivingState, readings: Readings) -> Driv
         elif now_ms - in_control_ms >= p.time_stop:
             operating = OUT_OF_CONTROL
         else:
-            operating = drive_state(p, distance_cm, now_ms)
+            operating = _drive_state(p, distance_cm, now_ms)
     return DrivingState(
         operating, offset_x, offset_y, sum_x, sum_y, samples, distance_cm, echo_ms, in_control_ms,
         balanced,
     )  # fmt: skip
 
 
-def drive_state(p: DrivingConstants, distance_cm: int, now_ms: int) -> int:
+def _drive_state(p: DrivingConstants, distance_cm: int, now_ms: int) -> int:
     """Return the state of figure 7-1 while the robot is in control."""
     obstacle = distance_cm <= p.dst_thr
     if not p.is_autonomous:
@@ -211,7 +211,7 @@ def drive_state(p: DrivingConstants, distance_cm: int, now_ms: int) -> int:
     return RIGHTWARD if obstacle else FORWARD
 
 
-def is_balanced(operating: int) -> bool:
+def _is_balanced(operating: int) -> bool:
     """Return whether the planes are balanced in a state; otherwise the motors are off."""
     return operating not in (CALIBRATION, OUT_OF_CONTROL)
 
@@ -326,7 +326,7 @@ class DrivingController(LawController[P]):
             self.show(PROGRAM_NAME)
         if before.driving.operating == CALIBRATION != operating:
             self.sound(settings.sound_freq, settings.sound_dur, settings.sound_volume)
-        if is_balanced(operating) and before.driving.balanced % settings.log_count == 0:
+        if _is_balanced(operating) and before.driving.balanced % settings.log_count == 0:
             psi_x, psi_y = before.x.motion.psi, before.y.motion.psi
             self.log(adc1=logged(psi_x / settings.lsb), adc2=logged(psi_y / settings.lsb))
         self.operating_state = OPERATING_STATES[operating]

@@ -125,7 +125,7 @@ class ControllerCode:
     @property
     def public(self) -> str:
         """The file of the class, as shown and recorded."""
-        return _place(self.path) or public_path(self.path)
+        return _place(self.path) or _public_path(self.path)
 
     @property
     def is_ours(self) -> bool:
@@ -145,7 +145,7 @@ class ControllerCode:
         name = '' if isinstance(error, BallbotError | TickTimeoutError) else type(error).__name__
         if isinstance(error, SyntaxError) and error.filename:
             line = f':{error.lineno}' if error.lineno else ''
-            return f'{public_path(error.filename)}{line}: {name}: {error.msg}'
+            return f'{_public_path(error.filename)}{line}: {name}: {error.msg}'
         what = ': '.join(filter(None, (name, text)))
         return f'{self._line(error.__traceback__) or self.public}: {what}'
 
@@ -235,7 +235,7 @@ def public_reference(reference: str) -> str:
     if not is_file_reference(reference):
         return reference
     place, _, name = reference.rpartition(':')
-    return f'{public_path(place)}:{name}'
+    return f'{_public_path(place)}:{name}'
 
 
 def installed_controllers() -> dict[str, list[EntryPoint]]:
@@ -405,7 +405,7 @@ def _executed(path: Path, source: Source) -> ModuleType:
     return module
 
 
-def public_path(path: str | Path) -> str:
+def _public_path(path: str | Path) -> str:
     """Return a path without folders that are private: from the current folder, or only its name."""
     shown = Path(shown_path(path))
     return shown.name if shown.is_absolute() else str(shown)
@@ -415,7 +415,7 @@ def shown_line(path: str, number: int) -> str:
     """Return a line of code as shown; with its text if it is in a cell, which has no name."""
     if cell := _place(Path(path)):
         return f'{cell}:{number} ({getline(path, number).strip()})'
-    return f'{public_path(path)}:{number}'
+    return f'{_public_path(path)}:{number}'
 
 
 def _place(path: Path) -> str:

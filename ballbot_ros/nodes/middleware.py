@@ -225,9 +225,9 @@ def prepare_middleware() -> None:
     ros_domain()
     if END_WITH_PARENT not in os.environ:
         prepare_log_folder()
-        require_peers()
+        _require_peers()
         if is_local():
-            require_loopback()
+            _require_loopback()
     use_profiles()
     if END_WITH_PARENT not in os.environ:
         require_places(1)
@@ -276,7 +276,7 @@ def _profiles(reach: str) -> str:
     return str(share_directory() / 'config' / name)
 
 
-def require_peers() -> None:
+def _require_peers() -> None:
     """Raise BallbotError if a host in :data:`STATIC_PEERS` is unknown: no node would start."""
     for peer in filter(None, os.environ.get(STATIC_PEERS, '').split(';')):
         try:
@@ -285,7 +285,7 @@ def require_peers() -> None:
             raise BallbotError(f'{STATIC_PEERS}: {peer}: {error.strerror}') from None
 
 
-def require_loopback() -> None:
+def _require_loopback() -> None:
     """Raise BallbotError if the loopback interface is down: the nodes would wait in vain."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:

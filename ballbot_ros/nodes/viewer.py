@@ -54,7 +54,7 @@ from ballbot_ros.viewer.snapshot import LIVE_SIGNALS, History, Snapshot
 _DEPTH = 50
 
 
-class PlantReports:
+class _PlantReports:
     """The plant's reports on a topic that all nodes share, read through a hidden node."""
 
     def __init__(self, inbox: Node) -> None:
@@ -117,7 +117,7 @@ class Viewer(BallbotNode[ViewerParameters]):
         sliders = TuningSliders(self._page.server.gui)
         self._tuning = TuningRequests(self, self._page.notify, sliders)
         self._newest = LatestMessages(self, _SHOWN)
-        self._plant_reports = PlantReports(self._newest.inbox)
+        self._plant_reports = _PlantReports(self._newest.inbox)
         self._plant_report = PlantReport()
         self._run = ''
         self._history = History()

@@ -58,7 +58,7 @@ def url_authority(host: str, port: int) -> str:
     return f'[{host}]:{port}' if ':' in host else f'{host}:{port}'
 
 
-def is_any_address(host: str) -> bool:
+def _is_any_address(host: str) -> bool:
     """Return whether `host` means all addresses of this machine."""
     try:
         return ipaddress.ip_address(host).is_unspecified
@@ -93,7 +93,7 @@ class AccessPolicy:
 
     def address(self, port: int) -> str:
         """Return the page's address with the token."""
-        name = self.machine if is_any_address(self.host) else self.host
+        name = self.machine if _is_any_address(self.host) else self.host
         return f'http://{url_authority(name, port)}/?token={self.token}'
 
     def allows(self, hosts: Sequence[str], origins: Sequence[str], at: tuple[str, int]) -> bool:
@@ -105,7 +105,7 @@ class AccessPolicy:
             return False
         address, port = at
         names = {*LOOPBACK, self.host, address}
-        if is_any_address(self.host):
+        if _is_any_address(self.host):
             names.add(self.machine)
         # Compare without port 80, which browsers omit.
         served = {url_authority(name.lower(), port).removesuffix(':80') for name in names}

@@ -23,7 +23,7 @@ _STEEP = math.sin(math.radians(12.0))
 """Slope from which a line of sight meets the horizontal plane near enough."""
 
 
-def drag_vector(eye: Point, grip: Point, pointer: Point) -> NDArray[np.float64]:
+def _drag_vector(eye: Point, grip: Point, pointer: Point) -> NDArray[np.float64]:
     """Return how far a drag pulls the robot horizontally, x, y in ``map`` [m].
 
     Parameters
@@ -45,10 +45,10 @@ def drag_vector(eye: Point, grip: Point, pointer: Point) -> NDArray[np.float64]:
 def drag_force(eye: Point, grip: Point, pointer: Point) -> Pair:
     """Return the force of a drag in plane signs [N], at most :data:`MAX_FORCE`.
 
-    The points are as in :func:`drag_vector`.
+    The points are as in `_drag_vector`.
     """
     with np.errstate(all='ignore'):  # a page may send any numbers
-        force = NEWTONS_PER_METRE * drag_vector(eye, grip, pointer)
+        force = NEWTONS_PER_METRE * _drag_vector(eye, grip, pointer)
         size = float(np.linalg.norm(force))
     if not math.isfinite(size):
         return 0.0, 0.0

@@ -58,7 +58,7 @@ def _font() -> ImageFont.FreeTypeFont:
     return ImageFont.truetype(findfont('DejaVu Sans Mono'), 24)
 
 
-def lcd_image(page: str) -> NDArray[np.uint8]:
+def _lcd_image(page: str) -> NDArray[np.uint8]:
     """Return the display with a page of text, shape (rows, columns, 3)."""
     size = (COLUMNS * _CELL[0] + 2 * _MARGIN, ROWS * _CELL[1] + 2 * _MARGIN)
     image = Image.new('RGB', size, _PAPER)
@@ -244,7 +244,7 @@ class DrawnRobot:
                 receive_shadow=False, position=sonar_position(dimensions), visible=False,
             )  # fmt: skip
             self._display = api.add_image(
-                f'/{name}/body/lcd', lcd_image(''), *LCD_SIZE, format='png', cast_shadow=False,
+                f'/{name}/body/lcd', _lcd_image(''), *LCD_SIZE, format='png', cast_shadow=False,
                 receive_shadow=False, position=lcd_position(dimensions), wxyz=_FACES_FORWARD,
             )  # fmt: skip
         self._page = ''
@@ -299,7 +299,7 @@ class DrawnRobot:
             self._show_force(self._force, np.array(ball), snapshot)
         if self._display is not None and snapshot.lcd != self._page:
             self._page = snapshot.lcd
-            self._display.image = lcd_image(snapshot.lcd)
+            self._display.image = _lcd_image(snapshot.lcd)
 
     def hide(self) -> None:
         """Hide the robot and its trail until it is shown again."""

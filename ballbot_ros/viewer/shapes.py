@@ -163,7 +163,7 @@ Points = list[tuple[float, float]]
 """Points of a trail, x and y in ``map`` [m]."""
 
 
-def pieces_of(points: Points) -> list[Points]:
+def _pieces_of(points: Points) -> list[Points]:
     """Return the pieces of a trail; each begins with the last point of the one before."""
     starts = range(0, len(points) - 1, TRAIL_PIECE)
     return [points[start : start + TRAIL_PIECE + 1] for start in starts]
@@ -184,7 +184,7 @@ class Trail:
 
     def show(self, points: Points) -> None:
         """Show a trail; send only what differs from the one before."""
-        pieces = pieces_of(points)
+        pieces = _pieces_of(points)
         for number, piece in enumerate(pieces):
             if number == len(self._lines):
                 self._lines.append(self._add_line(number))

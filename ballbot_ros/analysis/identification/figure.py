@@ -30,11 +30,11 @@ _DARK = 0.6
 
 
 def render_identification(found: Identification) -> bytes:
-    """Return the picture of :func:`draw_identification` as PNG."""
-    return png_of(draw_identification(found))
+    """Return the picture of `_draw_identification` as PNG."""
+    return png_of(_draw_identification(found))
 
 
-def draw_identification(found: Identification) -> Figure:
+def _draw_identification(found: Identification) -> Figure:
     """Draw the estimates next to start and recorded value, and the correlations of their errors.
 
     Parameters

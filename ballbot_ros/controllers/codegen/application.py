@@ -194,7 +194,7 @@ def c_parameters(parameters: ControllerParameters) -> list[CParameter]:
     rows = parameters_of(CONTROLLER)
     constants = [
         CParameter(
-            'ts1', 'float', c_float(Single(TS1_MS)), 1, 'ms', '1', 'period of task_ts1', '7.4'
+            'ts1', 'float', _c_float(Single(TS1_MS)), 1, 'ms', '1', 'period of task_ts1', '7.4'
         )
     ]
     for field in fields(ProgramConstants):
@@ -215,7 +215,7 @@ def parameter_hash(parameters: ControllerParameters) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
-def c_float(value: Single) -> str:
+def _c_float(value: Single) -> str:
     """Return the shortest constant that rounds to exactly `value` in single precision."""
     text = str(value)
     return f'{text}f' if any(mark in text for mark in '.e') else f'{text}.0f'
@@ -231,9 +231,9 @@ def _mode(autonomous: bool, row: Parameter) -> CParameter:
 def _constant(row: Parameter, value: Single | int | tuple[Single, ...]) -> CParameter:
     if isinstance(value, tuple):
         c_type, length = 'float', len(value)
-        c_value = f'{{{", ".join(map(c_float, value))}}}'
+        c_value = f'{{{", ".join(map(_c_float, value))}}}'
     elif isinstance(value, np.floating):
-        c_type, length, c_value = 'float', 1, c_float(value)
+        c_type, length, c_value = 'float', 1, _c_float(value)
     else:
         c_type, length = _integer_type(row), 1
         c_value = f'{value}U' if c_type.startswith('U') else str(value)
@@ -302,8 +302,8 @@ def application_files(
         'packet_size': PACKET_SIZE,
         'no_echo_cm': NO_ECHO_CM,
         'lowest_tone_hz': LOWEST_TONE_HZ,
-        'voltage_slope': c_float(VOLTAGE_SLOPE),
-        'voltage_offset': c_float(VOLTAGE_OFFSET),
+        'voltage_slope': _c_float(VOLTAGE_SLOPE),
+        'voltage_offset': _c_float(VOLTAGE_OFFSET),
     }
     files = {name: environment.get_template(name).render(context) for name in TEMPLATES}
     return {**files, PARAMETER_FILE: f'# {stamp}\n{_parameter_file(parameters)}'}

@@ -75,7 +75,7 @@ class Answer(NamedTuple):
     state: bytes
 
 
-def encode_request(
+def _encode_request(
     *,
     systick_ms: int,
     revolutions: tuple[int, int],
@@ -144,7 +144,7 @@ class BrickProcess:
         with contextlib.suppress(BrokenPipeError):
             self._to.write(request)
             self._to.flush()
-        return decode_answer(self._read(ANSWER_SIZE))
+        return _decode_answer(self._read(ANSWER_SIZE))
 
     def _read(self, size: int) -> bytes:
         data = self._from.read(size)
@@ -159,7 +159,7 @@ class BrickProcess:
         return f': {text[:_MAX_REASON_LENGTH]}' if text else ''
 
 
-def decode_answer(data: bytes) -> Answer:
+def _decode_answer(data: bytes) -> Answer:
     """Decode an answer."""
     fields = _ANSWER_HEADER.unpack_from(data)
     vertical, horizontal, faults, logs, tones, pages, sonar_reads, *rest = fields
@@ -198,7 +198,7 @@ class ProgramProcess(Protocol):
         """Run a tick."""
 
 
-class PlaneRecord:
+class _PlaneRecord:
     """A plane's data in the compiled program, with the names of the Python program."""
 
     def __init__(self) -> None:
@@ -229,7 +229,7 @@ class CompiledProgram:
         self._schedule = Schedule(tasks)
         self._numbers = {timing.name: number for number, timing in enumerate(tasks)}
         self.brick = Brick()
-        self.x, self.y = PlaneRecord(), PlaneRecord()
+        self.x, self.y = _PlaneRecord(), _PlaneRecord()
         self.control_mode = ControlMode.CALIBRATION
         self.operating_state = OperatingState.CALIBRATION
         self.state = b''
@@ -259,7 +259,7 @@ class CompiledProgram:
     def _run_tasks(self, tasks: Sequence[str], inputs: DeviceInputs) -> None:
         brick = self.brick
         answer = self._process.exchange(
-            encode_request(
+            _encode_request(
                 systick_ms=brick.systick_ms,
                 revolutions=brick.revolutions,
                 sonar_reply_cm=brick.sonar_reply,

@@ -45,7 +45,7 @@ class Tool:
         if not self.file:
             return False
         # A compiler prints the path of a file that it finds, and the bare name of any other.
-        found = run_tool([self.command, f'-print-file-name={self.file}']).strip()
+        found = _run_tool([self.command, f'-print-file-name={self.file}']).strip()
         return not Path(found).is_absolute()
 
 
@@ -132,27 +132,27 @@ def build(
             raise CodegenError(f'{folder / name}: {error.strerror}') from None
         # Compile a copy, without the kernel_id.h that a build with the platform may have left.
         write_temporary(scratch / name, source)
-        run_tool(
+        _run_tool(
             [target.compiler, *target.flags, *WARNINGS, *extra_flags, *includes, '-c', name,
-             '-o', object_file(name)],
+             '-o', _object_file(name)],
             scratch,
         )  # fmt: skip
-    run_tool(
+    _run_tool(
         [target.compiler, *target.flags, '-std=gnu99', '-Wall', '-Wextra', '-Werror', *includes,
          '-c', str(TARGET_FOLDER / 'brick.c'), '-o', 'brick.o'],
         scratch,
     )  # fmt: skip
-    objects = [object_file(name) for name in (*C_SOURCES, 'brick.c')]
-    run_tool([target.compiler, *extra_flags, *objects, *target.link_flags, '-o', 'brick'], scratch)
+    objects = [_object_file(name) for name in (*C_SOURCES, 'brick.c')]
+    _run_tool([target.compiler, *extra_flags, *objects, *target.link_flags, '-o', 'brick'], scratch)
     return [*target.runner, str((scratch / 'brick').resolve())]
 
 
-def object_file(source: str) -> str:
+def _object_file(source: str) -> str:
     """Return the name of a source's object file."""
     return str(Path(source).with_suffix('.o'))
 
 
-def run_tool(command: Sequence[str], folder: Path | None = None) -> str:
+def _run_tool(command: Sequence[str], folder: Path | None = None) -> str:
     """Run a tool; return its output, or raise CodegenError with the first error that it reports."""
     done = subprocess.run(
         command, cwd=folder, capture_output=True, text=True, errors='replace', check=False,
@@ -208,14 +208,14 @@ class Memory(NamedTuple):
 
 def measure_memory(scratch: Path, task_count: int) -> Memory:
     """Return the memory of the program that the toolchain has built for ARM."""
-    objects = [object_file(name) for name in C_SOURCES]
+    objects = [_object_file(name) for name in C_SOURCES]
     # Link the soft-float routines, but not the platform's functions.
-    run_tool(
+    _run_tool(
         [ARM.compiler, *ARM.link_flags[:3], '-nostartfiles', '-Wl,--unresolved-symbols=ignore-all',
          '-Wl,--entry=0', *objects, '-lm', '-o', 'application'],
         scratch,
     )  # fmt: skip
-    listing = run_tool(['arm-none-eabi-size', '-A', 'application'], scratch)
+    listing = _run_tool(['arm-none-eabi-size', '-A', 'application'], scratch)
     sizes = {words[0]: int(words[1]) for words in map(str.split, listing.splitlines()[2:]) if words}
     text, rodata, data, bss = (sizes.get(section, 0) for section in _SECTIONS)
     return Memory(text, rodata, data, bss, STACK_BYTES * task_count)
@@ -274,7 +274,7 @@ def count_instructions(
 
 def _symbols(path: Path) -> dict[str, tuple[int, int]]:
     """Return address and size of every function in an object file or executable."""
-    listing = run_tool(['arm-none-eabi-nm', '-S', str(path)])
+    listing = _run_tool(['arm-none-eabi-nm', '-S', str(path)])
     return {
         name: (int(address, 16) & ~1, int(size or '0', 16))
         for address, size, name in _SYMBOL.findall(listing)

@@ -19,7 +19,7 @@ class DesignError(BallbotError):
     """A system or weight for which no controller exists."""
 
 
-def require_controllable(a: ArrayLike, b: ArrayLike) -> None:
+def _require_controllable(a: ArrayLike, b: ArrayLike) -> None:
     """Raise DesignError unless the pair (A, B) is controllable.
 
     By Hautus' test, [A - sI, B] has full rank at every pole s of A. Unlike the rank of the
@@ -54,7 +54,7 @@ def lqr(a: ArrayLike, b: ArrayLike, q: ArrayLike, r: ArrayLike) -> Matrix:
     DesignError
         If (A, B) is not controllable, or the weights admit no solution.
     """
-    require_controllable(a, b)
+    _require_controllable(a, b)
     require_weights(q, r)
     try:
         gain, _, _ = control.lqr(a, b, q, r)
@@ -71,7 +71,7 @@ def place(a: ArrayLike, b: ArrayLike, poles: Sequence[complex]) -> Matrix:
     DesignError
         If (A, B) is not controllable, or the poles can't be placed there.
     """
-    require_controllable(a, b)
+    _require_controllable(a, b)
     try:
         return np.asarray(control.place(a, b, poles), float)
     except (control.ControlArgument, ValueError, np.linalg.LinAlgError) as error:

@@ -76,7 +76,7 @@ class Task:
     reward: Callable[[Vector, Vector, Vector], tuple[Numbers, Parts]]
 
 
-def closeness(x: Numbers, y: Numbers, tolerated: float) -> Numbers:
+def _closeness(x: Numbers, y: Numbers, tolerated: float) -> Numbers:
     """Return how small a vector is: 1 for zero, 0.5 for one of `tolerated` length."""
     scale = tolerated * tolerated
     return scale / (scale + x * x + y * y)
@@ -84,9 +84,9 @@ def closeness(x: Numbers, y: Numbers, tolerated: float) -> Numbers:
 
 def _balance_reward(state: Vector, commanded: Vector, duty: Vector) -> tuple[Numbers, Parts]:
     x, y, _, _, pitch_x, pitch_y, *_ = state
-    upright = closeness(pitch_x, pitch_y, TOLERATED_PITCH_RAD)
-    near = closeness(x, y, TOLERATED_DISTANCE_M)
-    calm = closeness(duty[0], duty[1], TOLERATED_DUTY_PERCENT)
+    upright = _closeness(pitch_x, pitch_y, TOLERATED_PITCH_RAD)
+    near = _closeness(x, y, TOLERATED_DISTANCE_M)
+    calm = _closeness(duty[0], duty[1], TOLERATED_DUTY_PERCENT)
     return 0.4 * upright + 0.4 * near + 0.2 * calm, {
         'reward_upright': upright,
         'reward_near': near,
@@ -96,11 +96,11 @@ def _balance_reward(state: Vector, commanded: Vector, duty: Vector) -> tuple[Num
 
 def _drive_reward(state: Vector, commanded: Vector, duty: Vector) -> tuple[Numbers, Parts]:
     _, _, velocity_x, velocity_y, pitch_x, pitch_y, *_ = state
-    upright = closeness(pitch_x, pitch_y, TOLERATED_PITCH_RAD)
-    follow = closeness(
+    upright = _closeness(pitch_x, pitch_y, TOLERATED_PITCH_RAD)
+    follow = _closeness(
         velocity_x - commanded[0], velocity_y - commanded[1], TOLERATED_SPEED_M_PER_S
     )
-    calm = closeness(duty[0], duty[1], TOLERATED_DUTY_PERCENT)
+    calm = _closeness(duty[0], duty[1], TOLERATED_DUTY_PERCENT)
     return 0.3 * upright + 0.5 * follow + 0.2 * calm, {
         'reward_upright': upright,
         'reward_follow': follow,

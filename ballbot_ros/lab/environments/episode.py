@@ -142,7 +142,7 @@ class Episode(Protocol):
 
 def new_episode(setup: Setup) -> Episode:
     """Return an episode by compiled code, if it is at hand, or by the interpreter."""
-    return CompiledEpisode(setup) if has_compiled_code() else InterpretedEpisode(setup)
+    return _CompiledEpisode(setup) if has_compiled_code() else _InterpretedEpisode(setup)
 
 
 def compile_moves() -> None:
@@ -155,7 +155,7 @@ def has_compiled_code() -> bool:
     return can_compile() and (is_loaded(move_robots) or is_kept(move_robots))
 
 
-class InterpretedEpisode:
+class _InterpretedEpisode:
     """An episode by the interpreter."""
 
     def __init__(self, setup: Setup) -> None:
@@ -285,7 +285,7 @@ class MovedRobots:
         self._run(self._floor, *self._sticks, self.rings, self.rows)
 
 
-class CompiledEpisode:
+class _CompiledEpisode:
     """An episode by compiled code."""
 
     def __init__(self, setup: Setup) -> None:

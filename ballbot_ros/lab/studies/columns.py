@@ -87,7 +87,7 @@ class MeasureColumn(ResultColumn):
         lower = [each.minimum for each in bounds if each.minimum is not None]
         upper = [each.maximum for each in bounds if each.maximum is not None]
         return cls(
-            measure_name(measure),
+            _measure_name(measure),
             ColumnKind.FLOAT,
             label(measure.metric)[1],
             METRICS[measure.metric].meaning,
@@ -127,7 +127,7 @@ BEFORE = (NUMBER, SEED)
 AFTER = (PASSED, OUTCOME, FALLEN, TICKS, DUTY_SHA256)
 
 
-def measure_name(measure: Measure) -> str:
+def _measure_name(measure: Measure) -> str:
     """Return the name of a measure's column: the metric's, with the window if there is one."""
     if measure.start == 0.0 and measure.end == math.inf:
         return measure.metric

@@ -178,7 +178,7 @@ class LocalWorkers:
         self._advance: Advance = observer.advance
         self._count = len(os.sched_getaffinity(0))
         self._stopped = False
-        slow = check_speed(job)
+        slow = _check_speed(job)
         if slow:
             observer.notice(slow)
         self._programs = None if slow else programs_of(job.spec)
@@ -231,7 +231,7 @@ class LocalWorkers:
         self._pool.shutdown(wait=True, cancel_futures=True)
 
 
-def check_speed(job: Job) -> str:
+def _check_speed(job: Job) -> str:
     """Return a notice if a study's runs are not compiled; or ''.
 
     Raises

@@ -85,7 +85,7 @@ class Programs(Protocol):
         """
 
 
-class DocumentsPrograms:
+class _DocumentsPrograms:
     """The document's program with the parameters of each run."""
 
     are_users = False
@@ -112,7 +112,7 @@ class DocumentsPrograms:
         return program_rows(rows[ControllerParameters]), rows_of([INITIAL_STATE])
 
 
-class Laws:
+class _Laws:
     """The law of a specification's controller, with the parameters of each run."""
 
     def __init__(self, spec: RunSpec, loaded: LoadedController) -> None:
@@ -177,12 +177,12 @@ def is_own(target: str) -> bool:
 def programs_of(spec: RunSpec) -> Programs | None:
     """Return the programs of a specification's runs; None if they can never be compiled."""
     if has_documents_program(spec):
-        return DocumentsPrograms()
-    loaded = loaded_controller(spec)
-    return Laws(spec, loaded) if loaded and has_law(loaded.cls) else None
+        return _DocumentsPrograms()
+    loaded = _loaded_controller(spec)
+    return _Laws(spec, loaded) if loaded and has_law(loaded.cls) else None
 
 
-def loaded_controller(spec: RunSpec) -> LoadedController | None:
+def _loaded_controller(spec: RunSpec) -> LoadedController | None:
     """Return the controller of a specification, which may have only its name; None for the C."""
     return compose_controller(with_values(spec.parameters, {}), spec.controller)
 
@@ -203,7 +203,7 @@ def why_not_compiled(spec: RunSpec) -> str:
     programs = programs_of(spec)
     if programs is not None:
         return programs.problem()
-    if loaded := loaded_controller(spec):
+    if loaded := _loaded_controller(spec):
         return f'{loaded.cls.__name__} has no law, see docs/controllers.md'
     return 'the generated C is no function on numbers'
 

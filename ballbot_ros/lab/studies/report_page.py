@@ -144,7 +144,7 @@ class ReportRow:
 
 
 @dataclass(frozen=True)
-class MeasureSection:
+class _MeasureSection:
     """A measure in the tables of the page.
 
     Attributes
@@ -168,7 +168,7 @@ class MeasureSection:
 
 
 @dataclass(frozen=True)
-class SensitivitySection:
+class _SensitivitySection:
     """The sensitivity indices on the page.
 
     Attributes
@@ -347,7 +347,7 @@ class Findings:
             )
         return figures
 
-    def _sensitivity(self) -> SensitivitySection | None:
+    def _sensitivity(self) -> _SensitivitySection | None:
         found = self.found
         if not found.variables or np.isnan(found.pawn).all():
             return None
@@ -380,11 +380,11 @@ class Findings:
             draw_sensitivity(found),
             sensitivity_table(found),
         )
-        return SensitivitySection(found, figure, rows, notes)
+        return _SensitivitySection(found, figure, rows, notes)
 
-    def _measures(self) -> list[MeasureSection]:
+    def _measures(self) -> list[_MeasureSection]:
         return [
-            MeasureSection(
+            _MeasureSection(
                 each.column.name,
                 each.column.unit,
                 each.column.meaning,

@@ -225,10 +225,10 @@ class Survey:
             first, end = np.searchsorted(chosen, [done, done + table.num_rows])
             places = chosen[first:end] - done
             for each in columns:
-                values = column_values(table, each)
+                values = _column_values(table, each)
                 extents[each.name].add(values)
                 found[each.name].append(values[places])
-            found[PASSED.name].append(column_values(table, PASSED)[places])
+            found[PASSED.name].append(_column_values(table, PASSED)[places])
             done += table.num_rows
         sample = {name: np.concatenate(parts) for name, parts in found.items() if parts}
         return cls(totals, extents, sample)
@@ -291,15 +291,15 @@ def tally(
     used = [*axes, *(axis for pair in pairs for axis in pair)]
     columns = {each.column.name: each.column for each in used}
     for table in data.parts([*columns, *edges, PASSED.name]):
-        passed = column_values(table, PASSED)
-        values = {name: column_values(table, each) for name, each in columns.items()}
+        passed = _column_values(table, PASSED)
+        values = {name: _column_values(table, each) for name, each in columns.items()}
         for (x, y), counts in zip(pairs, maps, strict=True):
             places = y.places(values[y.column.name]) * x.cells
             _count(counts, places + x.places(values[x.column.name]), passed)
         for axis, counts in zip(axes, shares, strict=True):
             _count(counts, axis.places(values[axis.column.name]), passed)
         for (name, limits), counts in zip(edges.items(), histograms, strict=True):
-            measured = column_values(table, ResultColumn(name))
+            measured = _column_values(table, ResultColumn(name))
             known = ~np.isnan(measured)
             _count(counts, _bins(limits, measured[known]), passed[known])
     shaped = [
@@ -309,7 +309,7 @@ def tally(
     return Tallies(shaped, shares, histograms)
 
 
-def column_values(table: Any, column: ResultColumn) -> NDArray[Any]:
+def _column_values(table: Any, column: ResultColumn) -> NDArray[Any]:
     """Return a column of a part: numbers, NaN where there is none, or words, also for switches."""
     found = table.column(column.name)
     if column.kind is ColumnKind.TEXT:

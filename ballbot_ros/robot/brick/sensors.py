@@ -68,14 +68,14 @@ def quantise(value: float) -> int:
     return math.floor(value + 0.5)
 
 
-def degrees_of(radians: float) -> float:
+def _degrees_of(radians: float) -> float:
     """Return rad (or rad/s) in degrees (or deg/s)."""
     return radians * _DEGREES_PER_RADIAN
 
 
 def radians_to_degrees(radians: float) -> int:
     """Return the whole degrees (or deg/s) nearest to rad (or rad/s)."""
-    return quantise(degrees_of(radians))
+    return quantise(_degrees_of(radians))
 
 
 def degrees_to_radians(degrees: float) -> float:
@@ -131,7 +131,7 @@ INT32_MIN, INT32_MAX = -(2**31), 2**31 - 1
 
 def encoder_reading(angle: float) -> int:
     """Return the whole degrees of a shaft angle [rad]; a counter has 32 bits, and stops there."""
-    return quantise(max(float(INT32_MIN), min(float(INT32_MAX), degrees_of(angle))))
+    return quantise(max(float(INT32_MIN), min(float(INT32_MAX), _degrees_of(angle))))
 
 
 ADC_MAX = 1023

@@ -88,10 +88,10 @@ def clearance(walls: Walls, positions: Floats) -> Floats:
     left, right = u - walls.half_u, u + walls.half_u
     top, bottom = v - walls.half_v, v + walls.half_v
     height, width = walls.distance.shape
-    from_left = nearest_index(np.floor(left) + (width - walls.columns), width)
-    to_right = nearest_index(np.floor(right), width)
-    from_top = nearest_index(np.floor(top) + (height - walls.rows), height) * width
-    to_bottom = nearest_index(np.floor(bottom), height) * width
+    from_left = _nearest_index(np.floor(left) + (width - walls.columns), width)
+    to_right = _nearest_index(np.floor(right), width)
+    from_top = _nearest_index(np.floor(top) + (height - walls.rows), height) * width
+    to_bottom = _nearest_index(np.floor(bottom), height) * width
     # Flat, because numba indexes with only one array.
     distance = walls.distance.ravel()
     upper = np.minimum(distance[from_top + from_left], distance[from_top + to_right])
@@ -105,7 +105,7 @@ def clearance(walls: Walls, positions: Floats) -> Floats:
     return nearest
 
 
-def nearest_index(numbers: Floats, size: int) -> NDArray[np.int64]:
+def _nearest_index(numbers: Floats, size: int) -> NDArray[np.int64]:
     """Return the whole numbers as indices of an axis of this size, at its ends if beyond them."""
     # Unlike maximum and minimum, fmax and fmin turn NaN into a number, which is a valid index.
     return np.fmin(np.fmax(numbers, 0.0), size - 1.0).astype(np.int64)
