@@ -38,7 +38,7 @@ from ballbot_ros.parameters import (
     ParameterSet,
     parameters_of,
 )
-from ballbot_ros.robot.arithmetic import bits_53, philox4x32, uniform
+from ballbot_ros.robot.random_numbers import bits_53, philox4x32, uniform
 
 RANDOM_FILE = Path(__file__).parent / 'machines' / 'random_runs.json'
 MODELS = ('linear', 'nonlinear')

@@ -19,7 +19,7 @@ from ballbot_ros.analysis.figure_parts import (
     plane_columns,
     png_of,
 )
-from ballbot_ros.analysis.loop_figure import PredictedFrequency
+from ballbot_ros.analysis.loop_summary import PredictedFrequency
 from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.analysis.run_figures import RenderedFigure
 from ballbot_ros.parameters.timing import TICK_S

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.analysis.limit_cycle import LimitCycle, limit_cycles, lowest_hz
-from ballbot_ros.analysis.loop_figure import RINGS, PredictedFrequency
+from ballbot_ros.analysis.loop_summary import RINGS, PredictedFrequency
 from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.analysis.run_metrics import pitch_error, position_error
 from ballbot_ros.engine.devices import gyro_constants

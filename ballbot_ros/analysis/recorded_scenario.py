@@ -27,7 +27,8 @@ from ballbot_ros.recording.messages.topics import ACCEPTED_PUSH
 from ballbot_ros.recording.reader import AttachedFile, RecordingReader
 from ballbot_ros.recording.rosbag2 import MAPS, PARAMETERS, SCENARIO, VERSIONS
 from ballbot_ros.robot.plant.ground_truth import Pair, Push
-from ballbot_ros.robot.world.floor_map import FloorMap, load_map, map_names, read_map
+from ballbot_ros.robot.world.floor_map import FloorMap, load_map, map_names
+from ballbot_ros.robot.world.image import read_map
 
 
 @dataclass

@@ -14,7 +14,7 @@ from ballbot_ros.analysis.extraction import Status
 from ballbot_ros.analysis.figure_parts import csv_text
 from ballbot_ros.analysis.interactive import MISSING, InteractiveFigures, interactive_figures
 from ballbot_ros.analysis.limit_cycle import render_spectrum
-from ballbot_ros.analysis.loop_figure import (
+from ballbot_ros.analysis.loop_summary import (
     MarginRow,
     PredictedFrequency,
     findings,

@@ -11,14 +11,14 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from ballbot_ros.analysis.loop_figure import (
+from ballbot_ros.analysis.loop_figure import render_loop
+from ballbot_ros.analysis.loop_summary import (
     AS_IT_RUNS,
     IDEAL,
     complex_text,
     findings,
     margin_rows,
     neglected,
-    render_loop,
     single_poles,
 )
 from ballbot_ros.controllers.design.linear_model import (

@@ -19,8 +19,8 @@ from ballbot_ros.cli.progress import Progress
 from ballbot_ros.cli.web_page import PageObserver, PageOpening
 from ballbot_ros.files import next_steps
 from ballbot_ros.nodes.teleop.terminal import can_read_keys, keyboard_unavailable_reason
+from ballbot_ros.run.observer import RunObserver
 from ballbot_ros.run.requirements import require_rclpy
-from ballbot_ros.run.result import RunObserver
 
 
 @click.command('drive')

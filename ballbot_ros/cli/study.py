@@ -2,37 +2,15 @@
 
 from __future__ import annotations
 
-import json
 import os
-import threading
-import time
 from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
-from rich.console import Console
-from rich.measure import Measurement
-from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
-from rich.progress import Progress as Bar
-from rich.table import Table
 
-from ballbot_ros.analysis.metrics import number
 from ballbot_ros.cli.options import PATH, processes_option
-from ballbot_ros.cli.progress import ProgressLines, stderr_console
-from ballbot_ros.engine.scenario.scenario import bounds_text
 from ballbot_ros.errors import similar
-from ballbot_ros.files import own_command
-from ballbot_ros.lab.studies.columns import MeasureColumn
-from ballbot_ros.lab.studies.manifest import PartSummary
-from ballbot_ros.lab.studies.study_data import (
-    QUANTILES,
-    MeasureSummary,
-    StudyData,
-    StudySummary,
-    wilson_interval,
-)
-from ballbot_ros.process import PROGRESS_PERIOD_S
 from ballbot_ros.run.requirements import Processes
 
 if TYPE_CHECKING:
@@ -109,7 +87,7 @@ def run(
     finished one is not run again. Exit status: 0 if all runs are done, whether they passed or not;
     2 for a mistake in the arguments; 130 after Ctrl-C.
     """
-    from ballbot_ros.cli.study import _print_study_json, _StudyProgress, print_summary
+    from ballbot_ros.cli.study_output import StudyProgress, print_study_json, print_summary
     from ballbot_ros.lab.studies.execution import LocalWorkers, folder_of, run_study
     from ballbot_ros.lab.studies.job import job_of
     from ballbot_ros.lab.studies.reader import read_study
@@ -128,7 +106,7 @@ def run(
         job = job_of(described, folder)
         workers = LocalWorkers if cluster is None else _workers_of(cluster)
         try:
-            with _StudyProgress(described.name) as progress:
+            with StudyProgress(described.name) as progress:
                 stopped = run_study(job, Sampler(described).part, progress, workers, again=again)
         except KeyboardInterrupt:
             # Ctrl-C once more: Python would wait for its threads, one of which may be compiling.
@@ -138,7 +116,7 @@ def run(
         _say_stopped(folder)
         return 128 + stopped
     data = StudyData.open(folder)
-    (_print_study_json if as_json else print_summary)(data)
+    (print_study_json if as_json else print_summary)(data)
     return 0
 
 
@@ -241,191 +219,3 @@ def _execute(spec: RunSpec, expected: str, as_json: bool) -> int:
         return result.exit_status
     click.echo(f'error: the duties differ from those of the study: {expected}', err=True)
     return 1
-
-
-_WITH_BAR = 110
-"""Width of the terminal from which on there is room for the bar itself."""
-
-
-class _StudyProgress:
-    """A bar on a terminal; on a pipe or file notices, and a line every 10 s."""
-
-    def __init__(self, name: str) -> None:
-        self._console = stderr_console()
-        self._lines = ProgressLines(name, self._console)
-        self._bar = Bar(
-            TextColumn('{task.description}', markup=False),
-            *([BarColumn(bar_width=20)] if self._console.width >= _WITH_BAR else ()),
-            TextColumn('{task.fields[text]}'),
-            TimeRemainingColumn(compact=True),
-            TextColumn('left  {task.fields[passed]}'),
-            console=self._console,
-            transient=True,
-            disable=not self._console.is_terminal,
-        )
-        self._task = self._bar.add_task(name, total=None, text='starting', passed='')
-        self._lock = threading.Lock()
-        self._runs = self._written = self._simulated = 0
-        self._summary = PartSummary()
-        self._begun = self._shown = time.monotonic()
-
-    def __enter__(self) -> _StudyProgress:
-        self._bar.start()
-        self._lines.__enter__()
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._lines.__exit__()
-        self._bar.stop()
-
-    def begin(self, runs: int, done: PartSummary) -> None:
-        """Show that a study of so many runs begins, or goes on after those that are done."""
-        self._runs, self._written, self._summary = runs, done.runs, done
-        self._begun = time.monotonic()
-        self._lines.text = f'{done.runs:,}/{runs:,}'
-        self._bar.reset(self._task, total=runs, completed=done.runs, text='', passed='')
-        if done.runs and done.runs < runs:
-            self.notice(f'goes on after {done.runs:,} of {runs:,} runs')
-
-    def advance(self, runs: int) -> None:
-        """Show that so many more runs have been simulated."""
-        with self._lock:
-            now = time.monotonic()
-            if not self._simulated:  # what came before was no simulation, but compiling
-                self._begun = now
-            self._simulated += runs
-            if now - self._shown < PROGRESS_PERIOD_S:
-                return
-            self._shown = now
-            speed = self._simulated / max(now - self._begun, 1e-3)
-            done = self._written + self._simulated
-        self._lines.text = f'{done:,}/{self._runs:,}  {speed:,.0f} runs/s'
-        self._bar.update(self._task, completed=done, text=f'{self._lines.text} ')
-
-    def part(self, summary: PartSummary) -> None:
-        """Show the share that passed, with the runs of another part."""
-        self._summary += summary
-        self._bar.update(self._task, passed=f'passed {_share_text(self._summary)}')
-
-    def notice(self, text: str) -> None:
-        """Print a line above the bar."""
-        self._console.print(text, soft_wrap=True)
-
-
-def _share_text(summary: PartSummary) -> str:
-    """Return the share of runs that passed and its interval, such as '96.2 % (95.9 … 96.5 %)'."""
-    if not summary.runs:
-        return 'none yet'
-    interval = wilson_interval(summary.passed, summary.runs)
-    share = summary.passed / summary.runs
-    return f'{_percent(share)} % ({_percent(interval.low)} … {_percent(interval.high)} %)'
-
-
-def _percent(share: float) -> str:
-    """Return a share in percent, with more digits near 0 and 1."""
-    percent = 100.0 * share
-    distance = min(percent, 100.0 - percent)
-    digits = 1 if distance >= 1.0 or distance == 0.0 else 3
-    return f'{percent:.{digits}f}'
-
-
-WORST_SHOWN = 3
-_UNLIMITED = 10_000
-
-
-def print_summary(data: StudyData) -> None:
-    """Print the share that passed, quantiles of the measures, and the worst runs."""
-    summary, study = data.summary(WORST_SHOWN), data.study
-    console = Console(highlight=False, markup=False)
-    count = summary.totals.runs
-    title = f'{study.name}, {count:,} run{"s" * (count > 1)}, seed {study.seed}'
-    quantiles = Table(title=title, title_justify='left')
-    quantiles.add_column('measure', no_wrap=True)
-    for share in QUANTILES:
-        quantiles.add_column(f'{100 * share:g} %', justify='right', no_wrap=True)
-    worst = Table()
-    worst.add_column('measure', no_wrap=True)
-    worst.add_column('expected', no_wrap=True)
-    worst.add_column('worst values, and the numbers of their runs')
-    for each in summary.measures:
-        quantiles.add_row(_name(each.column), *(f'{value:.3g}' for value in each.quantiles))
-        worst.add_row(
-            each.column.name,
-            bounds_text(each.column.minimum, each.column.maximum),
-            _worst_runs(each),
-        )
-    # A number or a name that is cut off would be of no use.
-    unlimited = console.options.update(max_width=_UNLIMITED)
-    console.width = max(
-        console.width, Measurement.get(console, unlimited, quantiles).maximum,
-        Measurement.get(console, unlimited, worst).minimum,
-    )  # fmt: skip
-    console.print(quantiles)
-    console.print(worst)
-    for line in _lines(data, summary):
-        console.print(line, soft_wrap=True)
-
-
-def _lines(data: StudyData, summary: StudySummary) -> list[str]:
-    totals, measures = summary.totals, summary.measures
-    lines = [f'passed   {_share_text(totals)}']
-    if totals.failed:
-        lines.append(f'failed   {totals.failed:,} of the runs: ended early')
-    if totals.fallen:
-        lines.append(f'fallen   {totals.fallen:,} of the robots')
-    if totals.runs > 1 and _all_alike(data):
-        lines.append('note     all runs have the same duties: what varies has no effect here')
-    lines.append(f'results  {data.path}')
-    shown = next((each.worst[0].number for each in measures if each.worst), 0)
-    lines.append(f'again    {own_command("study", "rerun", data.path, shown)}')
-    return lines
-
-
-def _all_alike(data: StudyData) -> bool:
-    """Return whether all runs have the same duties."""
-    known = None
-    for part in data.parts(['duty_sha256']):
-        hashes = set(part['duty_sha256'].to_pylist())
-        if len(hashes) > 1 or (known is not None and hashes != known):
-            return False
-        known = hashes
-    return True
-
-
-def _name(column: MeasureColumn) -> str:
-    return f'{column.name} [{column.unit}]' if column.unit else column.name
-
-
-def _worst_runs(summary: MeasureSummary) -> str:
-    runs = ', '.join(f'{each.value:.3g} ({each.number})' for each in summary.worst)
-    missing = f'without a value: {summary.missing:,}' if summary.missing else ''
-    return '; '.join(filter(None, (runs, missing)))
-
-
-def _print_study_json(data: StudyData) -> None:
-    """Print the summary as one JSON object; a missing number is null."""
-    summary, study = data.summary(WORST_SHOWN), data.study
-    content = {
-        'study': study.name,
-        'runs': summary.totals.runs,
-        'seed': study.seed,
-        'passed': summary.totals.passed,
-        'failed': summary.totals.failed,
-        'fallen': summary.totals.fallen,
-        'share_passed': number(summary.share_passed),
-        'share_passed_interval': list(summary.interval),
-        'measures': {
-            each.column.name: {
-                'unit': each.column.unit,
-                'missing': each.missing,
-                'quantiles': {
-                    f'{quantile:g}': number(float(value))
-                    for quantile, value in zip(QUANTILES, each.quantiles, strict=True)
-                },
-                'worst': [{'number': run.number, 'value': number(run.value)} for run in each.worst],
-            }
-            for each in summary.measures
-        },
-        'results': str(data.path),
-    }
-    print(json.dumps(content, indent=2, allow_nan=False))

@@ -21,9 +21,10 @@ from ballbot_ros.parameters.files import write_parameter_file
 from ballbot_ros.process import StopRequest, stdout_to_stderr
 from ballbot_ros.run.execution import execute
 from ballbot_ros.run.node_process import ForkClient, NodeProcess, stop_all
+from ballbot_ros.run.observer import RunObserver, StartObserver
 from ballbot_ros.run.one_process import NodeThread, ros
 from ballbot_ros.run.requirements import require_viewer
-from ballbot_ros.run.result import RunObserver, RunResult, StartObserver
+from ballbot_ros.run.result import RunResult
 from ballbot_ros.run.spec import RunOptions, RunSpec
 
 POLL_S = 0.05

@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from threading import Thread
 
-from ballbot_ros.run.result import RunObserver
+from ballbot_ros.run.observer import RunObserver
 from ballbot_ros.viewer.address import address_in
 
 _PROGRAM = 'import sys, webbrowser; webbrowser.open(sys.argv[1])'

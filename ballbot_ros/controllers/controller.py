@@ -17,7 +17,8 @@ from ballbot_ros.controllers.interface import Estimates, OperatingState
 from ballbot_ros.errors import ControllerError, short_repr
 from ballbot_ros.parameters import ControllerParameters, PlantParameters
 from ballbot_ros.parameters.timing import TICK_MS
-from ballbot_ros.robot.brick.brick import NO_SAMPLE, Brick, Inputs, TaskTiming
+from ballbot_ros.robot.brick.brick import NO_SAMPLE, Brick, Inputs
+from ballbot_ros.robot.brick.schedule import TaskTiming
 from ballbot_ros.robot.brick.sensors import NO_DATA_CM, NO_ECHO_CM
 from ballbot_ros.robot.plant.model import PhysicalParameters
 

@@ -45,9 +45,9 @@ from ballbot_ros.robot.brick.brick import (
     Brick,
     DeviceInputs,
     DeviceOutputs,
-    Schedule,
     as_numbers,
 )
+from ballbot_ros.robot.brick.schedule import Schedule
 from ballbot_ros.robot.plant.model import PhysicalParameters
 
 

@@ -11,8 +11,8 @@ from ballbot_ros.controllers.document.program import held_distance, logged
 from ballbot_ros.controllers.interface import Estimates, OperatingState
 from ballbot_ros.parameters import ControllerParameters
 from ballbot_ros.parameters.timing import TICK_S
-from ballbot_ros.robot.arithmetic import with_globals
 from ballbot_ros.robot.brick.sensors import NO_ECHO_CM
+from ballbot_ros.robot.compiler_hints import with_globals
 
 OPERATING_STATES = tuple(OperatingState)
 """The states of figure 7-1 by their numbers."""

@@ -34,7 +34,7 @@ from ballbot_ros.errors import (
 )
 from ballbot_ros.files import OUR_PACKAGE, read_bytes, shown_path
 from ballbot_ros.parameters import DOCUMENTS_PROGRAM
-from ballbot_ros.robot.brick.brick import TaskTiming
+from ballbot_ros.robot.brick.schedule import TaskTiming
 
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 """The time of every file in an archive, so that the same files always give the same bytes."""

@@ -25,7 +25,7 @@ import numpy as np
 import ballbot_ros
 from ballbot_ros.errors import BallbotError, one_line
 from ballbot_ros.files import make_folder, shown_path
-from ballbot_ros.robot.arithmetic import ALTERNATIVES, INLINED, with_globals
+from ballbot_ros.robot.compiler_hints import ALTERNATIVES, INLINED, with_globals
 
 _PACKAGE = ballbot_ros.__name__
 _ROOT = Path(ballbot_ros.__file__).parent

@@ -32,19 +32,23 @@ from ballbot_ros.parameters import (
     SonarParameters,
 )
 from ballbot_ros.parameters.timing import SLOW_PERIOD_NS, STEP_NS, TICK_NS
-from ballbot_ros.robot.arithmetic import compiled_as, normal, uniform
 from ballbot_ros.robot.brick.sensors import GyroConstants as PlaneGyro
 from ballbot_ros.robot.brick.sensors import (
-    Key,
-    device_number,
     drawn_delay,
     encoder_reading,
     gyro_reading,
-    noise_bits,
-    noise_key,
     sonar_reading,
 )
+from ballbot_ros.robot.compiler_hints import compiled_as
 from ballbot_ros.robot.plant.ground_truth import GroundTruth, MeasuredState, Pair
+from ballbot_ros.robot.random_numbers import (
+    Key,
+    device_number,
+    noise_bits,
+    noise_key,
+    normal,
+    uniform,
+)
 from ballbot_ros.robot.world.floor_map import CELL_M, map_point
 from ballbot_ros.robot.world.sonar_beam import nearest_echo, sides_of
 

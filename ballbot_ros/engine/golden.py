@@ -15,15 +15,9 @@ from ballbot_ros.engine.trajectory import TrajectoryLog
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.files import share_directory
 from ballbot_ros.parameters import PlantParameters
-from ballbot_ros.robot.arithmetic import (
-    bits_53,
-    natural_log,
-    normal,
-    philox4x32,
-    sine_cosine,
-    uniform,
-)
+from ballbot_ros.robot.arithmetic import natural_log, sine_cosine
 from ballbot_ros.robot.plant.integration import zero_order_hold
+from ballbot_ros.robot.random_numbers import bits_53, normal, philox4x32, uniform
 
 GOLDEN_FILE = 'config/golden.yaml'
 _DRAWS, _SYSTEMS = 5000, 20

@@ -33,8 +33,8 @@ from ballbot_ros.engine.rows import has_column, kind_of, row_functions_of, rows_
 from ballbot_ros.engine.run import simulate_run, simulate_runs
 from ballbot_ros.errors import short_repr
 from ballbot_ros.parameters.timing import TICK_MS
-from ballbot_ros.robot.arithmetic import inlined, with_globals
 from ballbot_ros.robot.brick.brick import NO_SAMPLE, Inputs
+from ballbot_ros.robot.compiler_hints import inlined, with_globals
 
 FAULTS = (ValueError, ArithmeticError, LookupError)
 """What compiled laws raise, like those of the interpreter."""

@@ -41,7 +41,7 @@ from ballbot_ros.parameters import (
     SonarParameters,
 )
 from ballbot_ros.parameters.timing import FIRST_TICK_NS, MILLISECOND_NS, SLOW_PERIOD_NS
-from ballbot_ros.robot.arithmetic import inlined
+from ballbot_ros.robot.compiler_hints import inlined
 
 TrueState = tuple[float, float, float, float, float, float, float, float, float]
 """Position from the start [m], velocity [m/s], pitch [rad] and its rate [rad/s] of planes x and y,

@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 from ballbot_ros.engine.devices import choice, uniform_pair
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.parameters.timing import SLOW_PERIOD_NS, STEP_NS, STEPS_PER_TICK, TICK_NS
-from ballbot_ros.robot.arithmetic import inlined
-from ballbot_ros.robot.brick.sensors import Key, device_number, drawn_delay, noise_key
+from ballbot_ros.robot.brick.sensors import drawn_delay
+from ballbot_ros.robot.compiler_hints import inlined
 from ballbot_ros.robot.plant.ground_truth import Pair
 from ballbot_ros.robot.plant.integration import (
     Equations,
@@ -38,6 +38,7 @@ from ballbot_ros.robot.plant.laws import (
     wheel_angle,
 )
 from ballbot_ros.robot.plant.model import MassMatrix, gear_ratio, mass_matrix, torque_per_volt
+from ballbot_ros.robot.random_numbers import Key, device_number, noise_key
 from ballbot_ros.robot.world.world import Footprint, half_cells, is_blocked
 
 STEP_S = STEP_NS * 1e-9

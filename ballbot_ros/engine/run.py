@@ -62,9 +62,9 @@ from ballbot_ros.parameters.timing import (
     TICK_MS,
     TICK_NS,
 )
-from ballbot_ros.robot.arithmetic import inlined
 from ballbot_ros.robot.brick.brick import NO_SAMPLE, UINT32_MASK, Inputs
 from ballbot_ros.robot.brick.sensors import battery_mv
+from ballbot_ros.robot.compiler_hints import inlined
 
 
 class RobotConstants(NamedTuple):

@@ -11,7 +11,7 @@ from ballbot_ros.lockstep.run_actions import Outcome
 from ballbot_ros.lockstep.run_master import Phase, RunMaster, event
 from ballbot_ros.parameters.timing import FREE_RUNNING_SILENCE_S, RESEND_S, SECOND_NS, TICK_S
 from ballbot_ros.robot.brick.bluetooth import NEUTRAL
-from ballbot_ros.robot.brick.brick import Schedule, TaskTiming
+from ballbot_ros.robot.brick.schedule import Schedule, TaskTiming
 
 
 class FreeRunningMaster(RunMaster):

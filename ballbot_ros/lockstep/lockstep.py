@@ -12,7 +12,7 @@ from enum import Enum, auto
 from typing import Any, NamedTuple
 
 from ballbot_ros.parameters.timing import MILLISECOND_NS
-from ballbot_ros.robot.brick.brick import Schedule, TaskTiming
+from ballbot_ros.robot.brick.schedule import Schedule, TaskTiming
 
 
 class DueTick(NamedTuple):

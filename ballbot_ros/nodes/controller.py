@@ -52,7 +52,7 @@ from ballbot_ros.recording.messages.topics import (
     PARTICIPANTS,
     Topic,
 )
-from ballbot_ros.robot.brick.brick import TaskTiming
+from ballbot_ros.robot.brick.schedule import TaskTiming
 
 
 class TaskTimers:

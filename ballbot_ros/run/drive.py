@@ -31,9 +31,9 @@ from ballbot_ros.process import StopRequest
 from ballbot_ros.run.execution import output_files
 from ballbot_ros.run.graph import graph_parameters
 from ballbot_ros.run.node_process import ForkClient
+from ballbot_ros.run.observer import RunObserver, StartObserver
 from ballbot_ros.run.one_process import NodeThread, ros
 from ballbot_ros.run.requirements import require_viewer
-from ballbot_ros.run.result import RunObserver, StartObserver
 from ballbot_ros.run.separate_processes import run_nodes
 from ballbot_ros.run.spec import RunSpec, check_reserved_parameters, resolve_map
 

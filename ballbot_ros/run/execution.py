@@ -22,8 +22,9 @@ from ballbot_ros.process import DeferredSignals
 from ballbot_ros.robot.world.clearance import NO_WALLS
 from ballbot_ros.robot.world.world import World
 from ballbot_ros.run.node_process import ForkClient
+from ballbot_ros.run.observer import LogObserver, RunObserver
 from ballbot_ros.run.requirements import OR_NONE, Processes, require_rclpy
-from ballbot_ros.run.result import LogObserver, RunObserver, RunResult
+from ballbot_ros.run.result import RunResult
 from ballbot_ros.run.spec import RunSpec
 
 

@@ -17,7 +17,7 @@ from ballbot_ros.parameters.files import format_parameters
 from ballbot_ros.parameters.yaml_document import yaml_text
 from ballbot_ros.recording.rosbag2 import PARAMETERS, SCENARIO, VERSIONS
 from ballbot_ros.robot.world.floor_map import image_suffix, is_file_name, read_map_file
-from ballbot_ros.run.result import RunObserver
+from ballbot_ros.run.observer import RunObserver
 from ballbot_ros.run.spec import RunSpec
 
 RECORDED_VERSIONS = ('numpy', 'scipy', 'control', 'mcap', 'ros-rclpy', 'ros-rmw-fastrtps-cpp')

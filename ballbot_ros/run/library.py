@@ -38,9 +38,9 @@ from ballbot_ros.parameters.files import (
     read_parameter_file,
 )
 from ballbot_ros.robot.plant.model import PhysicalParameters
+from ballbot_ros.run.observer import LogObserver
 from ballbot_ros.run.offline import run_offline
 from ballbot_ros.run.requirements import Processes
-from ballbot_ros.run.result import LogObserver
 from ballbot_ros.run.spec import RunOptions, RunSpec
 
 if TYPE_CHECKING:

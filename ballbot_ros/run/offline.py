@@ -21,7 +21,8 @@ from ballbot_ros.parameters.timing import FIRST_TICK_NS, SECOND_NS, TICK_NS
 from ballbot_ros.process import StopRequest
 from ballbot_ros.recording.messages.run_reports import summary_json
 from ballbot_ros.run.graph import attachments_of
-from ballbot_ros.run.result import Engine, RunObserver, RunResult
+from ballbot_ros.run.observer import RunObserver
+from ballbot_ros.run.result import Engine, RunResult
 from ballbot_ros.run.simulated_recording import SimulatedRecording
 from ballbot_ros.run.spec import RunSpec
 from ballbot_ros.run.tick_timer import TickTimer

@@ -36,7 +36,8 @@ from ballbot_ros.parameters import (
 from ballbot_ros.parameters.timing import SECOND_NS, TICK_NS
 from ballbot_ros.process import PROGRESS_PERIOD_S, StopRequest
 from ballbot_ros.run.graph import call_for_external, graph_parameters
-from ballbot_ros.run.result import RunObserver, RunResult
+from ballbot_ros.run.observer import RunObserver
+from ballbot_ros.run.result import RunResult
 from ballbot_ros.run.spec import RunSpec
 from ballbot_ros.run.tick_timer import TickTimer
 

@@ -1,61 +1,17 @@
-"""The result of a run, and observers of its progress."""
+"""The result of a run."""
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 from ballbot_ros.analysis.metrics import Judgement, Verdict
 from ballbot_ros.analysis.recorded_scenario import RecordedPush, external_push
 from ballbot_ros.engine.trajectory import Trajectory
 from ballbot_ros.lockstep.run_actions import Outcome, ParameterChange, changes_text
 from ballbot_ros.parameters.parameter import TextEnum
-
-if TYPE_CHECKING:
-    from ballbot_ros.nodes.teleop.terminal import KeyPress
-
-
-class RunObserver(Protocol):
-    """Receives the progress of a run, and notices about it."""
-
-    def update(self, elapsed_s: float) -> None:
-        """Show the sim time since the start [s]; called often, so it must be cheap."""
-        ...
-
-    def notice(self, text: str) -> None:
-        """Show one line to the user, for example that a node has ended."""
-        ...
-
-
-class LogObserver:
-    """Logs notices as warnings of the logger ``ballbot_ros.run``, and shows no progress."""
-
-    def __init__(self) -> None:
-        self._log = logging.getLogger('ballbot_ros.run')
-
-    def update(self, elapsed_s: float) -> None:
-        """Do nothing."""
-
-    def notice(self, text: str) -> None:
-        """Log the line."""
-        self._log.warning(text)
-
-
-class StartObserver:
-    """Passes on what it is told; once the run has started, no longer waits for a key."""
-
-    def __init__(self, observer: RunObserver, key_press: KeyPress) -> None:
-        self._observer, self._key_press = observer, key_press
-        self.notice = observer.notice
-
-    def update(self, elapsed_s: float) -> None:
-        """Show the sim time since the start [s]."""
-        if elapsed_s:
-            self._key_press.close()
-        self._observer.update(elapsed_s)
 
 
 class RoundTrip(NamedTuple):

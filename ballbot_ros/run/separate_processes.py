@@ -35,8 +35,9 @@ from ballbot_ros.process import StopRequest
 from ballbot_ros.recording.reader import is_finished
 from ballbot_ros.run.graph import call_for_external, graph_parameters
 from ballbot_ros.run.node_process import ForkClient, NodeProcess, stop_all
+from ballbot_ros.run.observer import RunObserver
 from ballbot_ros.run.requirements import OR_NONE, ros_not_found
-from ballbot_ros.run.result import RunObserver, RunResult
+from ballbot_ros.run.result import RunResult
 from ballbot_ros.run.spec import RunSpec
 
 PLANT_SILENCE_S = 2.3

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from laws import given
 
 from ballbot_ros.analysis.limit_cycle import find_limit_cycle, limit_cycles
-from ballbot_ros.analysis.loop_figure import PredictedFrequency
+from ballbot_ros.analysis.loop_summary import PredictedFrequency
 from ballbot_ros.analysis.observations import limit_cycle_sentences
 from ballbot_ros.analysis.report import loop_of
 from ballbot_ros.analysis.run_data import read_run

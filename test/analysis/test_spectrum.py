@@ -10,7 +10,7 @@ from scipy import signal
 
 from ballbot_ros.analysis.figure_parts import Interval
 from ballbot_ros.analysis.limit_cycle import Balancing, draw_spectrum, power_density, spectrum_table
-from ballbot_ros.analysis.loop_figure import PredictedFrequency
+from ballbot_ros.analysis.loop_summary import PredictedFrequency
 from ballbot_ros.analysis.report import loop_of
 from ballbot_ros.engine.trajectory import Trajectory
 from ballbot_ros.parameters import ParameterSet

@@ -40,8 +40,8 @@ def test_the_help_line_is_only_in_the_table():
 @pytest.mark.parametrize('word', ['--help', '--version'])
 def test_the_group_imports_no_command(word):
     code = (
-        'import sys; from ballbot_ros.cli import main, command, invoke; '
-        f"sys.argv[1:] = [{word!r}]; invoke.invoke(command.ballbot, 'ballbot')"
+        'import sys; from ballbot_ros.cli import main, command; '
+        f"sys.argv[1:] = [{word!r}]; command.invoke(command.ballbot, 'ballbot')"
     )
     assert imported_by(code) == []
 

@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 import ballbot_ros as bb
-from ballbot_ros.analysis.loop_figure import margin_rows
+from ballbot_ros.analysis.loop_summary import margin_rows
 from ballbot_ros.cli.command import COMMANDS, load_command
 from ballbot_ros.controllers.design.loop_analysis import analyse_ideal, analyse_sampled
 from ballbot_ros.engine.golden import load_golden

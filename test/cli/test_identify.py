@@ -17,7 +17,7 @@ from ballbot_ros.analysis.identification.identification import (
     Identification,
     IdentifiedParameter,
 )
-from ballbot_ros.cli.identify import MAX_RATIO, IdentifyOutput, with_interval
+from ballbot_ros.cli.identify_output import MAX_RATIO, IdentifyOutput, with_interval
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.parameters.files import read_parameter_file
 from ballbot_ros.recording.csv_log import HEADER

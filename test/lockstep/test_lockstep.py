@@ -19,7 +19,7 @@ from ballbot_ros.lockstep.lockstep import (
     SampleReaction,
     SampleStatus,
 )
-from ballbot_ros.robot.brick.brick import Schedule
+from ballbot_ros.robot.brick.schedule import Schedule
 
 MS = 1_000_000
 PERIODS = {'gyro': 4 * MS, 'sonar': 20 * MS, 'battery': 100 * MS}

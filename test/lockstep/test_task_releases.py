@@ -6,7 +6,7 @@ from laws import given
 
 from ballbot_ros.controllers.document.axis import task_timings
 from ballbot_ros.lockstep.lockstep import DueTick, TaskReleases
-from ballbot_ros.robot.brick.brick import Schedule
+from ballbot_ros.robot.brick.schedule import Schedule
 
 MS = 1_000_000
 START_MS = 1000

@@ -6,15 +6,9 @@ import numpy as np
 import pytest
 
 from ballbot_ros.engine.compilation import compiled
-from ballbot_ros.robot.arithmetic import (
-    bits_53,
-    natural_log,
-    normal,
-    philox4x32,
-    sine_cosine,
-    uniform,
-)
+from ballbot_ros.robot.arithmetic import natural_log, sine_cosine
 from ballbot_ros.robot.plant.integration import zero_order_hold
+from ballbot_ros.robot.random_numbers import bits_53, normal, philox4x32, uniform
 
 COUNT = 20_000
 

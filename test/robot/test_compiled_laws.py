@@ -24,10 +24,8 @@ from ballbot_ros.parameters import CONTROLLER
 from ballbot_ros.parameters.timing import TICK_NS
 from ballbot_ros.robot.brick.sensors import (
     battery_mv,
-    device_number,
     drawn_delay,
     gyro_reading,
-    noise_key,
     radians_to_degrees,
     sonar_reading,
 )
@@ -47,6 +45,7 @@ from ballbot_ros.robot.plant.laws import (
     terminal_voltage,
 )
 from ballbot_ros.robot.plant.model import mass_matrix
+from ballbot_ros.robot.random_numbers import device_number, noise_key
 
 COUNT = 5000
 DT = 1e-3

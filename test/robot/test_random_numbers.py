@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from laws import given
 from scipy import special, stats
 
-from ballbot_ros.robot.arithmetic import bits_53, normal, philox4x32, uniform
+from ballbot_ros.robot.random_numbers import bits_53, normal, philox4x32, uniform
 
 BITS = st.integers(0, 2**53 - 1)
 COUNT = 200_000

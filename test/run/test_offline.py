@@ -12,9 +12,10 @@ from ballbot_ros.engine import compiled_loop
 from ballbot_ros.engine.compilation import is_kept
 from ballbot_ros.lockstep.run_actions import Outcome
 from ballbot_ros.run import offline
+from ballbot_ros.run.observer import LogObserver
 from ballbot_ros.run.offline import run_offline
 from ballbot_ros.run.requirements import Processes
-from ballbot_ros.run.result import Engine, LogObserver
+from ballbot_ros.run.result import Engine
 from ballbot_ros.run.spec import RunOptions, RunSpec
 
 

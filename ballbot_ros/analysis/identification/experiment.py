@@ -38,7 +38,7 @@ from ballbot_ros.recording.messages.topics import (
     PLANT_ODOM,
     Topic,
 )
-from ballbot_ros.robot import arithmetic as elementary
+from ballbot_ros.robot import arithmetic
 from ballbot_ros.robot.brick.bluetooth import LogPacket
 from ballbot_ros.robot.brick.sensors import COUNT_V, battery_mv, count_of, mean_delay
 
@@ -58,7 +58,7 @@ def for_arrays(function: Callable[..., Any]) -> Callable[..., Any]:
     for name, value in function.__globals__.items():
         if name not in names:
             continue
-        if value is elementary.sine_cosine:
+        if value is arithmetic.sine_cosine:
             replaced[name] = _sine_cosine
         elif isinstance(value, FunctionType) and value.__module__.startswith('ballbot_ros'):
             replaced[name] = for_arrays(value)

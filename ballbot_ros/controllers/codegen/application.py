@@ -25,7 +25,7 @@ from ballbot_ros.files import program, read_bytes, read_text
 from ballbot_ros.parameters import CONTROLLER, ControllerParameters, Parameter, parameters_of
 from ballbot_ros.parameters.yaml_document import yaml_text
 from ballbot_ros.robot.brick.bluetooth import PACKET_SIZE, GamepadPacket
-from ballbot_ros.robot.brick.brick import TaskTiming
+from ballbot_ros.robot.brick.schedule import TaskTiming
 from ballbot_ros.robot.brick.sensors import NO_ECHO_CM
 
 _ZEROS = {'float': '0.0f', 'S32': '0', 'U32': '0U', 'U8': '0U'}

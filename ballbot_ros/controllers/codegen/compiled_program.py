@@ -19,14 +19,8 @@ from ballbot_ros.controllers.document.program import ControlMode, operating_stat
 from ballbot_ros.controllers.interface import OperatingState
 from ballbot_ros.errors import CodegenError
 from ballbot_ros.parameters import ControllerParameters
-from ballbot_ros.robot.brick.brick import (
-    Brick,
-    DeviceInputs,
-    DeviceOutputs,
-    Schedule,
-    TaskTiming,
-    Tone,
-)
+from ballbot_ros.robot.brick.brick import Brick, DeviceInputs, DeviceOutputs, Tone
+from ballbot_ros.robot.brick.schedule import Schedule, TaskTiming
 
 MAX_DUE = 8
 _REQUEST = struct.Struct(f'<IiiiHHHBbbB{MAX_DUE}s2x')

@@ -35,7 +35,7 @@ from ballbot_ros.parameters import (
     Value,
     parameters_of,
 )
-from ballbot_ros.robot.brick.brick import TaskTiming
+from ballbot_ros.robot.brick.schedule import TaskTiming
 
 
 def missing_tool_for(name: str) -> str:

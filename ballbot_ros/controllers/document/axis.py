@@ -15,7 +15,7 @@ import numpy as np
 
 from ballbot_ros.parameters import ControllerParameters
 from ballbot_ros.parameters.timing import TICK_MS
-from ballbot_ros.robot.brick.brick import TaskTiming
+from ballbot_ros.robot.brick.schedule import TaskTiming
 
 PROGRAM_NAME = 'NXT BALLBOT'
 """First line of the display."""

@@ -26,7 +26,6 @@ from ballbot_ros.controllers.document.axis import (
 )
 from ballbot_ros.controllers.interface import Glide, OperatingState
 from ballbot_ros.parameters import ControllerParameters
-from ballbot_ros.robot.arithmetic import inlined
 from ballbot_ros.robot.brick.bluetooth import LogPacket
 from ballbot_ros.robot.brick.brick import (
     NO_SAMPLE,
@@ -39,6 +38,7 @@ from ballbot_ros.robot.brick.brick import (
     status_page,
 )
 from ballbot_ros.robot.brick.sensors import NO_DATA_CM, NO_ECHO_CM
+from ballbot_ros.robot.compiler_hints import inlined
 
 LOWEST_TONE_HZ = 31
 

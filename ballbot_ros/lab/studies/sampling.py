@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from ballbot_ros.lab.studies.runs import Samples
 from ballbot_ros.lab.studies.study import Sampling, Study, grid_shape
 from ballbot_ros.lab.studies.variables import SEED, Floats, Levels
-from ballbot_ros.robot.arithmetic import Words, bits_53, philox4x32
-from ballbot_ros.robot.brick.sensors import noise_key
+from ballbot_ros.robot.random_numbers import Words, bits_53, noise_key, philox4x32
 
 _WORD = 0xFFFFFFFF
 _VALUES, _SEEDS = (np.uint64(zlib.crc32(use)) for use in (b'study values', b'study seeds'))

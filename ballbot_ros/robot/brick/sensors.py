@@ -1,4 +1,4 @@
-"""The brick's sensors: their units, quantisation, errors, dead times and noise.
+"""The brick's sensors: their units, quantisation, errors and dead times.
 
 An integer sent as rad or m comes back as the same integer.
 
@@ -9,51 +9,13 @@ bounded by the converter. The drift is a sine whose phase is drawn from the seed
 Dead time is how old samples are, and how late a duty takes effect. It is in whole physics steps,
 and depends on parameters, the seed and the time alone, like the noise of a device: a driver that
 restarts in mid-run continues with the same ages.
-And one that samples twice at one time has the same noise.
 """
 
 from __future__ import annotations
 
 import math
-import zlib
-from typing import Any
 
-import numpy as np
-
-from ballbot_ros.robot.arithmetic import TWO_PI, bits_53, philox4x32, sine_cosine
-
-_WORD = 0xFFFFFFFF
-_ZERO = np.uint64(0)
-
-Key = tuple[np.uint64, np.uint64]
-"""The key of the generator."""
-
-
-def noise_bits(index_low: Any, index_high: Any, device: Any, key: Key) -> tuple[Any, Any]:
-    """Return the 53 random bits of each of the two numbers of a sample.
-
-    Parameters
-    ----------
-    index_low, index_high : uint64 or ndarray of uint64
-        The lower and upper 32 bits of the sample's number.
-    device : uint64
-        Result of :func:`device_number`.
-    key : tuple of uint64
-        Result of :func:`noise_key`.
-    """
-    words = philox4x32(index_low, index_high, device, _ZERO, key[0], key[1])
-    return bits_53(words.w0, words.w1), bits_53(words.w2, words.w3)
-
-
-def noise_key(seed: int) -> Key:
-    """Return the key of the generator for a seed, 0 ... 2^64 - 1."""
-    return np.uint64(seed & _WORD), np.uint64(seed >> 32)
-
-
-def device_number(device: str) -> np.uint64:
-    """Return the part of the generator's counter that distinguishes the devices."""
-    return np.uint64(zlib.crc32(device.encode()))
-
+from ballbot_ros.robot.arithmetic import TWO_PI, sine_cosine
 
 RADIANS_PER_DEGREE = math.pi / 180.0
 _DEGREES_PER_RADIAN = 180.0 / math.pi

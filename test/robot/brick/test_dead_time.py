@@ -9,7 +9,8 @@ from laws import given
 from ballbot_ros.engine.devices import sample_age, uniform_pair
 from ballbot_ros.engine.plant_tick import NEVER_NS, duty_at, note_duty, waiting_count
 from ballbot_ros.parameters.timing import SLOW_PERIOD_NS, STEP_NS, TICK_NS
-from ballbot_ros.robot.brick.sensors import device_number, drawn_delay, mean_delay, noise_key
+from ballbot_ros.robot.brick.sensors import drawn_delay, mean_delay
+from ballbot_ros.robot.random_numbers import device_number, noise_key
 
 FIRST = 250
 

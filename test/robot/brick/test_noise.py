@@ -8,8 +8,7 @@ import pytest
 
 from ballbot_ros.engine.compilation import compiled
 from ballbot_ros.engine.devices import normal_pair, uniform_pair
-from ballbot_ros.robot.arithmetic import philox4x32
-from ballbot_ros.robot.brick.sensors import device_number, noise_key
+from ballbot_ros.robot.random_numbers import device_number, noise_key, philox4x32
 
 COUNT = 20_000
 

@@ -1,6 +1,6 @@
 """The OSEK schedule."""
 
-from ballbot_ros.robot.brick.brick import Schedule, TaskTiming
+from ballbot_ros.robot.brick.schedule import Schedule, TaskTiming
 
 CONTROLLER = Schedule(
     TaskTiming(*row)

@@ -13,7 +13,8 @@ from laws import given, is_read_or_refused_in_one_line, refusal
 from PIL import Image
 
 from ballbot_ros.errors import WorldError
-from ballbot_ros.robot.world.floor_map import FLOOR, LINE, WALL, read_map
+from ballbot_ros.robot.world.floor_map import FLOOR, LINE, WALL
+from ballbot_ros.robot.world.image import read_map
 
 CELLS = np.array([[FLOOR, WALL, LINE], [WALL, WALL, FLOOR]], dtype=np.uint8)
 VALUES = np.array([FLOOR, WALL, LINE], dtype=np.uint8)
