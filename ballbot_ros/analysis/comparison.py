@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -18,10 +18,8 @@ from ballbot_ros.analysis.drawing import (
     POSITION,
     Quantity,
     draw_floor,
-    draw_line,
+    draw_rows,
     draw_track,
-    frame_curves,
-    label_time,
     legend_above,
 )
 from ballbot_ros.analysis.figure_parts import (
@@ -32,13 +30,24 @@ from ballbot_ros.analysis.figure_parts import (
     PURPLE,
     SKY,
     WIDTH,
+    DrawnCurve,
     Line,
+    Row,
     Table,
     csv_text,
     new_figure,
     png_of,
 )
 from ballbot_ros.analysis.figure_tables import duty_table, pitch_table, position_table, track_table
+from ballbot_ros.analysis.interactive import (
+    MISSING,
+    Events,
+    InteractiveFigures,
+    PackedNumbers,
+    history_figure,
+    packed_figures,
+    track_figure,
+)
 from ballbot_ros.analysis.metrics import Verdict, number
 from ballbot_ros.analysis.page import number_text, render_template, write_folder
 from ballbot_ros.analysis.report import MEANINGS, MetricText, banner, metric_text
@@ -123,6 +132,8 @@ def parse_condition(text: str, metrics: Iterable[str]) -> Condition:
 
 
 _COLOURS = (BLUE, ORANGE, GREEN, PURPLE, SKY, GRAY)
+_LEFT_OUT = 'A plane in which all runs stay at zero is left out.'
+
 _DASHES = ('-', '--', '-.', ':')
 
 NOTHING_CHANGED = 'Nothing was changed: parameters, scenario, seed and versions are the same.'
@@ -351,6 +362,9 @@ def write_comparison(comparison: Comparison, failed: Sequence[str], folder: Path
         same=[row for row in rows if row.is_same],
         failed=failed,
         figures=figures,
+        interactive=_interactive(comparison),
+        left_out=_LEFT_OUT,
+        missing=MISSING,
     )
     metrics = csv_text(
         ('metric', *(each.letter for each in runs)),
@@ -364,16 +378,15 @@ def write_comparison(comparison: Comparison, failed: Sequence[str], folder: Path
 
 def _figures(comparison: Comparison) -> Iterable[RenderedFigure]:
     for source in _SOURCES:
-        name, title = source.quantity.name, source.title
-        if any(name in each.tables for each in comparison.runs):
+        if rows := _rows(comparison, source):
             yield RenderedFigure(
-                name,
-                title,
-                f'{title} of all runs against time, plane x above and plane y below.',
-                png_of(_draw_quantity(source.quantity, comparison)),
+                source.quantity.name,
+                source.title,
+                f'{source.title} of all runs against time. {_LEFT_OUT}',
+                png_of(draw_rows(rows)),
                 {},
             )
-    if any('track' in each.tables for each in comparison.runs):
+    if _tracks(comparison):
         yield RenderedFigure(
             'track',
             'Track',
@@ -383,39 +396,66 @@ def _figures(comparison: Comparison) -> Iterable[RenderedFigure]:
         )
 
 
-def _lines(comparison: Comparison, name: str) -> Iterator[tuple[Table, Line]]:
-    """Iterate over the runs' tables of this name, with the line style of each."""
-    for index, each in enumerate(comparison.runs):
-        if name in each.tables:
-            # The first line is the widest, so that later ones do not hide it.
-            yield (
-                each.tables[name],
-                Line(
-                    _COLOURS[index % len(_COLOURS)],
-                    2.0 if index == 0 else 1.1,
-                    _DASHES[index % len(_DASHES)],
-                    comparison.labels[index],
-                ),
-            )
+def _interactive(comparison: Comparison) -> InteractiveFigures | None:
+    numbers = PackedNumbers()
+    rows = [row for source in _SOURCES for row in _rows(comparison, source)]
+    tracks = _tracks(comparison)
+    if not rows:
+        return None
+    end = max(float(each.time[-1]) for row in rows for each in row.curves)
+    figures = {'history': history_figure(rows, Events(end), numbers)}
+    if tracks:
+        figures['path'] = track_figure(tracks, comparison.runs[0].floor, (), numbers)
+    covered = (*(each.quantity.name for each in _SOURCES), 'track')
+    return packed_figures(figures, numbers, covered)
 
 
-def _draw_quantity(quantity: Quantity, comparison: Comparison) -> Figure:
-    figure = new_figure(WIDTH, 5.0)
-    both = figure.subplots(2, 1, sharex=True)
-    for axes, plane in zip(both, 'xy', strict=True):
-        for table, line in _lines(comparison, quantity.name):
-            draw_line(axes, table['time_s'], table[quantity.column(plane)], line)
-        frame_curves(axes, f'{quantity.label}, {plane}')
-    legend_above(both[0], 2)
-    label_time(both[1])
-    return figure
+def _rows(comparison: Comparison, source: _Source) -> list[Row]:
+    """Return a row for each plane in which the quantity of a run is not always zero."""
+    return [row for plane in 'xy' if (row := _row(comparison, source.quantity, plane)).curves]
+
+
+def _row(comparison: Comparison, quantity: Quantity, plane: str) -> Row:
+    panel, column = quantity.panel_of(plane), quantity.column(plane)
+    tables = _lines(comparison, quantity.name)
+    if not any(table[column].any() for table, _ in tables):
+        return Row(panel, ())
+    return Row(
+        panel,
+        tuple(
+            DrawnCurve(table['time_s'], table[column], line, f'{panel.quantity}, {line.label}')
+            for table, line in tables
+        ),
+    )
+
+
+def _tracks(comparison: Comparison) -> list[tuple[Table, Line]]:
+    return _lines(comparison, 'track')
+
+
+def _lines(comparison: Comparison, name: str) -> list[tuple[Table, Line]]:
+    """Return the runs' tables of this name, with the line style of each."""
+    # The first line is the widest, so that later ones do not hide it.
+    return [
+        (
+            each.tables[name],
+            Line(
+                _COLOURS[index % len(_COLOURS)],
+                2.0 if index == 0 else 1.1,
+                _DASHES[index % len(_DASHES)],
+                comparison.labels[index],
+            ),
+        )
+        for index, each in enumerate(comparison.runs)
+        if name in each.tables
+    ]
 
 
 def _draw_tracks(comparison: Comparison) -> Figure:
     figure = new_figure(WIDTH, 5.0)
     axes = figure.subplots()
     draw_floor(axes, comparison.runs[0].floor)
-    for table, line in _lines(comparison, 'track'):
+    for table, line in _tracks(comparison):
         draw_track(axes, table, line)
     legend_above(axes, 2)
     return figure

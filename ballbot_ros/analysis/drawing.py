@@ -5,9 +5,8 @@ The picture of a run, the report and the comparison share these functions, so th
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from operator import attrgetter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -29,6 +28,7 @@ from ballbot_ros.analysis.figure_parts import (
     IntervalKind,
     Line,
     Panel,
+    Row,
     Table,
     new_figure,
     panel_of_planes,
@@ -79,6 +79,11 @@ class Quantity:
         """The true values of both planes."""
         return panel_of_planes(self.label, [(TRUE, self.column('{}'))])
 
+    def panel_of(self, plane: str) -> Panel:
+        """Return a panel for the values of one plane, which its label names."""
+        quantity, bracket, unit = self.label.partition(' [')
+        return Panel(f'{quantity} {plane}{bracket}{unit}', (Curve(self.column(plane)),))
+
 
 POSITION = Quantity('position', 'cm', 'position [cm]')
 PITCH = Quantity('pitch', 'deg', 'body pitch [°]')
@@ -106,7 +111,7 @@ SHADES: Mapping[IntervalKind, Shade] = {
 
 def draw_planes(axes: Axes, quantity: Quantity, table: Table) -> None:
     """Draw a quantity of both planes against time, plane x in front of plane y."""
-    draw_panel(axes, quantity.panel, table, attrgetter('line_of_both'))
+    draw_row(axes, quantity.panel.row(table))
 
 
 def draw_line(
@@ -124,17 +129,16 @@ def draw_line(
     )  # fmt: skip
 
 
-def draw_panel(axes: Axes, panel: Panel, table: Table, line_of: Callable[[Curve], Line]) -> None:
-    """Draw the curves of a panel, plane x in front of plane y."""
-    for curve in panel.curves:
-        values = curve.role.select(table[curve.column])
+def draw_row(axes: Axes, row: Row) -> None:
+    """Draw curves against time, plane x in front of plane y."""
+    for curve in row.curves:
         height = _LINES + 0.1 * (curve.plane == 'x')
-        draw_line(axes, table['time_s'], values, line_of(curve), height)
-    for limit in panel.limits:
+        draw_line(axes, curve.time, curve.values, curve.line, height)
+    for limit in row.panel.limits:
         axes.axhline(limit, color=GRAY, linewidth=0.8, linestyle=':')
-    frame_curves(axes, panel.label)
-    if panel.bounds:
-        axes.set_ylim(*panel.bounds)
+    frame_curves(axes, row.panel.label)
+    if row.panel.bounds:
+        axes.set_ylim(*row.panel.bounds)
 
 
 def frame_curves(axes: Axes, label: str) -> None:
@@ -142,6 +146,22 @@ def frame_curves(axes: Axes, label: str) -> None:
     axes.margins(x=0.0)
     axes.set_ylabel(label)
     style_axes(axes)
+
+
+def draw_rows(rows: Sequence[Row], marked: Sequence[Interval] = ()) -> Figure:
+    """Draw rows one above the other, with marked intervals shaded, and the others named."""
+    figure = new_figure(WIDTH, 2.8 if len(rows) == 1 else 2.5 * len(rows))
+    lines = figure.subplots(len(rows), 1, sharex=True, squeeze=False)[:, 0]
+    for axes, row in zip(lines, rows, strict=True):
+        draw_row(axes, row)
+        if not row.panel.bounds:
+            set_min_span(axes, row.panel.min_span)
+        shade_intervals(axes, marked)
+    name_intervals(lines[0], [each for each in marked if each.kind is not IntervalKind.STATE])
+    if len(lines[0].get_legend_handles_labels()[0]) > 1:
+        legend_above(lines[0])
+    label_time(lines[-1])
+    return figure
 
 
 def label_time(axes: Axes) -> None:

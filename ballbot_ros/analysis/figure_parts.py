@@ -237,18 +237,48 @@ class Curve:
     role: Role = TRUE
     plane: str = ''
 
-    @property
     def line(self) -> Line:
-        """Its line next to the curves of the same plane only."""
+        """Return its line next to the curves of the same plane only."""
         color = ORANGE if self.plane == 'y' or self.role is NO_ECHO else BLUE
         if self.plane and self.role is not TRUE:
             color = DARKER[color]
         return Line(color, self.role.width, self.role.dash, self.role.name)
 
-    @property
     def line_of_both(self) -> Line:
-        """Its line next to the curves of the other plane."""
-        return PLANES['xy'.index(self.plane)] if self.plane and self.role is TRUE else self.line
+        """Return its line next to the curves of the other plane."""
+        return PLANES['xy'.index(self.plane)] if self.plane and self.role is TRUE else self.line()
+
+
+@dataclass(frozen=True)
+class DrawnCurve:
+    """The numbers of a curve against time, and how it is drawn and named.
+
+    Attributes
+    ----------
+    time, values : ndarray, shape (n,)
+    words : str
+        What the page says of it, before the value.
+    plane : str
+        ``x``, which is drawn in front, ``y``, or '' for no plane.
+    is_named : bool
+        Whether it has an entry in the page's legend.
+    """
+
+    time: Values
+    values: Values
+    line: Line
+    words: str
+    role: Role = TRUE
+    plane: str = ''
+    is_named: bool = True
+
+
+@dataclass(frozen=True)
+class Row:
+    """A panel with its numbers, as both pictures and pages draw it."""
+
+    panel: Panel
+    curves: tuple[DrawnCurve, ...]
 
 
 @dataclass(frozen=True)
@@ -287,10 +317,18 @@ class Panel:
         """Return the panel with only the curves of a plane."""
         return replace(self, curves=tuple(each for each in self.curves if each.plane == plane))
 
-    def of_table(self, table: Table) -> Panel:
-        """Return the panel without curves that have no value in a table."""
-        curves = tuple(each for each in self.curves if not np.isnan(table[each.column]).all())
-        return replace(self, curves=curves)
+    def row(self, table: Table, line_of: Callable[[Curve], Line] = Curve.line_of_both) -> Row:
+        """Return the panel with the curves that have a value in a table."""
+        known = (each for each in self.curves if not np.isnan(table[each.column]).all())
+        return Row(self, tuple(self._drawn(each, table, line_of(each)) for each in known))
+
+    def _drawn(self, curve: Curve, table: Table, line: Line) -> DrawnCurve:
+        values = curve.role.select(table[curve.column])
+        role = '' if curve.role is TRUE else curve.role.name
+        words = ' '.join(filter(None, (self.quantity, curve.plane, role)))
+        return DrawnCurve(
+            table['time_s'], values, line, words, curve.role, curve.plane, bool(curve.plane)
+        )
 
 
 def panel_of_planes(

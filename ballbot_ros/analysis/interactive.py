@@ -42,17 +42,19 @@ from ballbot_ros.analysis.figure_parts import (
     POINTS,
     READING,
     ROLES,
-    TRUE,
-    Curve,
+    DrawnCurve,
     Interval,
     IntervalKind,
+    Line,
     Panel,
+    Row,
     Table,
     envelope,
     every_nth,
 )
 from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.analysis.run_figures import FigureContent, track_marks
+from ballbot_ros.robot.world.floor_map import FloorMap, OccupancyGrid
 
 STEPS = 65_534
 """Steps into which the range of a column is divided; the next number stands for no number."""
@@ -129,7 +131,7 @@ MISSING = (
 
 _ROW_PX, _LANE_PX, _TOP_PX, _GAP_PX = 128, 26, 64, 30
 _HIDDEN_AT_FIRST = (ESTIMATED, READING)
-_DASHES = {'-': 'solid', '--': 'dash', ':': 'dot'}
+_DASHES = {'-': 'solid', '--': 'dash', '-.': 'dashdot', ':': 'dot'}
 _SYMBOLS = {'.': 'circle', '|': 'line-ns-open', 'x': 'x-thin-open', '^': 'triangle-up'}
 _GRID = {'showgrid': True, 'zeroline': False, 'gridcolor': '#E3E5E7', 'linecolor': '#B0B4B8'}
 _PAGE_ON_DARK = {
@@ -179,18 +181,36 @@ class InteractiveFigures:
     covered: frozenset[str]
 
 
+class Events(NamedTuple):
+    """When a time axis ends [s], intervals by kind, and the intervals that are shaded."""
+
+    end: float
+    lanes: Mapping[str, Sequence[Interval]] = {}
+    marked: Sequence[Interval] = ()
+
+
 def interactive_figures(
     run: RunData, contents: Sequence[FigureContent]
 ) -> InteractiveFigures | None:
     """Return the interactive figures of a run; None without Plotly or anything to show."""
-    plotly = plotly_script()
-    if plotly is None or not contents:
+    if not contents:
         return None
     numbers = PackedNumbers()
-    figures = {'history': history_figure(run, contents, numbers)}
+    events = Events(run.end, lanes_of(run), run.marked)
+    figures = {'history': history_figure(merged_rows(contents), events, numbers)}
     track = next((each.table for each in contents if each.figure.name == 'track'), None)
     if track is not None:
-        figures['path'] = track_figure(run, track, numbers)
+        figures['path'] = track_figure([(track, Line(BLUE))], run.floor, track_marks(run), numbers)
+    return packed_figures(figures, numbers, (each.figure.name for each in contents))
+
+
+def packed_figures(
+    figures: Mapping[str, Json], numbers: PackedNumbers, covered: Iterable[str]
+) -> InteractiveFigures | None:
+    """Return figures as a page holds them, by the ids of their elements; None without Plotly."""
+    plotly = plotly_script()
+    if plotly is None:
+        return None
     description = {'figures': figures, 'dark': {**ON_DARK, **_PAGE_ON_DARK}}
     return InteractiveFigures(
         plotly,
@@ -198,22 +218,13 @@ def interactive_figures(
         numbers.compressed(),
         files(__package__).joinpath('assets', 'interactive.js').read_text(encoding='utf-8'),
         tuple(figures),
-        frozenset(each.figure.name for each in contents),
+        frozenset(covered),
     )
 
 
-@dataclass(frozen=True)
-class _Row:
-    """A panel, with the table of each of its curves."""
-
-    panel: Panel
-    tables: tuple[Table, ...]
-
-
-def history_figure(run: RunData, contents: Iterable[FigureContent], numbers: PackedNumbers) -> Json:
-    """Return all panels against one time axis, one above the other, below the events."""
-    rows = _merged_rows(contents)
-    lanes = _lanes(run)
+def history_figure(rows: Sequence[Row], events: Events, numbers: PackedNumbers) -> Json:
+    """Return all rows against one time axis, one above the other, below the events."""
+    lanes = events.lanes
     bottoms, tops = _domains(len(lanes), len(rows))
     traces = [_lane_trace(lanes)] if lanes else []
     layout = {**_layout(), 'height': _height(len(lanes), len(rows))}
@@ -227,33 +238,31 @@ def history_figure(run: RunData, contents: Iterable[FigureContent], numbers: Pac
         layout[f'yaxis{number}'] = _value_axis(row, bottoms[number - 1], tops[number - 1])
         layout['annotations'].append(_heading(row.panel.label, tops[number - 1]))
         layout['shapes'] += [_limit(limit, number) for limit in row.panel.limits]
-        for curve, table in zip(row.panel.curves, row.tables, strict=True):
-            traces.append(_curve_trace(row.panel, curve, table, number, shown, numbers))
+        traces += [_curve_trace(row.panel, each, number, shown, numbers) for each in row.curves]
     layout['xaxis'] = {
         **_GRID, 'anchor': f'y{len(rows) + 1}', 'title': {'text': 'time [s]'},
-        'range': [0.0, max(run.end, 1e-3)], 'hoverformat': '.3f', 'showspikes': True,
+        'range': [0.0, max(events.end, 1e-3)], 'hoverformat': '.3f', 'showspikes': True,
         'spikemode': 'across', 'spikesnap': 'cursor', 'spikethickness': 1, 'spikedash': 'solid',
         'spikecolor': GRAY, 'unifiedhovertitle': {'text': '%{x:.3f} s'},
     }  # fmt: skip
-    layout['shapes'] += [_shade(each) for each in run.marked]
+    layout['shapes'] += [_shade(each) for each in events.marked]
     return {'data': traces, 'layout': layout}
 
 
-def _merged_rows(contents: Iterable[FigureContent]) -> list[_Row]:
+def merged_rows(contents: Iterable[FigureContent]) -> list[Row]:
     """Return one row for each quantity; a curve that several figures show appears once."""
-    rows: dict[str, _Row] = {}
+    rows: dict[str, Row] = {}
     for content in contents:
         for panel in content.figure.panels:
-            shown = panel.of_table(content.table)
-            row = rows.setdefault(panel.label, _Row(replace(panel, curves=()), ()))
-            known = {(each.role, each.plane) for each in row.panel.curves}
-            new = tuple(each for each in shown.curves if (each.role, each.plane) not in known)
-            merged = replace(row.panel, curves=row.panel.curves + new)
-            rows[panel.label] = _Row(merged, row.tables + (content.table,) * len(new))
-    return [row for row in rows.values() if row.panel.curves]
+            row = rows.setdefault(panel.label, Row(panel, ()))
+            known = {(each.role, each.plane) for each in row.curves}
+            new = panel.row(content.table).curves
+            curves = tuple(each for each in new if (each.role, each.plane) not in known)
+            rows[panel.label] = replace(row, curves=row.curves + curves)
+    return [row for row in rows.values() if row.curves]
 
 
-def _lanes(run: RunData) -> dict[str, list[Interval]]:
+def lanes_of(run: RunData) -> dict[str, list[Interval]]:
     """Return the intervals of the run by kind: states, pushes and wall hits."""
     marked = [each for each in run.marked if each.kind is not IntervalKind.STATE]
     intervals = [*run.states, *marked]
@@ -290,7 +299,7 @@ def _layout() -> Json:
     }  # fmt: skip
 
 
-def _value_axis(row: _Row, bottom: float, top: float) -> Json:
+def _value_axis(row: Row, bottom: float, top: float) -> Json:
     axis = {**_GRID, 'domain': [bottom, top], 'nticks': 5}
     if row.panel.bounds:
         return {**axis, 'range': list(row.panel.bounds)}
@@ -301,9 +310,9 @@ def _value_axis(row: _Row, bottom: float, top: float) -> Json:
     return axis
 
 
-def _span(row: _Row) -> tuple[float, float]:
-    columns = [table[each.column] for each, table in zip(row.panel.curves, row.tables, strict=True)]
-    return float(min(map(np.nanmin, columns))), float(max(map(np.nanmax, columns)))
+def _span(row: Row) -> tuple[float, float]:
+    known = np.concatenate([each.values[np.isfinite(each.values)] for each in row.curves])
+    return (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
 
 
 def _heading(text: str, top: float) -> Json:
@@ -352,25 +361,22 @@ def _words(interval: Interval) -> str:
 
 
 def _curve_trace(
-    panel: Panel, curve: Curve, table: Table, number: int, shown: set[str], numbers: PackedNumbers
+    panel: Panel, curve: DrawnCurve, number: int, shown: set[str], numbers: PackedNumbers
 ) -> Json:
-    line = curve.line_of_both
-    values = curve.role.select(table[curve.column])
-    few = _few_rows(table['time_s'], values, is_points=line.dash in POINTS)
-    name = line.label
-    words = f'{panel.quantity} {curve.plane} {"" if curve.role is TRUE else curve.role.name}'
+    line = curve.line
+    few = _few_rows(curve.time, curve.values, is_points=line.dash in POINTS)
     value = '' if curve.role is NO_ECHO else f': %{{y:.2~f}} {panel.unit}'
     trace = {
         'type': 'scatter',
         'packed': {'x': numbers.add(few['time_s']), 'y': numbers.add(few['y'])},
-        'yaxis': f'y{number}', 'name': name, 'legendgroup': name,
+        'yaxis': f'y{number}', 'name': line.label, 'legendgroup': line.label,
         'legendrank': 1000 + ROLES.index(curve.role),
-        'showlegend': bool(curve.plane) and name not in shown,
+        'showlegend': curve.is_named and line.label not in shown,
         'visible': 'legendonly' if curve.role in _HIDDEN_AT_FIRST else True,
-        'hovertemplate': f'{" ".join(words.split())}{value}<extra></extra>',
+        'hovertemplate': f'{curve.words}{value}<extra></extra>',
         **_look(line.color, line.width, line.dash),
     }  # fmt: skip
-    shown.add(name)
+    shown.add(line.label)
     return trace
 
 
@@ -387,12 +393,19 @@ def _look(color: str, width: float, dash: str) -> Json:
     return {'mode': 'lines', 'line': {'color': color, 'width': width, 'dash': _DASHES[dash]}}
 
 
-def track_figure(run: RunData, table: Table, numbers: PackedNumbers) -> Json:
-    """Return the track on the map from above, with its ends, pushes and wall hits."""
-    few = every_nth(table['time_s'], {k: v for k, v in table.items() if k != 'time_s'}, MAX_ROWS)
-    x, y, time = (few[name] for name in ('map_x_cm', 'map_y_cm', 'time_s'))
+def track_figure(
+    tracks: Sequence[tuple[Table, Line]],
+    floor: FloorMap | OccupancyGrid | None,
+    marks: Sequence[TrackMark],
+    numbers: PackedNumbers,
+) -> Json:
+    """Return tracks on the map from above, with their ends, pushes and wall hits.
+
+    A track whose line has a label is one of several, see `drawing.draw_track`. A single one has a
+    ball, which the page moves.
+    """
     # Without walls, the plot may be as wide as the page.
-    constrained = 'range' if run.floor is None else 'domain'
+    constrained = 'range' if floor is None else 'domain'
     layout = _layout()
     layout |= {
         'hovermode': 'closest', 'hoverdistance': 20, 'hoversubplots': 'single',
@@ -401,26 +414,35 @@ def track_figure(run: RunData, table: Table, numbers: PackedNumbers) -> Json:
             **_GRID, 'title': {'text': Y_LABEL}, 'scaleanchor': 'x', 'constrain': constrained,
         },
     }  # fmt: skip
-    where = '%{x:.1f} cm forward, %{y:.1f} cm left'
+    traces = [_floor_trace(floor_shades(floor))] if floor is not None else []
+    for table, line in tracks:
+        traces += _track_traces(table, line, numbers)
+    traces += _mark_traces(marks)
+    if not any(line.label for _, line in tracks):
+        ball = _point('ball', 0.0, 0.0, INK, 'circle-open', 14)
+        traces.append({**ball, 'x': [], 'y': [], 'showlegend': False})
+    return {'data': traces, 'layout': layout}
+
+
+def _track_traces(table: Table, line: Line, numbers: PackedNumbers) -> list[Json]:
+    """Return a track and its ends, of which those of several tracks have no names."""
+    few = every_nth(table['time_s'], {k: v for k, v in table.items() if k != 'time_s'}, MAX_ROWS)
+    x, y, time = (few[name] for name in ('map_x_cm', 'map_y_cm', 'time_s'))
+    hover = '%{customdata:.3f} s: %{x:.1f} cm forward, %{y:.1f} cm left'
     track = {
         'type': 'scatter',
         'packed': {'x': numbers.add(x), 'y': numbers.add(y), 'customdata': numbers.add(time)},
-        'name': 'track', 'hovertemplate': f'%{{customdata:.3f}} s: {where}<extra></extra>',
-        'mode': 'lines', 'line': {'color': BLUE, 'width': 1.8, 'simplify': False},
+        'name': line.label or 'track', 'mode': 'lines',
+        'hovertemplate': f'{" ".join(filter(None, (line.label, hover)))}<extra></extra>',
+        'line': {
+            'color': line.color, 'width': 1.8, 'dash': _DASHES[line.dash], 'simplify': False,
+        },
     }  # fmt: skip
     ends = [
-        _point('start', x[0], y[0], GRAY, 'circle', 11),
-        _point('end', x[-1], y[-1], ORANGE, 'square', 9),
+        _point('start', x[0], y[0], line.color if line.label else GRAY, 'circle', 11),
+        _point('end', x[-1], y[-1], line.color if line.label else ORANGE, 'square', 9),
     ]
-    floor = [_floor_trace(floor_shades(run.floor))] if run.floor is not None else []
-    marks = _mark_traces(track_marks(run))
-    ball = {
-        **_point('ball', 0.0, 0.0, INK, 'circle-open', 14),
-        'x': [],
-        'y': [],
-        'showlegend': False,
-    }
-    return {'data': [*floor, track, *ends, *marks, ball], 'layout': layout}
+    return [track, *({**each, 'showlegend': not line.label} for each in ends)]
 
 
 def _point(name: str, x: float, y: float, color: str, symbol: str, size: float) -> Json:

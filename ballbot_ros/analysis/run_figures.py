@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from operator import attrgetter
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,11 +18,11 @@ from ballbot_ros.analysis.drawing import (
     TrackMark,
     draw_floor,
     draw_marks,
-    draw_panel,
+    draw_row,
+    draw_rows,
     draw_track,
     label_time,
     legend_above,
-    name_intervals,
     set_min_span,
     shade_intervals,
     style_axes,
@@ -42,7 +41,6 @@ from ballbot_ros.analysis.figure_parts import (
     WIDTH,
     Curve,
     Interval,
-    IntervalKind,
     Line,
     Panel,
     Table,
@@ -141,20 +139,7 @@ def _draw(run: RunData, figure: RunFigure, table: Table) -> RenderedFigure:
 
 def _draw_stacked(run: RunData, table: Table, panels: Sequence[Panel]) -> Figure:
     """Draw panels of both planes, one above the other."""
-    height = 2.8 if len(panels) == 1 else 2.5 * len(panels)
-    figure = new_figure(WIDTH, height)
-    rows = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
-    for axes, panel in zip(rows, panels, strict=True):
-        draw_panel(axes, panel.of_table(table), table, attrgetter('line_of_both'))
-        if not panel.bounds:
-            set_min_span(axes, panel.min_span)
-        shade_intervals(axes, run.marked)
-    named = [each for each in run.marked if each.kind is not IntervalKind.STATE]
-    name_intervals(rows[0], named)
-    if len(rows[0].get_legend_handles_labels()[0]) > 1:
-        legend_above(rows[0])
-    label_time(rows[-1])
-    return figure
+    return draw_rows([each.row(table) for each in panels], run.marked)
 
 
 def track_marks(run: RunData) -> list[TrackMark]:
@@ -190,8 +175,8 @@ def _draw_by_plane(
     grid = figure.subplots(len(panels), 2, sharex=True, sharey='row' if share_rows else 'none')
     for line, panel in zip(grid, panels, strict=True):
         for axes, plane in zip(line, 'xy', strict=True):
-            shown = panel.of_table(table).of_plane(plane)
-            draw_panel(axes, replace(shown, label=''), table, attrgetter('line'))
+            shown = replace(panel, label='').of_plane(plane)
+            draw_row(axes, shown.row(table, Curve.line))
             shade_intervals(axes, run.marked)
         for axes in line:  # after all curves of the row: setting the span ends autoscaling
             set_min_span(axes, panel.min_span)

@@ -1,10 +1,14 @@
 """Comparison of runs, and the gate against regressions."""
 
+import base64
 import csv
+import gzip
 import json
+import re
 
 import pytest
 
+from ballbot_ros.analysis import interactive
 from ballbot_ros.analysis.report import MEANINGS
 
 
@@ -74,14 +78,36 @@ def test_the_page_shows_all_runs(command, short, other, tmp_path):
     assert status == 0
     assert str(folder / 'index.html') in stdout
     page = (folder / 'index.html').read_text(encoding='utf-8')
-    assert page.count('data:image/png;base64,') == 4
-    assert 'http' not in page
+    drawn = page_figures(page)
+    assert drawn.keys() == {'history', 'path'}
+    # All runs stay at zero in plane y.
+    rows = [each['text'] for each in drawn['history']['layout']['annotations']]
+    assert rows == ['body pitch x [°]', 'position x [cm]', 'duty x [%]']
+    for figure in drawn.values():
+        named = [each['name'][0] for each in figure['data'] if each.get('showlegend', True)]
+        assert sorted(named) == ['A', 'B', 'C']
     for name in ('pitch', 'position', 'duty', 'track'):
         assert (folder / f'{name}.png').stat().st_size > 10_000
     with (folder / 'metrics.csv').open(encoding='utf-8') as file:
         rows = list(csv.DictReader(file))
     assert [row['metric'] for row in rows] == list(MEANINGS)
     assert all(row['A'] == row['C'] for row in rows)
+
+
+def page_figures(page):
+    """Return the interactive figures of a page."""
+    packed = re.search('id="description">([^<]+)', page)[1]
+    return json.loads(gzip.decompress(base64.b64decode(packed)))['figures']
+
+
+def test_without_plotly_the_page_has_pictures(command, short, other, tmp_path, monkeypatch):
+    monkeypatch.setattr(interactive, 'plotly_script', lambda: None)
+    folder = tmp_path / 'out'
+    assert command('compare', short[0], other, '--output', folder)[0] == 0
+    page = (folder / 'index.html').read_text(encoding='utf-8')
+    assert page.count('data:image/png;base64,') == 4
+    assert 'http' not in page
+    assert interactive.MISSING.partition('`')[0] in page
 
 
 def test_it_begins_with_what_was_changed(command, short, other):

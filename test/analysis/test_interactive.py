@@ -3,7 +3,6 @@
 import io
 from dataclasses import replace
 from itertools import pairwise
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,11 +10,19 @@ from browsing import shared_browser
 from graph import LAST_RESORT_S
 from PIL import Image
 
-from ballbot_ros.analysis.figure_parts import DARKER, PLANES, Interval, IntervalKind
-from ballbot_ros.analysis.interactive import MAX_ROWS, PackedNumbers, history_figure, track_figure
+from ballbot_ros.analysis.figure_parts import BLUE, DARKER, PLANES, Interval, IntervalKind, Line
+from ballbot_ros.analysis.interactive import (
+    MAX_ROWS,
+    Events,
+    PackedNumbers,
+    history_figure,
+    lanes_of,
+    merged_rows,
+    track_figure,
+)
 from ballbot_ros.analysis.recorded_scenario import RecordedPush
 from ballbot_ros.analysis.report import report_document
-from ballbot_ros.analysis.run_figures import figure_contents
+from ballbot_ros.analysis.run_figures import figure_contents, track_marks
 
 PUSH = RecordedPush(1.5, 1.7, (0.0, 2.0), (0.0, 0.0), is_external=True)
 ROWS = 9
@@ -37,7 +44,12 @@ def numbers():
 
 @pytest.fixture(scope='module')
 def history(eventful, numbers):
-    return history_figure(eventful, figure_contents(eventful), numbers)
+    return history_of(eventful, figure_contents(eventful), numbers)
+
+
+def history_of(run, contents, numbers):
+    events = Events(run.end, lanes_of(run), run.marked)
+    return history_figure(merged_rows(contents), events, numbers)
 
 
 def curves(figure):
@@ -45,8 +57,7 @@ def curves(figure):
 
 
 def test_a_run_of_which_only_the_track_is_known_has_a_page():
-    run = SimpleNamespace(states=(), marked=(), end=0.0)
-    assert history_figure(run, [], PackedNumbers())['data'] == []
+    assert history_figure([], Events(0.0), PackedNumbers())['data'] == []
 
 
 def test_all_curves_share_one_time_axis(history):
@@ -104,7 +115,8 @@ def test_pushes_and_wall_hits_are_shaded_and_described(history):
 
 def test_the_track_has_the_map_its_ends_pushes_and_hits(eventful, numbers):
     contents = {each.figure.name: each.table for each in figure_contents(eventful)}
-    figure = track_figure(eventful, contents['track'], numbers)
+    marks = track_marks(eventful)
+    figure = track_figure([(contents['track'], Line(BLUE))], eventful.floor, marks, numbers)
     named = {each['name']: each for each in figure['data'] if 'name' in each}
     assert named.keys() == {'track', 'start', 'end', 'push', 'wall hit', 'ball'}
     track = named['track']['packed']
@@ -120,7 +132,7 @@ def test_a_long_run_keeps_its_peaks_in_few_rows(driven_assessment, numbers):
     long[7_001] = 42.0
     table = {'time_s': np.arange(20_000) * 0.004, 'duty_x_percent': long, 'duty_y_percent': -long}
     duty = next(each for each in contents if each.figure.name == 'duty')
-    figure = history_figure(run, [replace(duty, table=table)], numbers)
+    figure = history_of(run, [replace(duty, table=table)], numbers)
     x, y = (numbers.values(each['packed']['y']) for each in curves(figure))
     assert len(x) <= MAX_ROWS
     assert x.max() == 42.0

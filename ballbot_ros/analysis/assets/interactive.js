@@ -19,7 +19,7 @@
     document.head.append(script);
   }
 
-  // The layout of a column is that of packed_numbers.py.
+  // The layout of a column is that of `PackedNumbers` in interactive.py.
   function column(bytes, [offset, count, low, high]) {
     const values = new Float64Array(count);
     let steps = 0;
@@ -89,6 +89,7 @@
   function follow(history, path) {
     const track = path.data.findIndex((trace) => trace.name === 'track');
     const cursor = path.data.findIndex((trace) => trace.name === 'ball');
+    if (cursor < 0) return; // of several tracks
     const { x, y, customdata: times } = path.data[track];
     history.on('plotly_hover', ({ xvals, points }) => {
       const time = points[0]?.x ?? xvals[0];
