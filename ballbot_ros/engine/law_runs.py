@@ -50,7 +50,7 @@ class LawState(NamedTuple):
 
 
 def begin_program(program: Any, begun_ms: int) -> tuple[Any, int]:
-    """Return the constants of the law, which are in a row, and no timers."""
+    """Return the constants of the law, read from its row, and 0, since it has no timers."""
     return read_constants(program), 0
 
 

@@ -77,7 +77,7 @@ _LOGGERS = ('distributed', 'distributed.client', 'distributed.comm', 'tornado', 
 
 
 def workers_of(address: str) -> WorkersOfJob:
-    """Return what finds the workers of a scheduler; StudyError if it is no address of one."""
+    """Return a function that finds the workers of a scheduler; StudyError for a wrong address."""
     if not _ADDRESS.fullmatch(address):
         raise StudyError(f'--cluster {address}: not the address of a scheduler; give {_EXAMPLE}')
     return lambda job, observer: ClusterWorkers(address, job, observer)

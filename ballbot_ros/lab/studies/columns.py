@@ -141,7 +141,7 @@ def _shortest(seconds: float) -> str:
 
 
 def metric(motion: Motion) -> float:
-    """Stand for the metric that the compiler puts in its place."""
+    """Raise NotImplementedError; the compiler calls a metric in place of this function."""
     raise NotImplementedError
 
 
