@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cache
+from itertools import groupby
 from pathlib import Path
 from typing import Any, cast
 
@@ -17,94 +17,145 @@ from ballbot_ros.engine.compiled_loop import TickColumns
 from ballbot_ros.lockstep.run_actions import RunSummary
 from ballbot_ros.parameters import ParameterSet, PlantParameters
 from ballbot_ros.parameters.timing import SECOND_NS
+from ballbot_ros.recording.messages.raw import Messages, Stamps
 from ballbot_ros.recording.messages.run_columns import RunColumns, SendAll
 from ballbot_ros.recording.messages.run_messages import RunMessages, Send
 from ballbot_ros.recording.messages.topics import (
+    ACCEPTED_PUSH,
+    BATTERY_STATE,
+    BLUETOOTH_TX,
+    CLOCK,
+    CONTROLLER_STATE,
+    GAMEPAD_JOY,
     GYRO_IMU,
     JOINT_STATES,
+    LCD,
+    MAP,
+    MOTOR_DUTY,
+    OPERATING_STATE,
     PLANT_IMU,
+    PLANT_JOINT_STATES,
     PLANT_ODOM,
+    RUN,
+    SONAR_RANGE,
+    SOUND,
+    WALL_HIT,
     Topic,
 )
 from ballbot_ros.recording.rosbag2 import OUTCOME_KEYS, RecordedTopic, media_type
-from ballbot_ros.recording.writer import RecordingWriter
+from ballbot_ros.recording.writer import RecordedMessages, RecordingWriter
 from ballbot_ros.robot.plant.ground_truth import Push
 from ballbot_ros.robot.world.world import World
 from ballbot_ros.viewer.derived_messages import PERIOD_NS, DerivedChannels, DerivedMessages
 
 _SOURCES = (PLANT_IMU, PLANT_ODOM, GYRO_IMU, JOINT_STATES)
-"""From their messages at a tick others are derived, in the order in which they are sent."""
+"""From their messages at a tick others are derived."""
+
+_ORDER = (
+    RUN, MAP, CLOCK, BATTERY_STATE, PLANT_IMU, PLANT_JOINT_STATES, PLANT_ODOM, WALL_HIT,
+    ACCEPTED_PUSH, GYRO_IMU, JOINT_STATES, *DerivedMessages.OUTPUTS, SONAR_RANGE, GAMEPAD_JOY,
+    OPERATING_STATE, BLUETOOTH_TX, SOUND, LCD, MOTOR_DUTY, CONTROLLER_STATE,
+)  # fmt: skip
+"""The order of the messages of a tick."""
+
+_END_NS = 2**63 - 1
 
 
-class _NewTopic:
-    """A topic that is added to the recording before its first message."""
+class _BufferedTopic:
+    """A topic, which is added to the recording before its first message, and what is not written.
 
-    def __init__(self, name: str, type_name: str, settings: Mapping[str, Any]) -> None:
-        self.name, self.type_name, self.settings = name, type_name, settings
-        self.count = 0
-        self.recorded: RecordedTopic | None = None
-
-
-class _MessageBuffer:
-    """Messages that have not been written; in each tick, they are in the order of :meth:`add`.
-
-    For those who write, it is like a :class:`RecordingWriter`.
+    Attributes
+    ----------
+    blocks : list of tuple
+        Stamps [ns] and messages of equal length that follow each other.
     """
 
-    def __init__(self, writer: RecordingWriter) -> None:
-        self._writer = writer
-        self._topics: list[_NewTopic] = []
+    def __init__(self, topic: Topic) -> None:
+        self._name, self._type_name = topic.resolved(), topic.type_name
+        self.settings: Mapping[str, Any] = {}
+        self.count = 0
+        self.blocks: list[tuple[Stamps, Messages]] = []
+        self._recorded: RecordedTopic | None = None
         self._stamps: list[int] = []
         self._messages: list[bytes] = []
 
-    def add_topic(self, name: str, type_name: str, **settings: Any) -> _NewTopic:
-        """As in :class:`RecordingWriter`."""
-        return _NewTopic(name, type_name, settings)
+    def add(self, stamp_ns: int, message: bytes) -> None:
+        """Add a message."""
+        self.count += 1
+        self._stamps.append(stamp_ns)
+        self._messages.append(message)
 
-    def write(self, topic: _NewTopic, stamp_ns: int, data: bytes, sequence: int) -> None:
-        """As in :class:`RecordingWriter`."""
-        self.add(topic, (stamp_ns,), (data,))
-
-    def add(self, topic: _NewTopic, stamps: Sequence[int], messages: Sequence[bytes]) -> None:
-        """Add messages of a topic."""
-        topic.count += len(stamps)
-        self._topics += [topic] * len(stamps)
-        self._stamps += stamps
-        self._messages += messages
+    def gather(self) -> None:
+        """Make blocks of the messages that were added one by one."""
+        stamps = iter(self._stamps)
+        for length, group in groupby(self._messages, len):
+            data = np.frombuffer(b''.join(group), f'V{length}')
+            self.blocks.append((np.fromiter(stamps, np.int64, len(data)), data))
+        self._stamps, self._messages = [], []
 
     @property
-    def newest_ns(self) -> int:
-        """The stamp of the last message."""
-        return self._stamps[-1]
+    def due_ns(self) -> int:
+        """The stamp before which the recording must have the topic [ns]."""
+        return _END_NS if self._recorded or not self.blocks else int(self.blocks[0][0][0])
 
-    def sort(self) -> None:
-        """Put the messages into the order of their stamps."""
-        order = np.argsort(self._stamps, kind='stable').tolist()
-        self._topics = [self._topics[each] for each in order]
-        self._stamps = [self._stamps[each] for each in order]
-        self._messages = [self._messages[each] for each in order]
+    def add_to(self, writer: RecordingWriter) -> None:
+        """Add the topic to a recording."""
+        self._recorded = writer.add_topic(self._name, self._type_name, **self.settings)
 
-    def write_out(self, until_ns: float = math.inf) -> None:
+    def take(self, until_ns: int, *, inclusive: bool) -> Iterator[RecordedMessages]:
+        """Take the messages up to a stamp."""
+        blocks, self.blocks = self.blocks, []
+        for stamps, data in blocks:
+            end = int(np.searchsorted(stamps, until_ns, 'right' if inclusive else 'left'))
+            if end:
+                yield cast(RecordedTopic, self._recorded), stamps[:end], data[:end]
+            if end < len(stamps):
+                self.blocks.append((stamps[end:], data[end:]))
+
+
+class _MessageBuffer:
+    """Messages that have not been written; for those who write, it is a :class:`RecordingWriter`."""
+
+    def __init__(self, writer: RecordingWriter) -> None:
+        self._writer = writer
+        self._topics = {topic.resolved(): _BufferedTopic(topic) for topic in _ORDER}
+
+    def topic(self, topic: Topic) -> _BufferedTopic:
+        """Return a topic of the recording."""
+        return self._topics.setdefault(topic.resolved(), _BufferedTopic(topic))
+
+    def add_topic(self, name: str, type_name: str, **settings: Any) -> _BufferedTopic:
+        """As in :class:`RecordingWriter`."""
+        topic = self._topics[name]
+        topic.settings = settings
+        return topic
+
+    def write(self, topic: _BufferedTopic, stamp_ns: int, data: bytes, sequence: int) -> None:
+        """As in :class:`RecordingWriter`."""
+        topic.add(stamp_ns, data)
+
+    def gather(self) -> None:
+        """Prepare the messages for :meth:`write_out`."""
+        for topic in self._topics.values():
+            topic.gather()
+
+    def write_out(self, until_ns: int = _END_NS) -> None:
         """Write the messages up to a stamp."""
-        end = len(self._stamps)
-        if until_ns < math.inf:
-            end = int(np.searchsorted(self._stamps, until_ns, side='right'))
-        topics, begin = self._topics[:end], 0
-        for topic in dict.fromkeys(topics):
-            if topic.recorded is None:
-                at = topics.index(topic)
-                self._write(begin, at)
-                begin = at
-                topic.recorded = self._writer.add_topic(
-                    topic.name, topic.type_name, **topic.settings
-                )
-        self._write(begin, end)
-        del self._topics[:end], self._stamps[:end], self._messages[:end]
+        topics = list(self._topics.values())
+        for due_ns, number in sorted((each.due_ns, i) for i, each in enumerate(topics)):
+            if due_ns > until_ns or due_ns == _END_NS:
+                break
+            self._write(due_ns, number)
+            topics[number].add_to(self._writer)
+        self._write(until_ns, len(topics))
 
-    def _write(self, begin: int, end: int) -> None:
-        topics = [cast(RecordedTopic, each.recorded) for each in self._topics[begin:end]]
-        stamps = np.array(self._stamps[begin:end], np.int64)
-        self._writer.write_all(topics, stamps, self._messages[begin:end])
+    def _write(self, until_ns: int, number: int) -> None:
+        """Write the messages before those of a topic at a stamp."""
+        self._writer.write_all(
+            part
+            for i, topic in enumerate(self._topics.values())
+            for part in topic.take(until_ns, inclusive=i < number)
+        )
 
 
 class SimulatedRecording:
@@ -118,48 +169,53 @@ class SimulatedRecording:
             self._writer.add_attachment(name, media_type(name), data)
         self._buffer = _MessageBuffer(self._writer)
         self._derived = DerivedChannels(self._buffer, parameters.of(PlantParameters))
-        # Cached, because plant and controller share the topic of the duties.
-        self._topic = cache(lambda topic: self._buffer.add_topic(topic.resolved(), topic.type_name))
-        self._messages = RunMessages(cache(self._make_send), parameters)
+        self._messages = RunMessages(self._make_send, parameters)
         self._columns = RunColumns(self._messages, cache(self._make_send_all), parameters)
-        self._sources: dict[Topic, Sequence[bytes]] = {}
+        self._sources: dict[Topic, Messages] = {}
         self.plant = self._messages.plant
         self._flushed_ns = self._begun_ns = 0
 
     def _make_send(self, topic: Topic) -> Send:
-        added, add = self._topic(topic), self._buffer.add
-
-        def send(stamp_ns: int, data: bytes) -> None:
-            add(added, (stamp_ns,), (data,))
+        add = self._buffer.topic(topic).add
 
         def send_source(stamp_ns: int, data: bytes) -> None:
-            send(stamp_ns, data)
+            add(stamp_ns, data)
             self._derived.add(topic, stamp_ns, data)
 
-        return send_source if topic in DerivedMessages.INPUTS else send
+        return send_source if topic in DerivedMessages.INPUTS else add
 
     def _make_send_all(self, topic: Topic) -> SendAll:
-        added = self._topic(topic)
+        buffered = self._buffer.topic(topic)
 
-        def send_all(stamps: Sequence[int], messages: Sequence[bytes]) -> None:
-            self._buffer.add(added, stamps, messages)
-            self._sources[topic] = messages
+        def send_all(stamps: Stamps, messages: Messages | Sequence[bytes]) -> None:
+            if not isinstance(messages, np.ndarray):
+                for stamp_ns, message in zip(stamps.tolist(), messages, strict=True):
+                    buffered.add(stamp_ns, message)
+                return
+            buffered.blocks.append((stamps, messages))
+            if topic in _SOURCES:
+                self._sources[topic] = messages
             if topic == _SOURCES[-1]:
                 self._derive(stamps)
 
         return send_all
 
-    def _derive(self, stamps: Sequence[int]) -> None:
+    def _derive(self, stamps: Stamps) -> None:
         """Derive messages, only where they are due: between, they need the gyro alone."""
-        for number, stamp_ns in enumerate(stamps):
+        for number, stamp_ns in enumerate(stamps.tolist()):
             is_due = stamp_ns % PERIOD_NS == 0 or stamp_ns == self._begun_ns
             for topic in _SOURCES if is_due else (GYRO_IMU,):
-                self._derived.add(topic, stamp_ns, self._sources[topic][number])
+                self._derived.add(topic, stamp_ns, self._sources[topic][number].tobytes())
 
     def begin(self, start_ns: int, world: World | None, pushes: Iterable[Push]) -> None:
         """Write the messages at the start of a run."""
-        self._messages.begin(start_ns, world, pushes)
-        self._buffer.write_out()  # the stamps of pushes are later than those of the first ticks
+        self._messages.begin(start_ns, world, ())
+        self._buffer.gather()
+        self._buffer.write_out()
+        for number, push in enumerate(pushes, 1):  # they are announced in advance, in their order
+            self.plant.push(push, number)
+            self._buffer.gather()
+            self._buffer.write_out()
         self._flushed_ns = self._begun_ns = start_ns
 
     def add(self, tick: Tick, program: Program) -> None:
@@ -170,10 +226,11 @@ class SimulatedRecording:
     def add_all(self, ticks: TickColumns, program: ControlProgram) -> None:
         """Write the messages of many ticks."""
         self._columns.ticks(ticks, program)
-        self._buffer.sort()
-        self._flush(self._buffer.newest_ns)
+        self._flush(int(np.asarray(ticks.truth.stamp_ns)[-1]))
 
     def _flush(self, now_ns: int) -> None:
+        if now_ns - self._flushed_ns >= SECOND_NS:
+            self._buffer.gather()
         while now_ns - self._flushed_ns >= SECOND_NS:
             self._flushed_ns += SECOND_NS
             self._buffer.write_out(self._flushed_ns)
@@ -181,6 +238,7 @@ class SimulatedRecording:
 
     def close(self, summary: RunSummary) -> None:
         """Write how the run ended, and finish the file."""
+        self._buffer.gather()
         self._buffer.write_out()
         self._writer.add_outcome({key: str(getattr(summary, key)) for key in OUTCOME_KEYS})
         self._writer.close()

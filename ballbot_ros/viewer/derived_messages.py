@@ -151,7 +151,7 @@ class DerivedMessages:
     """
 
     INPUTS = (RUN, PARTICIPANTS, MAP, *_TRUTH, *_SENSORS)
-    OUTPUTS = (ROBOT_DESCRIPTION, MARKERS, TF_STATIC, TF, ODOM, IMU_DATA)
+    OUTPUTS = (ROBOT_DESCRIPTION, TF_STATIC, MARKERS, TF, ODOM, IMU_DATA)
 
     def __init__(self, make: MakeSend, shape: Shape) -> None:
         self._send = {topic: make(topic) for topic in self.OUTPUTS}

@@ -36,7 +36,7 @@ from ballbot_ros.recording.messages.message_types import (
     Vector3Stamped,
     WrenchStamped,
 )
-from ballbot_ros.recording.messages.raw import MessageLayout, Stamps, elements
+from ballbot_ros.recording.messages.raw import MessageLayout, Messages, Stamps, elements
 from ballbot_ros.recording.messages.topics import (
     BATTERY_STATE,
     BLUETOOTH_TX,
@@ -179,7 +179,7 @@ def encode_body(truth: GroundTruth) -> bytes:
     return _BODY.encode(truth.stamp_ns, *truth.psi_rate, *body_orientation(truth.psi))
 
 
-def encode_bodies(truth: GroundTruth) -> list[bytes]:
+def encode_bodies(truth: GroundTruth) -> Messages:
     """Return :func:`encode_body` of each row of a truth in columns."""
     psi_x, psi_y = map(np.asarray, truth.psi)
     orientation = _orientation(*sines_cosines(psi_x / 2.0), *sines_cosines(psi_y / 2.0))
@@ -345,7 +345,7 @@ def _degrees(x: Any, y: Any) -> tuple[Any, ...]:
     )  # fmt: skip
 
 
-def encode_controller_states(stamps_ns: Stamps, x: Any, y: Any) -> list[bytes]:
+def encode_controller_states(stamps_ns: Stamps, x: Any, y: Any) -> Messages:
     """Return :func:`encode_controller_state` of each row of estimates in columns."""
     degrees = (np.asarray(angle, np.float64) for angle in _degrees(x, y))
     return _STATE.encode(stamps_ns, *(angle * RADIANS_PER_DEGREE for angle in degrees))

@@ -29,6 +29,7 @@ from ballbot_ros.recording.messages.conversions import (
     encode_wall_hit,
 )
 from ballbot_ros.recording.messages.devices import DEVICE_MESSAGES
+from ballbot_ros.recording.messages.raw import Messages, Stamps
 from ballbot_ros.recording.messages.run_messages import RunMessages
 from ballbot_ros.recording.messages.topics import (
     BATTERY_STATE,
@@ -50,14 +51,12 @@ from ballbot_ros.recording.messages.topics import (
 from ballbot_ros.robot.brick.brick import NO_SAMPLE, NUMBERS_OF, Inputs
 from ballbot_ros.robot.plant.ground_truth import GroundTruth
 
-SendAll = Callable[[Sequence[int], Sequence[bytes]], None]
+SendAll = Callable[[Stamps, Messages | Sequence[bytes]], None]
 """Sends messages of a topic: their stamps [ns], and the messages as CDR."""
 
 
 class RunColumns:
     """Creates the messages of many ticks at once, topic by topic: those of :class:`RunMessages`.
-
-    In each tick, the order of the messages is that of the topics.
 
     Parameters
     ----------
@@ -84,16 +83,16 @@ class RunColumns:
         self._inputs(columns.inputs, stamps, source)
         self._outputs(columns.program, stamps, program)
 
-    def _send(self, topic: Topic, stamps: NDArray[np.int64], messages: object) -> None:
-        self._make(topic)(stamps.tolist(), cast('list[bytes]', messages))
+    def _send(self, topic: Topic, stamps: Stamps, messages: object) -> None:
+        self._make(topic)(stamps, cast('Messages | list[bytes]', messages))
 
     def _truth(
-        self, truth: GroundTruth, stamps: NDArray[np.int64], wall_hit: NDArray[np.bool_]
+        self, truth: GroundTruth, stamps: Stamps, wall_hit: NDArray[np.bool_]
     ) -> None:
         self._send(CLOCK, stamps, encode_clock(truth.stamp_ns))
         due = np.flatnonzero(stamps % BATTERY_PERIOD_NS == 0)
         at, volts = stamps[due], np.asarray(truth.battery_voltage)[due]
-        self._send(BATTERY_STATE, at, [encode_voltage(*each) for each in _pairs(at, volts)])
+        self._send(BATTERY_STATE, at, encode_voltage(at, volts))
         self._send(PLANT_IMU, stamps, encode_bodies(truth))
         self._send(PLANT_JOINT_STATES, stamps, encode_motors(truth))
         self._send(PLANT_ODOM, stamps, encode_odometry(truth, self._plant.ball_radius))
@@ -103,7 +102,7 @@ class RunColumns:
         self._send(WALL_HIT, stamps[changes], hits)
         self._plant.wall_hit = bool(wall_hit[-1])
 
-    def _inputs(self, inputs: Inputs, stamps: NDArray[np.int64], source: str) -> None:
+    def _inputs(self, inputs: Inputs, stamps: Stamps, source: str) -> None:
         for device, encode, topic in self._devices:
             columns = [np.asarray(getattr(inputs, name)) for name in NUMBERS_OF[device.field]]
             due = columns[0] != NO_SAMPLE
@@ -115,11 +114,10 @@ class RunColumns:
                 self._send(topic, at, [encode(*each) for each in _pairs(at, reading)])
         vertical, horizontal = np.asarray(inputs.vertical), np.asarray(inputs.horizontal)
         due = vertical != NO_SAMPLE
-        at, sticks = stamps[due], _pairs(vertical[due], horizontal[due])
-        packets = zip(at.tolist(), sticks, strict=True)
-        self._send(GAMEPAD_JOY, at, [encode_sticks(*each, source) for each in packets])
+        at, sticks = stamps[due], (vertical[due], horizontal[due])
+        self._send(GAMEPAD_JOY, at, encode_sticks(at, sticks, source))
 
-    def _outputs(self, rows: Rows, stamps: NDArray[np.int64], program: ControlProgram) -> None:
+    def _outputs(self, rows: Rows, stamps: Stamps, program: ControlProgram) -> None:
         states = columns_of(ProgramState, rows)
         self._operating_states(rows, stamps, program)
         has_event = states.has_logged | states.has_started_tone | states.has_drawn
@@ -133,14 +131,13 @@ class RunColumns:
                 self._send(SOUND, now, [encode_tone(int(now[0]), tone)])
             for page in outputs.pages:
                 self._send(LCD, now, [encode_text(page)])
-        columns: Any = stamps, (states.duty_x, states.duty_y)
-        self._send(MOTOR_DUTY, stamps, encode_duty(*columns))
+        self._send(MOTOR_DUTY, stamps, encode_duty(stamps, (states.duty_x, states.duty_y)))
         x = PlaneValues(*states.x, *states.estimates_x)
         y = PlaneValues(*states.y, *states.estimates_y)
         self._send(CONTROLLER_STATE, stamps, encode_controller_states(stamps, x, y))
 
     def _operating_states(
-        self, rows: Rows, stamps: NDArray[np.int64], program: ControlProgram
+        self, rows: Rows, stamps: Stamps, program: ControlProgram
     ) -> None:
         deciding = rows[['control_mode', 'flag_avoid', 'flag_auto']]
         changes = [0, *(np.flatnonzero(deciding[1:] != deciding[:-1]) + 1).tolist()]
