@@ -66,7 +66,7 @@ from ballbot_ros.recording.messages.topics import (
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.robot.brick.brick import Tone
 
-_EVENTS = (
+EVENTS = (
     OPERATING_STATE, RUN_STATUS, PARTICIPANTS, DIAGNOSTICS, LCD, SOUND, MAP, PARAMETER_EVENTS,
     ACCEPTED_PUSH, WALL_HIT,
 )  # fmt: skip
@@ -241,6 +241,29 @@ class Extraction:
     topic_statistics: dict[str, TopicStatistics] = field(default_factory=dict)
     notices: list[str] = field(default_factory=list)
 
+    def take(self, topic: Topic, epoch: int, log_ns: int, message: Any) -> None:
+        """Take an event; raise ValueError or OverflowError if it is malformed."""
+        if topic is OPERATING_STATE:
+            self.states.append((epoch, log_ns, message.data))
+        elif topic is DIAGNOSTICS:
+            self.statuses += [(epoch, log_ns, _status(each)) for each in message.status]
+        elif topic is LCD:
+            self.pages.append((epoch, log_ns, message.data))
+        elif topic is ACCEPTED_PUSH:
+            self.pushes[epoch].add(message)
+        elif topic is WALL_HIT:
+            self.wall_hits.append((epoch, log_ns, message.data))
+        elif topic is SOUND:
+            self.tones.append((epoch, log_ns, sound_tone(message)))
+        elif topic is MAP:
+            self.maps.append((epoch, log_ns, message))
+
+    def note_missing(self, name: str) -> None:
+        """Note that a stamped topic is not in the recording."""
+        self.notices.append(
+            f'Topic {name} not found; figures, metrics and columns that need it are missing.'
+        )
+
 
 def extract(recording: RecordingReader, progress: ProgressCallback) -> Extraction:
     """Read a recording once.
@@ -251,7 +274,7 @@ def extract(recording: RecordingReader, progress: ProgressCallback) -> Extractio
         If it has no topics of a ballbot, topics of several ballbots, or a malformed message.
     """
     extraction = Extraction()
-    wanted = _wanted(robot_topics(recording), extraction.notices)
+    wanted = _wanted(robot_topics(recording), extraction)
     finder = RunFinder(recording)
     statistics = {
         name: TopicStatistics(name, summary.type_name)
@@ -275,7 +298,7 @@ def extract(recording: RecordingReader, progress: ProgressCallback) -> Extractio
             new = are_new[topic_rows]
             kept = topic_rows[new]
             extraction.buffers[topic].extend(stamps[kept], values[topic][new], epochs[kept])
-        for row in sorted(chain.from_iterable(ours[t].tolist() for t in _EVENTS if t in ours)):
+        for row in sorted(chain.from_iterable(ours[t].tolist() for t in EVENTS if t in ours)):
             raw = batch.message(row)
             _take_event(extraction, recording, wanted[raw.topic], raw, int(epochs[row]))
         newest = _newest_log_ns(log_ns, newest_ns, ours.get(ACCEPTED_PUSH))
@@ -310,7 +333,7 @@ def _samples(
 
     Their shapes are (n,) and (n, width).
     """
-    type_code, width, read = STAMPED_TOPICS[topic]
+    type_code, width, _ = STAMPED_TOPICS[topic]
     stamps, values = np.empty(len(rows), np.int64), np.empty((len(rows), width), type_code)
     name = batch.message(rows[0]).topic
     for some, messages in recording.records(name, batch, rows):
@@ -318,15 +341,26 @@ def _samples(
         try:
             stamp = messages.header.stamp
             stamps[indices] = stamp.sec.astype(np.int64) * SECOND_NS + stamp.nanosec
-            columns = read(messages)
-            if len(columns) != width:
-                raise IndexError(f'{len(columns)} numbers instead of {width}')
+            values[indices] = values_of(topic, messages)
         except (AttributeError, IndexError) as error:
             raise _unlike(recording, batch.message(some[0]), error) from None
-        with np.errstate(over='ignore'):
-            for number, column in enumerate(columns):
-                values[indices, number] = column
     return stamps, values
+
+
+def values_of(topic: Topic, messages: Any) -> NDArray[Any]:
+    """Return the columns of a stamped topic in a record array of messages, shape (n, width).
+
+    It raises AttributeError or IndexError if the messages lack a number.
+    """
+    type_code, width, read = STAMPED_TOPICS[topic]
+    columns = read(messages)
+    if len(columns) != width:
+        raise IndexError(f'{len(columns)} numbers instead of {width}')
+    values = np.empty((len(messages), width), type_code)
+    with np.errstate(over='ignore'):
+        for number, column in enumerate(columns):
+            values[:, number] = column
+    return values
 
 
 def _take_event(
@@ -335,31 +369,14 @@ def _take_event(
     if topic in (PARTICIPANTS, RUN_STATUS):
         extraction.announced.add(topic, raw.data)
         return
-    if topic is PARAMETER_EVENTS:
-        try:
+    try:
+        if topic is PARAMETER_EVENTS:
             values = decode_parameter_event(raw.data)
-        except ValueError as error:
-            raise _unlike(recording, raw, error) from None
-        extraction.retunings.append((epoch, raw.stamp_ns, values))
-        return
-    message, log_ns = recording.decode(raw), raw.stamp_ns
-    if topic is OPERATING_STATE:
-        extraction.states.append((epoch, log_ns, message.data))
-    elif topic is DIAGNOSTICS:
-        extraction.statuses += [(epoch, log_ns, _status(each)) for each in message.status]
-    elif topic is LCD:
-        extraction.pages.append((epoch, log_ns, message.data))
-    elif topic is ACCEPTED_PUSH:
-        extraction.pushes[epoch].add(message)
-    elif topic is WALL_HIT:
-        extraction.wall_hits.append((epoch, log_ns, message.data))
-    elif topic is SOUND:
-        try:
-            extraction.tones.append((epoch, log_ns, sound_tone(message)))
-        except (ValueError, OverflowError) as error:
-            raise _unlike(recording, raw, error) from None
-    else:
-        extraction.maps.append((epoch, log_ns, message))
+            extraction.retunings.append((epoch, raw.stamp_ns, values))
+        else:
+            extraction.take(topic, epoch, raw.stamp_ns, recording.decode(raw))
+    except (ValueError, OverflowError) as error:
+        raise _unlike(recording, raw, error) from None
 
 
 def _status(message: DiagnosticStatus) -> Status:
@@ -384,17 +401,15 @@ def _unlike(recording: RecordingReader, raw: RawMessage, error: Exception) -> Re
     )
 
 
-def _wanted(topics: RobotTopics, notices: list[str]) -> dict[str, Topic]:
+def _wanted(topics: RobotTopics, extraction: Extraction) -> dict[str, Topic]:
     """Return the topics to read, by name in the file; note missing and mistyped ones."""
     wanted = {}
-    for topic in (*STAMPED_TOPICS, *_EVENTS, RUN):
+    for topic in (*STAMPED_TOPICS, *EVENTS, RUN):
         name = topic.resolved(topics.namespace)
         if name in topics.wrong_types:
-            notices.append(f'{topics.mismatch(name)}; ignored.')
+            extraction.notices.append(f'{topics.mismatch(name)}; ignored.')
         elif name in topics.by_name:
             wanted[name] = topic
         elif topic in STAMPED_TOPICS:
-            notices.append(
-                f'Topic {name} not found; figures, metrics and columns that need it are missing.'
-            )
+            extraction.note_missing(name)
     return wanted

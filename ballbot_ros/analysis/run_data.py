@@ -259,6 +259,37 @@ def read_run(
     if not 1 <= number <= len(runs):
         known = 'run 1' if len(runs) == 1 else f'runs 1 … {len(runs)}'
         raise RecordingError(f'{path}: run {number} not found; the file has {known}')
+    return run_data(Path(path), extraction, attached, number, damage=damage, outcome=outcome)
+
+
+def run_data(
+    path: Path,
+    extraction: Extraction,
+    attached: RecordedAttachments,
+    number: int = 1,
+    *,
+    damage: str | None = None,
+    outcome: Mapping[str, str],
+) -> RunData:
+    """Return a run from what was extracted from its recording.
+
+    Parameters
+    ----------
+    path : Path
+        The recording.
+    attached : RecordedAttachments
+        Its attachments.
+    damage : str or None
+        What is missing in it.
+    outcome : mapping of str to str
+        How its last run ended.
+
+    Raises
+    ------
+    RecordingError
+        If the run has no ticks.
+    """
+    runs = extraction.runs
     run = runs[number - 1]
     attached = attached.for_run(run.name, extraction.announced)
     notices = [*extraction.notices, *attached.notices]
@@ -282,7 +313,7 @@ def read_run(
     ticks = round(plant.duration * SECOND_NS) // TICK_NS
     reached_end = (len(trajectory.time) and round(last * SECOND_NS) // TICK_NS + 1 >= ticks) > 0
     return RunData(
-        path=Path(path),
+        path=path,
         number=number,
         count=len(runs),
         recorded=run,

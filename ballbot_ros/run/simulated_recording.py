@@ -10,6 +10,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from ballbot_ros.analysis.collection import MessageCollector
 from ballbot_ros.controllers.document.program import ControlProgram
 from ballbot_ros.controllers.interface import Program
 from ballbot_ros.engine.closed_loop import Tick
@@ -60,22 +61,26 @@ _ORDER = (
 
 _END_NS = 2**63 - 1
 
+_Block = tuple[Stamps, Messages]
+"""Stamps [ns] and messages of equal length, which follow each other in a topic."""
+
 
 class _BufferedTopic:
     """A topic, which is added to the recording before its first message, and what is not written.
 
     Attributes
     ----------
-    blocks : list of tuple
-        Stamps [ns] and messages of equal length that follow each other.
+    count : int
+        Number of messages that were added one by one.
     """
 
     def __init__(self, topic: Topic) -> None:
-        self._name, self._type_name = topic.resolved(), topic.type_name
+        self.topic = topic
         self.settings: Mapping[str, Any] = {}
+        self.recorded: RecordedTopic | None = None
         self.count = 0
-        self.blocks: list[tuple[Stamps, Messages]] = []
-        self._recorded: RecordedTopic | None = None
+        self._blocks: list[_Block] = []
+        self._new_blocks: list[_Block] = []
         self._stamps: list[int] = []
         self._messages: list[bytes] = []
 
@@ -85,39 +90,51 @@ class _BufferedTopic:
         self._stamps.append(stamp_ns)
         self._messages.append(message)
 
-    def gather(self) -> None:
-        """Make blocks of the messages that were added one by one."""
+    def add_all(self, stamps: Stamps, messages: Messages) -> None:
+        """Add messages of equal length."""
+        if len(stamps):
+            self._new_blocks.append((stamps, messages))
+
+    def gather(self) -> Sequence[_Block]:
+        """Prepare messages for :meth:`take`; return the new ones."""
         stamps = iter(self._stamps)
         for length, group in groupby(self._messages, len):
             data = np.frombuffer(b''.join(group), f'V{length}')
-            self.blocks.append((np.fromiter(stamps, np.int64, len(data)), data))
+            self._new_blocks.append((np.fromiter(stamps, np.int64, len(data)), data))
+        blocks, self._new_blocks = self._new_blocks, []
         self._stamps, self._messages = [], []
+        self._blocks += blocks
+        return blocks
 
     @property
     def due_ns(self) -> int:
         """The stamp before which the recording must have the topic [ns]."""
-        return _END_NS if self._recorded or not self.blocks else int(self.blocks[0][0][0])
+        return _END_NS if self.recorded or not self._blocks else int(self._blocks[0][0][0])
 
     def add_to(self, writer: RecordingWriter) -> None:
         """Add the topic to a recording."""
-        self._recorded = writer.add_topic(self._name, self._type_name, **self.settings)
+        name, type_name = self.topic.resolved(), self.topic.type_name
+        self.recorded = writer.add_topic(name, type_name, **self.settings)
 
     def take(self, until_ns: int, *, inclusive: bool) -> Iterator[RecordedMessages]:
         """Take the messages up to a stamp."""
-        blocks, self.blocks = self.blocks, []
+        blocks, self._blocks = self._blocks, []
         for stamps, data in blocks:
             end = int(np.searchsorted(stamps, until_ns, 'right' if inclusive else 'left'))
             if end:
-                yield cast(RecordedTopic, self._recorded), stamps[:end], data[:end]
+                yield cast(RecordedTopic, self.recorded), stamps[:end], data[:end]
             if end < len(stamps):
-                self.blocks.append((stamps[end:], data[end:]))
+                self._blocks.append((stamps[end:], data[end:]))
 
 
 class _MessageBuffer:
-    """Messages that have not been written; for those who write, it is a :class:`RecordingWriter`."""
+    """Messages that have not been written.
 
-    def __init__(self, writer: RecordingWriter) -> None:
-        self._writer = writer
+    For those who write, it is like a :class:`RecordingWriter`.
+    """
+
+    def __init__(self, writer: RecordingWriter, collector: MessageCollector | None) -> None:
+        self._writer, self._collector = writer, collector
         self._topics = {topic.resolved(): _BufferedTopic(topic) for topic in _ORDER}
 
     def topic(self, topic: Topic) -> _BufferedTopic:
@@ -134,13 +151,21 @@ class _MessageBuffer:
         """As in :class:`RecordingWriter`."""
         topic.add(stamp_ns, data)
 
+    @property
+    def names(self) -> list[str]:
+        """The names of the recorded topics, in the order of their channels."""
+        recorded = (each.recorded for each in self._topics.values() if each.recorded)
+        return [each.name for each in sorted(recorded, key=lambda each: each.channel)]
+
     def gather(self) -> None:
         """Prepare the messages for :meth:`write_out`."""
         for topic in self._topics.values():
-            topic.gather()
+            for block in topic.gather():
+                if self._collector:
+                    self._collector.add(topic.topic, *block)
 
     def write_out(self, until_ns: int = _END_NS) -> None:
-        """Write the messages up to a stamp."""
+        """Write the messages up to a stamp, of those that :meth:`gather` has prepared."""
         topics = list(self._topics.values())
         for due_ns, number in sorted((each.due_ns, i) for i, each in enumerate(topics)):
             if due_ns > until_ns or due_ns == _END_NS:
@@ -159,15 +184,29 @@ class _MessageBuffer:
 
 
 class SimulatedRecording:
-    """Writes the messages that the nodes would have published, and those derived from them."""
+    """Writes the messages that the nodes would have published, and those derived from them.
+
+    Parameters
+    ----------
+    path : Path
+        The file to create.
+    attachments : mapping of str to bytes
+        By file name.
+    collector : MessageCollector or None
+        Gets all messages, too.
+    """
 
     def __init__(
-        self, path: Path, attachments: Mapping[str, bytes], parameters: ParameterSet
+        self,
+        path: Path,
+        attachments: Mapping[str, bytes],
+        parameters: ParameterSet,
+        collector: MessageCollector | None = None,
     ) -> None:
         self._writer = RecordingWriter(path)
         for name, data in attachments.items():
             self._writer.add_attachment(name, media_type(name), data)
-        self._buffer = _MessageBuffer(self._writer)
+        self._buffer = _MessageBuffer(self._writer, collector)
         self._derived = DerivedChannels(self._buffer, parameters.of(PlantParameters))
         self._messages = RunMessages(self._make_send, parameters)
         self._columns = RunColumns(self._messages, cache(self._make_send_all), parameters)
@@ -192,7 +231,7 @@ class SimulatedRecording:
                 for stamp_ns, message in zip(stamps.tolist(), messages, strict=True):
                     buffered.add(stamp_ns, message)
                 return
-            buffered.blocks.append((stamps, messages))
+            buffered.add_all(stamps, messages)
             if topic in _SOURCES:
                 self._sources[topic] = messages
             if topic == _SOURCES[-1]:
@@ -240,5 +279,15 @@ class SimulatedRecording:
         """Write how the run ended, and finish the file."""
         self._buffer.gather()
         self._buffer.write_out()
-        self._writer.add_outcome({key: str(getattr(summary, key)) for key in OUTCOME_KEYS})
+        self._writer.add_outcome(outcome_of(summary))
         self._writer.close()
+
+    @property
+    def topic_names(self) -> list[str]:
+        """The names of the recorded topics, in the order of the file."""
+        return self._buffer.names
+
+
+def outcome_of(summary: RunSummary) -> dict[str, str]:
+    """Return how a run ended, as it is recorded."""
+    return {key: str(getattr(summary, key)) for key in OUTCOME_KEYS}
