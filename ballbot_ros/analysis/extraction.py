@@ -34,7 +34,7 @@ from ballbot_ros.recording.batch import Batch, RawMessage, Rows
 from ballbot_ros.recording.messages.conversions import (
     body_rates,
     odometry_position,
-    pitch_angles,
+    pitches,
     sound_tone,
 )
 from ballbot_ros.recording.messages.message_types import DiagnosticStatus, OccupancyGridMessage
@@ -76,8 +76,7 @@ _OTHER_CLOCK_MS = 3.6e6
 def _pitch(messages: Any) -> NDArray[np.float64]:
     """Return the pitch angles of many orientations, each computed by :func:`pitch_angles`."""
     q = messages.orientation
-    wxyz = (part.tolist() for part in (q.w, q.x, q.y, q.z))
-    return np.array(list(map(pitch_angles, *wxyz))).T
+    return pitches(q.w, q.x, q.y, q.z)
 
 
 def _references(values: Any) -> Sequence[Any]:

@@ -62,7 +62,7 @@ class MessageBlock(NamedTuple):
     log_ns : ndarray, shape (n,)
         Log times, which are the publish times, too [ns].
     data : ndarray, shape (n,)
-        The messages as structures.
+        The messages as structures of their bytes.
     """
 
     channel: int
@@ -313,7 +313,7 @@ def _records(block: MessageBlock) -> NDArray[np.void]:
     header['opcode'], header['length'] = _MESSAGE, _FIELDS + block.data.itemsize
     header['channel'], header['sequence'] = block.channel, block.sequences
     header['log_ns'] = header['publish_ns'] = block.log_ns
-    records['data'] = block.data.view(dtype[1][1])
+    records['data'] = block.data
     return records
 
 

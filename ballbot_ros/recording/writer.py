@@ -40,7 +40,7 @@ RUN_PARTICIPANTS = 'ballbot_participants'
 
 
 RecordedMessages = tuple[RecordedTopic, NDArray[np.int64], NDArray[np.void]]
-"""A topic, stamps [ns], which are in range and do not decrease, and its messages as structures."""
+"""A topic, stamps [ns], which are in range and do not decrease, and its messages, structures of bytes."""
 
 
 def is_locked(file: int) -> bool:

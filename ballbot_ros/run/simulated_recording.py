@@ -47,10 +47,7 @@ from ballbot_ros.recording.rosbag2 import OUTCOME_KEYS, RecordedTopic, media_typ
 from ballbot_ros.recording.writer import RecordedMessages, RecordingWriter
 from ballbot_ros.robot.plant.ground_truth import Push
 from ballbot_ros.robot.world.world import World
-from ballbot_ros.viewer.derived_messages import PERIOD_NS, DerivedChannels, DerivedMessages
-
-_SOURCES = (PLANT_IMU, PLANT_ODOM, GYRO_IMU, JOINT_STATES)
-"""From their messages at a tick others are derived."""
+from ballbot_ros.viewer.derived_messages import DerivedChannels, DerivedMessages, RobotTicks
 
 _ORDER = (
     RUN, MAP, CLOCK, BATTERY_STATE, PLANT_IMU, PLANT_JOINT_STATES, PLANT_ODOM, WALL_HIT,
@@ -210,9 +207,9 @@ class SimulatedRecording:
         self._derived = DerivedChannels(self._buffer, parameters.of(PlantParameters))
         self._messages = RunMessages(self._make_send, parameters)
         self._columns = RunColumns(self._messages, cache(self._make_send_all), parameters)
-        self._sources: dict[Topic, Messages] = {}
+        self._ticks: list[Tick] = []
         self.plant = self._messages.plant
-        self._flushed_ns = self._begun_ns = 0
+        self._flushed_ns = 0
 
     def _make_send(self, topic: Topic) -> Send:
         add = self._buffer.topic(topic).add
@@ -221,30 +218,19 @@ class SimulatedRecording:
             add(stamp_ns, data)
             self._derived.add(topic, stamp_ns, data)
 
-        return send_source if topic in DerivedMessages.INPUTS else add
+        return send_source if topic in (RUN, MAP) else add
 
     def _make_send_all(self, topic: Topic) -> SendAll:
         buffered = self._buffer.topic(topic)
 
         def send_all(stamps: Stamps, messages: Messages | Sequence[bytes]) -> None:
-            if not isinstance(messages, np.ndarray):
-                for stamp_ns, message in zip(stamps.tolist(), messages, strict=True):
-                    buffered.add(stamp_ns, message)
+            if isinstance(messages, np.ndarray):
+                buffered.add_all(stamps, messages)
                 return
-            buffered.add_all(stamps, messages)
-            if topic in _SOURCES:
-                self._sources[topic] = messages
-            if topic == _SOURCES[-1]:
-                self._derive(stamps)
+            for stamp_ns, message in zip(stamps.tolist(), messages, strict=True):
+                buffered.add(stamp_ns, message)
 
         return send_all
-
-    def _derive(self, stamps: Stamps) -> None:
-        """Derive messages, only where they are due: between, they need the gyro alone."""
-        for number, stamp_ns in enumerate(stamps.tolist()):
-            is_due = stamp_ns % PERIOD_NS == 0 or stamp_ns == self._begun_ns
-            for topic in _SOURCES if is_due else (GYRO_IMU,):
-                self._derived.add(topic, stamp_ns, self._sources[topic][number].tobytes())
 
     def begin(self, start_ns: int, world: World | None, pushes: Iterable[Push]) -> None:
         """Write the messages at the start of a run."""
@@ -255,21 +241,49 @@ class SimulatedRecording:
             self.plant.push(push, number)
             self._buffer.gather()
             self._buffer.write_out()
-        self._flushed_ns = self._begun_ns = start_ns
+        self._flushed_ns = start_ns
 
     def add(self, tick: Tick, program: Program) -> None:
         """Write the messages of a tick."""
         self._messages.tick(tick, program)
-        self._flush(tick.truth.stamp_ns)
+        self._ticks.append(tick)
+        if tick.truth.stamp_ns - self._flushed_ns >= SECOND_NS:
+            self._gather()
+            self._flush(tick.truth.stamp_ns)
 
     def add_all(self, ticks: TickColumns, program: ControlProgram) -> None:
         """Write the messages of many ticks."""
         self._columns.ticks(ticks, program)
-        self._flush(int(np.asarray(ticks.truth.stamp_ns)[-1]))
+        truth, inputs = ticks.truth, ticks.inputs
+        stamps = np.asarray(truth.stamp_ns)
+        self._derived.add_ticks(
+            RobotTicks(
+                stamps,
+                np.array(truth.position),
+                np.array(truth.psi),
+                np.column_stack([inputs.gyro_x, inputs.gyro_y]),
+                np.column_stack([inputs.revolution_x, inputs.revolution_y]),
+            )
+        )
+        self._gather()
+        self._flush(int(stamps[-1]))
+
+    def _gather(self) -> None:
+        """Derive messages from the ticks that came one by one, and prepare all for writing."""
+        ticks, self._ticks = self._ticks, []
+        if ticks:
+            self._derived.add_ticks(
+                RobotTicks(
+                    np.array([each.truth.stamp_ns for each in ticks]),
+                    np.array([each.truth.position for each in ticks]).T,
+                    np.array([each.truth.psi for each in ticks]).T,
+                    np.array([each.inputs.gyro for each in ticks]),
+                    np.array([each.inputs.revolutions for each in ticks]),
+                )
+            )
+        self._buffer.gather()
 
     def _flush(self, now_ns: int) -> None:
-        if now_ns - self._flushed_ns >= SECOND_NS:
-            self._buffer.gather()
         while now_ns - self._flushed_ns >= SECOND_NS:
             self._flushed_ns += SECOND_NS
             self._buffer.write_out(self._flushed_ns)
@@ -277,7 +291,7 @@ class SimulatedRecording:
 
     def close(self, summary: RunSummary) -> None:
         """Write how the run ended, and finish the file."""
-        self._buffer.gather()
+        self._gather()
         self._buffer.write_out()
         self._writer.add_outcome(outcome_of(summary))
         self._writer.close()

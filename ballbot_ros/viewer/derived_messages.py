@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache, partial
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
+import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 
 from ballbot_ros.files import share_directory
@@ -21,12 +23,14 @@ from ballbot_ros.parameters.timing import TICK_NS
 from ballbot_ros.recording.messages.conversions import (
     decode_ball_position,
     decode_body_pitch,
+    body_orientation,
     encode_text,
     map_grid,
+    pitches,
 )
 from ballbot_ros.recording.messages.devices import decode_encoders, decode_gyro
 from ballbot_ros.recording.messages.participation import decode_announcement
-from ballbot_ros.recording.messages.raw import decoder, stamp_of
+from ballbot_ros.recording.messages.raw import Messages, Stamps, decoder, stamp_of
 from ballbot_ros.recording.messages.run_messages import MakeSend, Send
 from ballbot_ros.recording.messages.tool_messages import (
     TransformsLayout,
@@ -52,7 +56,7 @@ from ballbot_ros.recording.messages.topics import (
 )
 from ballbot_ros.recording.rosbag2 import QosProfile
 from ballbot_ros.recording.schemas import encoder, new_message
-from ballbot_ros.robot.brick.odometry import WINDOW_NS, DeadReckoning, OdometryState
+from ballbot_ros.robot.brick.odometry import DeadReckoning, Floats, Rows
 from ballbot_ros.robot.plant.model import Bodies
 from ballbot_ros.robot.world.exports import floor_map_of
 from ballbot_ros.robot.world.floor_map import FloorMap
@@ -129,6 +133,25 @@ _SENSORS = (GYRO_IMU, JOINT_STATES)
 _decode_map = decoder(MAP.type_name)
 _new_marker = partial(new_message, 'visualization_msgs/msg/Marker')
 _encode_markers = encoder(MARKERS.type_name)
+
+
+class RobotTicks(NamedTuple):
+    """Ticks of a run, one after the other, in columns.
+
+    Attributes
+    ----------
+    stamps_ns : ndarray, shape (n,)
+    position, psi : ndarray, shape (2, n)
+        The true ones of planes x and y [m], [rad].
+    gyro, encoders : ndarray, shape (n, 2)
+        The readings [deg/s], [deg].
+    """
+
+    stamps_ns: Stamps
+    position: Floats
+    psi: Floats
+    gyro: Floats
+    encoders: Floats
 
 
 class DerivedMessages:
@@ -237,7 +260,7 @@ class DerivedMessages:
         try:
             position = decode_ball_position(self._waiting[PLANT_ODOM][stamp_ns])
             pitch = decode_body_pitch(self._waiting[PLANT_IMU][stamp_ns])
-            state = self._measure(stamp_ns) if GYRO_IMU in self._waiting else None
+            measured = self._measure(stamp_ns) if GYRO_IMU in self._waiting else None
         except ValueError:
             self.sent_ns = 0 if is_new else stamp_ns
             return
@@ -246,29 +269,66 @@ class DerivedMessages:
         if is_new:
             self.describe(stamp_ns)
             self._send_walls(stamp_ns)
-        travelled = state.position.value if state else position
-        poses = self._frames.moving(position, pitch, travelled)
-        self._send[TF](stamp_ns, self._moving.encode(stamp_ns, poses.values()))
-        if state and self._odometry.is_calibrated:
-            self._send[ODOM](stamp_ns, encode_odom(stamp_ns, state))
-            self._send[IMU_DATA](stamp_ns, encode_imu_data(stamp_ns, state))
+        columns = np.array([position]).T, np.array([pitch]).T
+        self._send_motion(np.array([stamp_ns]), *columns, measured)
 
-    def _measure(self, stamp_ns: int) -> OdometryState:
-        """Return what the robot measures of its motion, from all samples up to a stamp."""
+    def _measure(self, stamp_ns: int) -> Rows:
+        """Process all samples up to a stamp; return the row of this tick among them."""
         gyro, encoders = (self._waiting[topic] for topic in _SENSORS)
-        for each_ns, data in gyro.items():
-            if self._odometry.now_ns < each_ns <= stamp_ns:
-                self._odometry.add(each_ns, decode_gyro(data))
-        now = decode_encoders(encoders[stamp_ns])
-        then = encoders.get(self._odometry.then_ns)
-        return self._odometry.state(decode_encoders(then) if then else now, now)
+        stamps = [each for each in gyro if self._odometry.now_ns < each <= stamp_ns]
+        self._odometry.add(
+            np.array(stamps),
+            np.array([decode_gyro(gyro[each]) for each in stamps]),
+            np.array([
+                decode_encoders(encoders[each]) if each in encoders else (math.nan, math.nan)
+                for each in stamps
+            ]),
+        )
+        return np.array([len(stamps) - 1])
 
     def _forget(self, stamp_ns: int) -> None:
-        """Forget the messages up to a stamp, except those that later velocities need."""
-        for topic, waiting in self._waiting.items():
-            last_ns = stamp_ns - WINDOW_NS if topic is JOINT_STATES else stamp_ns
-            for each_ns in [each for each in waiting if each <= last_ns]:
+        """Forget the messages up to a stamp."""
+        for waiting in self._waiting.values():
+            for each_ns in [each for each in waiting if each <= stamp_ns]:
                 del waiting[each_ns]
+
+    def send_ticks(self, ticks: RobotTicks, due: Rows) -> None:
+        """Send the messages of those ticks of a run that are due; all its ticks come this way."""
+        first_ns = int(ticks.stamps_ns[0])
+        if not self.sent_ns:
+            self._odometry = DeadReckoning(self._shape.ball_radius, self._shape.wheel_radius)
+            self.describe(first_ns)
+            self._send_walls(first_ns)
+        self.sent_ns = int(ticks.stamps_ns[-1])
+        self._odometry.add(ticks.stamps_ns, ticks.gyro, ticks.encoders)
+        # The angles are those that a reader of plant/imu finds.
+        pitch = pitches(*body_orientation(ticks.psi[:, due]))
+        self._send_motion(ticks.stamps_ns[due], ticks.position[:, due], pitch, due)
+
+    def _send_motion(
+        self, stamps_ns: Stamps, position: Floats, pitch: Floats, measured: Rows | None
+    ) -> None:
+        """Send where the robot is at ticks, and what it measures of its motion.
+
+        Parameters
+        ----------
+        position, pitch : ndarray, shape (2, n)
+            True position [m] and pitch [rad].
+        measured : ndarray or None
+            The rows of these ticks among those that were added to the odometry last.
+        """
+        state = None if measured is None else self._odometry.state(measured)
+        travelled = position if state is None else state.position.value
+        poses = self._frames.moving(position, pitch, travelled)
+        self._send_all(TF, stamps_ns, self._moving.encode(stamps_ns, poses.values()))
+        if measured is not None and state is not None:
+            known = self._odometry.is_calibrated(measured)
+            self._send_all(ODOM, stamps_ns[known], encode_odom(stamps_ns, state)[known])
+            self._send_all(IMU_DATA, stamps_ns[known], encode_imu_data(stamps_ns, state)[known])
+
+    def _send_all(self, topic: Topic, stamps_ns: Stamps, messages: Messages) -> None:
+        for stamp_ns, message in zip(stamps_ns.tolist(), messages, strict=True):
+            self._send[topic](stamp_ns, message.tobytes())
 
     def describe(self, stamp_ns: int) -> None:
         """Send the robot's description and its fixed frames."""
@@ -277,7 +337,8 @@ class DerivedMessages:
         self._send[ROBOT_DESCRIPTION](stamp_ns, encode_text(text))
         fixed = self._frames.fixed
         layout = TransformsLayout({frame: PARENTS[frame] for frame in fixed})
-        self._send[TF_STATIC](stamp_ns, layout.encode(stamp_ns, fixed.values()))
+        stamps_ns = np.array([stamp_ns])
+        self._send_all(TF_STATIC, stamps_ns, layout.encode(stamps_ns, fixed.values()))
 
     def _send_walls(self, stamp_ns: int) -> None:
         message = new_message(MARKERS.type_name)
@@ -345,6 +406,12 @@ class DerivedChannels:
         if stamp_ns >= self._due_ns or not messages.sent_ns:
             messages.send(self._due_ns if messages.sent_ns else 0)
             self._due_ns = messages.sent_ns - messages.sent_ns % PERIOD_NS + PERIOD_NS
+
+    def add_ticks(self, ticks: RobotTicks) -> None:
+        """Process the next ticks of a run instead of their messages."""
+        is_due = ticks.stamps_ns % PERIOD_NS == 0
+        is_due[0] |= not self._messages.sent_ns
+        self._messages.send_ticks(ticks, np.flatnonzero(is_due))
 
     def _make_send(self, topic: Topic) -> Send:
         name = self._name_of(topic)

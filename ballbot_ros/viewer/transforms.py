@@ -87,22 +87,23 @@ class Frames:
         self._wheel_x, self._wheel_y = wheel_centres(dimensions)
         self.fixed = {SONAR: FramePose(sonar_position(dimensions), _LEVEL)}
 
-    def moving(self, position: Pair, psi: Pair, odometry: Pair) -> dict[str, FramePose]:
+    def moving(self, position: Any, psi: Any, odometry: Any) -> dict[str, FramePose]:
         """Return the pose of each moving frame in its parent.
 
         `odometry` is how far the ball has rolled from the start, as the robot measures it [m]; the
-        other arguments are those of :meth:`at`.
+        other arguments are those of :meth:`at`. The numbers may be columns.
         """
         odom_x, odom_y = odometry
         w, x, y, z = body_orientation(psi)
-        half_x, half_y = (a / 2.0 for a in wheel_angles(self._dimensions, position, psi))
+        angles = wheel_angles(self._dimensions, position, psi)
+        (sin_x, cos_x), (sin_y, cos_y) = (_sine_cosine(angle / 2.0) for angle in angles)
         return {
             ODOM_FRAME: FramePose((position[0] - odom_x, odom_y - position[1], 0.0), _LEVEL),
             FOOTPRINT: FramePose((odom_x, -odom_y, 0.0), _LEVEL),
             BODY: FramePose((0.0, 0.0, self._dimensions.ball_radius), (w, x, y, z)),
             BALL: FramePose((0.0, 0.0, 0.0), (w, -x, -y, -z)),
-            WHEEL_X: FramePose(self._wheel_x, (math.cos(half_x), 0.0, math.sin(half_x), 0.0)),
-            WHEEL_Y: FramePose(self._wheel_y, (math.cos(half_y), math.sin(half_y), 0.0, 0.0)),
+            WHEEL_X: FramePose(self._wheel_x, (cos_x, 0.0, sin_x, 0.0)),
+            WHEEL_Y: FramePose(self._wheel_y, (cos_y, sin_y, 0.0, 0.0)),
         }
 
     def at(self, position: Pair, psi: Pair) -> dict[str, Transform]:
@@ -112,6 +113,13 @@ class Frames:
         """
         poses = self.moving(position, psi, position) | self.fixed
         return {frame: Transform.of(pose) for frame, pose in poses.items()}
+
+
+def _sine_cosine(angle: Any) -> tuple[Any, Any]:
+    """Return sine and cosine [rad], also of each in a column, with the same bits."""
+    if isinstance(angle, np.ndarray):
+        return tuple(np.array(list(map(each, angle.tolist()))) for each in (math.sin, math.cos))
+    return math.sin(angle), math.cos(angle)
 
 
 def poses_in_map(frames: dict[str, Transform]) -> dict[str, Transform]:

@@ -86,7 +86,7 @@ _NUMPY = {'i': 'i4', 'I': 'u4', 'f': 'f4', 'd': 'f8'}
 Stamps = NDArray[np.int64]
 Floats = NDArray[np.float64]
 Messages = NDArray[np.void]
-"""Messages of equal length: structures with their bytes, shape (n,)."""
+"""Messages of equal length: structures of their bytes, shape (n,)."""
 
 _ELEMENT = re.compile(r'(.+)\[(\d+)\]')
 
@@ -205,7 +205,7 @@ class MessageLayout:
         rows = np.frombuffer(bytearray(self._template * len(stamps_ns)), self._row)
         for name, column in enumerate((*divmod(stamps_ns, SECOND_NS), *columns)):
             rows[str(name)] = column
-        return rows
+        return whole(rows)
 
     def decode(self, data: bytes) -> tuple[float, ...]:
         """Return the numbers of a message, also of one with other constants or another layout.
@@ -225,6 +225,11 @@ class MessageLayout:
         if self._identity and (found := _get(message, self._identity)) != self._expected:
             raise ValueError(f'{self._identity}: {found}, not {self._expected}')
         return tuple(float(_get(message, name)) for name in self._names)
+
+
+def whole(rows: NDArray[np.void]) -> Messages:
+    """Return structures without their fields: copies keep the bytes between these, too."""
+    return rows.view(f'V{rows.itemsize}')
 
 
 def elements(name: str, count: int) -> list[str]:

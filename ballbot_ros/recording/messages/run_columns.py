@@ -15,7 +15,7 @@ from ballbot_ros.engine.rows import Rows, columns_of, state_of
 from ballbot_ros.parameters import ParameterSet
 from ballbot_ros.parameters.timing import BATTERY_PERIOD_NS, TICK_NS
 from ballbot_ros.recording.messages.conversions import (
-    encode_bodies,
+    encode_body,
     encode_clock,
     encode_controller_states,
     encode_duty,
@@ -93,7 +93,7 @@ class RunColumns:
         due = np.flatnonzero(stamps % BATTERY_PERIOD_NS == 0)
         at, volts = stamps[due], np.asarray(truth.battery_voltage)[due]
         self._send(BATTERY_STATE, at, encode_voltage(at, volts))
-        self._send(PLANT_IMU, stamps, encode_bodies(truth))
+        self._send(PLANT_IMU, stamps, encode_body(truth))
         self._send(PLANT_JOINT_STATES, stamps, encode_motors(truth))
         self._send(PLANT_ODOM, stamps, encode_odometry(truth, self._plant.ball_radius))
         before = np.concatenate([[self._plant.wall_hit], wall_hit[:-1]])
