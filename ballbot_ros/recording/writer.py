@@ -40,7 +40,7 @@ RUN_PARTICIPANTS = 'ballbot_participants'
 
 
 RecordedMessages = tuple[RecordedTopic, NDArray[np.int64], NDArray[np.void]]
-"""A topic, stamps [ns], which are in range and do not decrease, and its messages, structures of bytes."""
+"""A topic, stamps [ns] that are in range and never decrease, and its messages as structures."""
 
 
 def is_locked(file: int) -> bool:

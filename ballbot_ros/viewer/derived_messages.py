@@ -21,9 +21,9 @@ from ballbot_ros.parameters import (
 )
 from ballbot_ros.parameters.timing import TICK_NS
 from ballbot_ros.recording.messages.conversions import (
+    body_orientation,
     decode_ball_position,
     decode_body_pitch,
-    body_orientation,
     encode_text,
     map_grid,
     pitches,
@@ -279,10 +279,12 @@ class DerivedMessages:
         self._odometry.add(
             np.array(stamps),
             np.array([decode_gyro(gyro[each]) for each in stamps]),
-            np.array([
-                decode_encoders(encoders[each]) if each in encoders else (math.nan, math.nan)
-                for each in stamps
-            ]),
+            np.array(
+                [
+                    decode_encoders(encoders[each]) if each in encoders else (math.nan, math.nan)
+                    for each in stamps
+                ]
+            ),
         )
         return np.array([len(stamps) - 1])
 

@@ -118,7 +118,8 @@ class Frames:
 def _sine_cosine(angle: Any) -> tuple[Any, Any]:
     """Return sine and cosine [rad], also of each in a column, with the same bits."""
     if isinstance(angle, np.ndarray):
-        return tuple(np.array(list(map(each, angle.tolist()))) for each in (math.sin, math.cos))
+        angles = angle.tolist()
+        return np.array(list(map(math.sin, angles))), np.array(list(map(math.cos, angles)))
     return math.sin(angle), math.cos(angle)
 
 

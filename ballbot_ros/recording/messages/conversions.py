@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 import struct
+from collections.abc import Callable
 from functools import cache, lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -195,9 +196,9 @@ def body_orientation(psi: Any) -> tuple[Any, Any, Any, Any]:
     A unit quaternion w, x, y, z: roll ψy, then pitch ψx, no yaw. :func:`pitch_angles` is its
     inverse. The angles may be columns.
     """
-    halves = psi[0] / 2.0, psi[1] / 2.0
-    are_columns = isinstance(halves[0], np.ndarray)
-    (sin_x, cos_x), (sin_y, cos_y) = map(sines_cosines if are_columns else sine_cosine, halves)
+    psi_x, psi_y = psi
+    both: Callable[[Any], Any] = sines_cosines if isinstance(psi_x, np.ndarray) else sine_cosine
+    (sin_x, cos_x), (sin_y, cos_y) = both(psi_x / 2.0), both(psi_y / 2.0)
     return cos_x * cos_y, cos_x * sin_y, sin_x * cos_y, -sin_x * sin_y
 
 

@@ -86,13 +86,11 @@ class RunColumns:
     def _send(self, topic: Topic, stamps: Stamps, messages: object) -> None:
         self._make(topic)(stamps, cast('Messages | list[bytes]', messages))
 
-    def _truth(
-        self, truth: GroundTruth, stamps: Stamps, wall_hit: NDArray[np.bool_]
-    ) -> None:
+    def _truth(self, truth: GroundTruth, stamps: Stamps, wall_hit: NDArray[np.bool_]) -> None:
         self._send(CLOCK, stamps, encode_clock(truth.stamp_ns))
-        due = np.flatnonzero(stamps % BATTERY_PERIOD_NS == 0)
-        at, volts = stamps[due], np.asarray(truth.battery_voltage)[due]
-        self._send(BATTERY_STATE, at, encode_voltage(at, volts))
+        due = stamps % BATTERY_PERIOD_NS == 0
+        columns: Any = stamps[due], np.asarray(truth.battery_voltage)[due]
+        self._send(BATTERY_STATE, stamps[due], encode_voltage(*columns))
         self._send(PLANT_IMU, stamps, encode_body(truth))
         self._send(PLANT_JOINT_STATES, stamps, encode_motors(truth))
         self._send(PLANT_ODOM, stamps, encode_odometry(truth, self._plant.ball_radius))
@@ -131,14 +129,13 @@ class RunColumns:
                 self._send(SOUND, now, [encode_tone(int(now[0]), tone)])
             for page in outputs.pages:
                 self._send(LCD, now, [encode_text(page)])
-        self._send(MOTOR_DUTY, stamps, encode_duty(stamps, (states.duty_x, states.duty_y)))
+        columns: Any = stamps, (states.duty_x, states.duty_y)
+        self._send(MOTOR_DUTY, stamps, encode_duty(*columns))
         x = PlaneValues(*states.x, *states.estimates_x)
         y = PlaneValues(*states.y, *states.estimates_y)
         self._send(CONTROLLER_STATE, stamps, encode_controller_states(stamps, x, y))
 
-    def _operating_states(
-        self, rows: Rows, stamps: Stamps, program: ControlProgram
-    ) -> None:
+    def _operating_states(self, rows: Rows, stamps: Stamps, program: ControlProgram) -> None:
         deciding = rows[['control_mode', 'flag_avoid', 'flag_auto']]
         changes = [0, *(np.flatnonzero(deciding[1:] != deciding[:-1]) + 1).tolist()]
         for at in changes:

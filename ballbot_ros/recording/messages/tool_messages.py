@@ -128,7 +128,7 @@ def encode_odom(stamps_ns: Stamps, state: OdometryState) -> Messages:
 
 
 def encode_imu_data(stamps_ns: Stamps, state: OdometryState) -> Messages:
-    """Return ``imu/data`` at ticks: roll is plane y's pitch angle, pitch is plane x's, yaw is zero."""
+    """Return ``imu/data`` at ticks: roll is plane y's pitch angle, pitch is plane x's, no yaw."""
     (rate_x, rate_y), (rate_variance_x, rate_variance_y) = state.pitch_rate
     variance_x, variance_y = state.pitch.variance
     return _IMU.encode(
