@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from functools import cache, partial
+from functools import cache, lru_cache, partial
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -76,6 +76,7 @@ from ballbot_ros.viewer.transforms import MOVING, PARENTS, Frames
 _ZERO = 1e-15
 
 
+@lru_cache(8)
 def robot_description(dimensions: Dimensions, bodies: Bodies) -> str:
     """Return the URDF document; equal parameters give equal text."""
     deck = dimensions.wheel_radius + DECK_ABOVE_WHEEL
