@@ -259,7 +259,8 @@ def read_run(
     if not 1 <= number <= len(runs):
         known = 'run 1' if len(runs) == 1 else f'runs 1 … {len(runs)}'
         raise RecordingError(f'{path}: run {number} not found; the file has {known}')
-    return run_data(Path(path), extraction, attached, number, damage=damage, outcome=outcome)
+    failure = _failure(outcome) if number == len(runs) else ''
+    return run_data(Path(path), extraction, attached, number, damage=damage, failure=failure)
 
 
 def run_data(
@@ -269,26 +270,9 @@ def run_data(
     number: int = 1,
     *,
     damage: str | None = None,
-    outcome: Mapping[str, str],
+    failure: str = '',
 ) -> RunData:
-    """Return a run from what was extracted from its recording.
-
-    Parameters
-    ----------
-    path : Path
-        The recording.
-    attached : RecordedAttachments
-        Its attachments.
-    damage : str or None
-        What is missing in it.
-    outcome : mapping of str to str
-        How its last run ended.
-
-    Raises
-    ------
-    RecordingError
-        If the run has no ticks.
-    """
+    """Return a run of what was extracted from a recording; RecordingError if it has no ticks."""
     runs = extraction.runs
     run = runs[number - 1]
     attached = attached.for_run(run.name, extraction.announced)
@@ -336,7 +320,7 @@ def run_data(
         reached_end=bool(reached_end),
         notices=tuple(notices),
         plant=plant,
-        failure=_failure(outcome) if number == len(runs) else '',
+        failure=failure,
         pushes=_pushes(extraction, run, last, attached.scenario),
         wall_hits=_wall_hits(extraction, run, last),
     )

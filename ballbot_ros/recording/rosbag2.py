@@ -202,8 +202,8 @@ def serialized_metadata(
         'duration': {'nanoseconds': end - start},
         'message_count': sum(topic.count for topic in topics),
     }
-    begin = {'version': _VERSION, 'storage_identifier': 'mcap', **extent}
-    end = {
+    head = {'version': _VERSION, 'storage_identifier': 'mcap', **extent}
+    tail = {
         'compression_format': '',
         'compression_mode': '',
         'relative_file_paths': [file_name],
@@ -212,7 +212,7 @@ def serialized_metadata(
         'ros_distro': 'jazzy',
     }
     listed = '\n' + ''.join(map(_topic_text, _by_name(topics))) if topics else ' []\n'
-    return f'{yaml_text(begin)}topics_with_message_count:{listed}{yaml_text(end)}'
+    return f'{yaml_text(head)}topics_with_message_count:{listed}{yaml_text(tail)}'
 
 
 def _by_name(topics: Iterable[RecordedTopic]) -> Iterator[list[RecordedTopic]]:

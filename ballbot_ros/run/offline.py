@@ -17,7 +17,7 @@ from ballbot_ros.engine.closed_loop import ClosedLoop
 from ballbot_ros.engine.compiled_loop import CompiledLoop, compile_for_the_next_time, pays
 from ballbot_ros.engine.pacer import Pacer
 from ballbot_ros.engine.trajectory import TrajectoryLog
-from ballbot_ros.errors import ControllerError, RecordingError
+from ballbot_ros.errors import ControllerError, RecordingError, one_line
 from ballbot_ros.lockstep.run_actions import Outcome, RunSummary
 from ballbot_ros.parameters import CONTROLLER, ControllerParameters
 from ballbot_ros.parameters.timing import FIRST_TICK_NS, SECOND_NS, TICK_NS
@@ -29,7 +29,7 @@ from ballbot_ros.recording.rosbag2 import media_type
 from ballbot_ros.run.graph import attachments_of, public_parameters, versions
 from ballbot_ros.run.observer import RunObserver
 from ballbot_ros.run.result import Engine, RunResult
-from ballbot_ros.run.simulated_recording import SimulatedRecording, outcome_of
+from ballbot_ros.run.simulated_recording import SimulatedRecording
 from ballbot_ros.run.spec import RunSpec
 from ballbot_ros.run.tick_timer import TickTimer
 
@@ -90,13 +90,13 @@ class _OfflineRun:
         self._stop = stop
         self._pacer = Pacer()
         self._writer: SimulatedRecording | None = None
-        self._collector: MessageCollector | None = None
+        collects_data = collects_data and self._compiled is not None
+        self._collector = MessageCollector(RUN_NAME, FIRST_TICK_NS) if collects_data else None
         if recording:
-            if self._compiled and collects_data:
-                self._collector = MessageCollector(RUN_NAME, FIRST_TICK_NS)
             self._attachments = attachments_of(spec)
+            collect = self._collector.add if self._collector else None
             self._writer = SimulatedRecording(
-                recording, self._attachments, spec.parameters, self._collector
+                recording, self._attachments, spec.parameters, collect
             )
             self._writer.begin(FIRST_TICK_NS, self._loop.world, self._loop.pushes)
         self.log = TrajectoryLog()
@@ -194,5 +194,6 @@ class _OfflineRun:
                 for name, data in self._attachments.items()
             },
         )
-        extraction = self._collector.extraction(self._writer.topic_names)
-        return run_data(self._recording, extraction, attached, outcome=outcome_of(summary))
+        extraction = self._collector.extraction(self._writer.names)
+        reason = one_line(summary.reason)
+        return run_data(self._recording, extraction, attached, failure=reason)

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import cache, lru_cache, partial
-from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
@@ -54,8 +53,9 @@ from ballbot_ros.recording.messages.topics import (
     TF_STATIC,
     Topic,
 )
-from ballbot_ros.recording.rosbag2 import QosProfile
+from ballbot_ros.recording.rosbag2 import QosProfile, RecordedTopic
 from ballbot_ros.recording.schemas import encoder, new_message
+from ballbot_ros.recording.writer import RecordingWriter
 from ballbot_ros.robot.brick.odometry import DeadReckoning, Floats, Rows
 from ballbot_ros.robot.plant.model import Bodies
 from ballbot_ros.robot.world.exports import floor_map_of
@@ -129,30 +129,14 @@ Shape = PlantParameters | VisualizerParameters
 JUMP_NS = HISTORY * TICK_NS
 """A message that is older than the newest by more than this follows a jump in time [ns]."""
 
+PERIOD_NS = 40_000_000
+"""Period of the derived messages: a rate for tools, of which some interpolate poses."""
+
 _TRUTH = (PLANT_ODOM, PLANT_IMU)
 _SENSORS = (GYRO_IMU, JOINT_STATES)
 _decode_map = decoder(MAP.type_name)
 _new_marker = partial(new_message, 'visualization_msgs/msg/Marker')
 _encode_markers = encoder(MARKERS.type_name)
-
-
-class RobotTicks(NamedTuple):
-    """Ticks of a run, one after the other, in columns.
-
-    Attributes
-    ----------
-    stamps_ns : ndarray, shape (n,)
-    position, psi : ndarray, shape (2, n)
-        The true ones of planes x and y [m], [rad].
-    gyro, encoders : ndarray, shape (n, 2)
-        The readings [deg/s], [deg].
-    """
-
-    stamps_ns: Stamps
-    position: Floats
-    psi: Floats
-    gyro: Floats
-    encoders: Floats
 
 
 class DerivedMessages:
@@ -295,18 +279,32 @@ class DerivedMessages:
             for each_ns in [each for each in waiting if each <= stamp_ns]:
                 del waiting[each_ns]
 
-    def send_ticks(self, ticks: RobotTicks, due: Rows) -> None:
-        """Send the messages of those ticks of a run that are due; all its ticks come this way."""
-        first_ns = int(ticks.stamps_ns[0])
+    def send_ticks(
+        self, stamps_ns: Stamps, position: Floats, psi: Floats, gyro: Floats, encoders: Floats
+    ) -> None:
+        """Send the messages of those of the next ticks that are due, every :data:`PERIOD_NS`.
+
+        All ticks of the run must come this way; the arguments but the stamps have the shape (n, 2).
+
+        Parameters
+        ----------
+        position, psi : ndarray
+            The true ones of planes x and y [m], [rad].
+        gyro, encoders : ndarray
+            The readings [deg/s], [deg].
+        """
+        is_due, first_ns = stamps_ns % PERIOD_NS == 0, int(stamps_ns[0])
         if not self.sent_ns:
+            is_due[0] = True
             self._odometry = DeadReckoning(self._shape.ball_radius, self._shape.wheel_radius)
             self.describe(first_ns)
             self._send_walls(first_ns)
-        self.sent_ns = int(ticks.stamps_ns[-1])
-        self._odometry.add(ticks.stamps_ns, ticks.gyro, ticks.encoders)
+        self.sent_ns = int(stamps_ns[-1])
+        self._odometry.add(stamps_ns, gyro, encoders)
+        due = np.flatnonzero(is_due)
         # The angles are those that a reader of plant/imu finds.
-        pitch = pitches(*body_orientation(ticks.psi[:, due]))
-        self._send_motion(ticks.stamps_ns[due], ticks.position[:, due], pitch, due)
+        pitch = pitches(*body_orientation(psi[due].T))
+        self._send_motion(stamps_ns[due], position[due].T, pitch, due)
 
     def _send_motion(
         self, stamps_ns: Stamps, position: Floats, pitch: Floats, measured: Rows | None
@@ -360,28 +358,12 @@ def _plant_parameters(values: Mapping[str, object]) -> PlantParameters:
     return parameters.of(PlantParameters)
 
 
-PERIOD_NS = 40_000_000
-"""Period of the derived messages: a rate for tools, of which some interpolate poses."""
-
-
-class TopicWriter(Protocol):
-    """Who takes the messages of topics, as a :class:`RecordingWriter` does."""
-
-    def add_topic(
-        self, name: str, type_name: str, *, qos: Sequence[QosProfile], derived: bool
-    ) -> Any:
-        """Add a topic; the result has the number of its messages, `count`."""
-
-    def write(self, topic: Any, stamp_ns: int, data: bytes, sequence: int) -> None:
-        """Take a message."""
-
-
 class DerivedChannels:
     """Writes derived messages to a recording, marked as such, while nobody publishes their topic.
 
     Parameters
     ----------
-    writer : TopicWriter
+    writer : RecordingWriter
     shape : PlantParameters or VisualizerParameters
         As in `DerivedMessages`.
     name_of : callable
@@ -392,7 +374,7 @@ class DerivedChannels:
 
     def __init__(
         self,
-        writer: TopicWriter,
+        writer: RecordingWriter,
         shape: Shape,
         *,
         name_of: Callable[[Topic], str] = Topic.resolved,
@@ -410,29 +392,23 @@ class DerivedChannels:
             messages.send(self._due_ns if messages.sent_ns else 0)
             self._due_ns = messages.sent_ns - messages.sent_ns % PERIOD_NS + PERIOD_NS
 
-    def add_ticks(self, ticks: RobotTicks) -> None:
-        """Process the next ticks of a run instead of their messages."""
-        is_due = ticks.stamps_ns % PERIOD_NS == 0
-        is_due[0] |= not self._messages.sent_ns
-        self._messages.send_ticks(ticks, np.flatnonzero(is_due))
-
     def _make_send(self, topic: Topic) -> Send:
         name = self._name_of(topic)
-        recorded: Any = None
+        recorded: RecordedTopic | None = None
 
         def send(stamp_ns: int, data: bytes) -> None:
             nonlocal recorded
             if self._is_published(name):
                 return
             if recorded is None:
-                qos = (_offered_qos(topic),)
+                qos = (offered_qos(topic),)
                 recorded = self._writer.add_topic(name, topic.type_name, qos=qos, derived=True)
             self._writer.write(recorded, stamp_ns, data, recorded.count + 1)
 
         return send
 
 
-def _offered_qos(topic: Topic) -> QosProfile:
+def offered_qos(topic: Topic) -> QosProfile:
     """Return the QoS with which a node of this package would publish the topic."""
     durability = 'transient_local' if topic.latched_depth else 'volatile'
     return QosProfile('keep_last', topic.latched_depth or HISTORY, 'reliable', durability)

@@ -4,7 +4,6 @@ import math
 from collections import defaultdict
 from dataclasses import asdict, replace
 from itertools import permutations
-from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import numpy as np
@@ -59,7 +58,6 @@ from ballbot_ros.viewer.derived_messages import (
     PERIOD_NS,
     DerivedChannels,
     DerivedMessages,
-    RobotTicks,
 )
 from ballbot_ros.viewer.transforms import SONAR
 
@@ -190,40 +188,25 @@ def test_the_odometry_is_that_of_the_sensors(outputs):
     assert (rate.x, rate.y) == (0.0, 0.0)
 
 
-class Written:
-    """A writer that keeps the messages by topic."""
-
-    def __init__(self):
-        self.sent = defaultdict(list)
-
-    def add_topic(self, name, type_name, **settings):
-        return SimpleNamespace(name=name, count=0)
-
-    def write(self, topic, stamp_ns, data, sequence):
-        topic.count = sequence
-        self.sent[topic.name].append((stamp_ns, data))
-
-
 def test_ticks_in_columns_give_the_same_messages_as_those_of_the_nodes():
     numbers, count = np.random.default_rng(1), 700
-    position, psi = numbers.normal(0.0, 0.1, (2, 2, count))
+    stamps = SECOND_NS + TICK_NS * np.arange(count)
+    position, psi = numbers.normal(0.0, 0.1, (2, count, 2))
     gyro, encoders = numbers.integers(-90, 90, (2, count, 2))
-    ticks = RobotTicks(SECOND_NS + TICK_NS * np.arange(count), position, psi, gyro, encoders)
-    one_by_one, in_columns = Written(), Written()
-    channels = DerivedChannels(one_by_one, SHAPE)
-    columns = (each.tolist() for each in (ticks.stamps_ns, position.T, psi.T, encoders, gyro))
+    one_by_one, in_columns = Outputs(), Outputs()
+    columns = (each.tolist() for each in (stamps, position, psi, encoders, gyro))
     for stamp_ns, *state in zip(*columns, strict=True):
         for topic, data in samples(stamp_ns, *state).items():
-            channels.add(topic, stamp_ns, data)
-    channels = DerivedChannels(in_columns, SHAPE)
+            one_by_one.messages.add(topic, stamp_ns, data)
+        if stamp_ns % PERIOD_NS == 0:
+            one_by_one.messages.send()
     for rows in np.split(np.arange(count), [1, 18, 303, 304]):
-        channels.add_ticks(
-            RobotTicks(
-                ticks.stamps_ns[rows], position[:, rows], psi[:, rows], gyro[rows], encoders[rows]
-            )
+        in_columns.messages.send_ticks(
+            *(each[rows] for each in (stamps, position, psi, gyro, encoders))
         )
-    assert one_by_one.sent.keys() == {topic.resolved() for topic in DerivedMessages.OUTPUTS}
-    assert in_columns.sent == one_by_one.sent
+    assert one_by_one.sent.keys() == set(DerivedMessages.OUTPUTS)
+    for topic, sent in one_by_one.sent.items():
+        assert list(map(repr, in_columns.sent[topic])) == list(map(repr, sent)), topic.name
 
 
 def test_without_sensors_there_are_transforms_but_no_odometry(outputs):
