@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from array import array
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import chain
@@ -30,14 +30,16 @@ from ballbot_ros.errors import RecordingError
 from ballbot_ros.parameters import Value
 from ballbot_ros.parameters.timing import SECOND_NS
 from ballbot_ros.process import ProgressCallback
-from ballbot_ros.recording.batch import Batch, RawMessage, Rows
+from ballbot_ros.recording.batch import Batch, BatchLayout, RawMessage, Rows
 from ballbot_ros.recording.messages.conversions import (
     body_rates,
+    is_stop,
     odometry_position,
     pitches,
     sound_tone,
 )
 from ballbot_ros.recording.messages.message_types import DiagnosticStatus, OccupancyGridMessage
+from ballbot_ros.recording.messages.raw import Messages, Stamps, decoder
 from ballbot_ros.recording.messages.run_reports import decode_parameter_event
 from ballbot_ros.recording.messages.topics import (
     ACCEPTED_PUSH,
@@ -64,6 +66,7 @@ from ballbot_ros.recording.messages.topics import (
     Topic,
 )
 from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.recording.schemas import typestore
 from ballbot_ros.robot.brick.brick import Tone
 
 EVENTS = (
@@ -71,6 +74,7 @@ EVENTS = (
     ACCEPTED_PUSH, WALL_HIT,
 )  # fmt: skip
 _OTHER_CLOCK_MS = 3.6e6
+_MISSING = 'Topic {} not found; figures, metrics and columns that need it are missing.'
 
 
 def _pitch(messages: Any) -> NDArray[np.float64]:
@@ -257,12 +261,6 @@ class Extraction:
         elif topic is MAP:
             self.maps.append((epoch, log_ns, message))
 
-    def note_missing(self, name: str) -> None:
-        """Note that a stamped topic is not in the recording."""
-        self.notices.append(
-            f'Topic {name} not found; figures, metrics and columns that need it are missing.'
-        )
-
 
 def extract(recording: RecordingReader, progress: ProgressCallback) -> Extraction:
     """Read a recording once.
@@ -312,6 +310,50 @@ def extract(recording: RecordingReader, progress: ProgressCallback) -> Extractio
     return extraction
 
 
+class MessageCollector:
+    """Collects from the messages of a simulated run what :func:`extract` reads in its recording.
+
+    Parameters
+    ----------
+    name : str
+        Name of the run in ``plant/run``.
+    start_ns : int
+        Stamp of its first tick [ns].
+    """
+
+    def __init__(self, name: str, start_ns: int) -> None:
+        self._extraction = Extraction(runs=(RecordedRun(0, name, start_ns),))
+        self._statistics: dict[str, TopicStatistics] = {}
+
+    def add(self, topic: Topic, stamps_ns: Stamps, messages: Messages) -> None:
+        """Collect messages of a topic; those of a stamped topic differ only in their numbers."""
+        name, count = topic.resolved(), len(stamps_ns)
+        statistics = self._statistics.setdefault(name, TopicStatistics(name, topic.type_name))
+        statistics.extend(stamps_ns, np.zeros(count))
+        first = messages[0].tobytes()
+        if topic in EVENTS:
+            decode = decoder(topic.type_name)
+            for stamp_ns, message in zip(stamps_ns.tolist(), messages, strict=True):
+                self._extraction.take(topic, 0, stamp_ns, decode(message.tobytes()))
+        elif topic in STAMPED_TOPICS and not (topic is MOTOR_DUTY and is_stop(first)):
+            records: Any = messages.view(_record_type(topic, first)).view(np.recarray)
+            values = _values(topic, records)
+            self._extraction.buffers[topic].extend(stamps_ns, values, np.zeros(count, np.intp))
+
+    def extraction(self, names: Iterable[str]) -> Extraction:
+        """Return what was collected; `names` are those of the topics in the order of the file."""
+        wanted = (topic.resolved() for topic in STAMPED_TOPICS)
+        missing = [name for name in wanted if name not in self._statistics]
+        self._extraction.notices += map(_MISSING.format, missing)
+        self._extraction.topic_statistics = {name: self._statistics[name] for name in names}
+        return self._extraction
+
+
+@lru_cache(32)
+def _record_type(topic: Topic, message: bytes) -> np.dtype[Any]:
+    return BatchLayout.of(message, typestore(), topic.type_name).dtype
+
+
 def _newest_log_ns(
     log_ns: NDArray[np.int64], before_ns: int, ahead: Rows | None
 ) -> NDArray[np.int64]:
@@ -340,13 +382,13 @@ def _samples(
         try:
             stamp = messages.header.stamp
             stamps[indices] = stamp.sec.astype(np.int64) * SECOND_NS + stamp.nanosec
-            values[indices] = values_of(topic, messages)
+            values[indices] = _values(topic, messages)
         except (AttributeError, IndexError) as error:
             raise _unlike(recording, batch.message(some[0]), error) from None
     return stamps, values
 
 
-def values_of(topic: Topic, messages: Any) -> NDArray[Any]:
+def _values(topic: Topic, messages: Any) -> NDArray[Any]:
     """Return the columns of a stamped topic in a record array of messages, shape (n, width).
 
     It raises AttributeError or IndexError if the messages lack a number.
@@ -410,5 +452,5 @@ def _wanted(topics: RobotTopics, extraction: Extraction) -> dict[str, Topic]:
         elif name in topics.by_name:
             wanted[name] = topic
         elif topic in STAMPED_TOPICS:
-            extraction.note_missing(name)
+            extraction.notices.append(_MISSING.format(name))
     return wanted

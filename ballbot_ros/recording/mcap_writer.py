@@ -55,14 +55,9 @@ _FOOTER_LENGTH = 8 + 8 + 4
 
 
 class MessageBlock(NamedTuple):
-    """Messages of a channel that have the same length, in the order of their times.
+    """Messages of a channel, as structures of their bytes, in the order of their times.
 
-    Attributes
-    ----------
-    log_ns : ndarray, shape (n,)
-        Log times, which are the publish times, too [ns].
-    data : ndarray, shape (n,)
-        The messages as structures of their bytes.
+    The log times [ns] are the publish times, too.
     """
 
     channel: int
@@ -232,9 +227,10 @@ class McapWriter:
         record, begin = _encode(chunk), self._stream.tell()
         index_offsets, indexes = {}, b''
         entries = np.column_stack((log_ns, offsets.astype('<u8')))
-        entries = entries[np.argsort(channels, kind='stable')]
-        numbers, firsts, counts = np.unique(channels, return_index=True, return_counts=True)
+        order, counts = np.argsort(channels, kind='stable'), np.bincount(channels)
+        entries, numbers, counts = entries[order], np.flatnonzero(counts), counts[counts > 0]
         ends = np.cumsum(counts)
+        firsts = order[ends - counts]
         for i in np.argsort(firsts):  # in the order of their first messages, like the package
             channel, count = int(numbers[i]), int(counts[i])
             self._counts[channel] += count

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ballbot_ros.analysis.collection import MessageCollector
+from ballbot_ros.analysis.extraction import MessageCollector
 from ballbot_ros.analysis.recorded_scenario import RecordedAttachments
 from ballbot_ros.analysis.run_data import RunData, run_data
 from ballbot_ros.controllers.codegen.implementation import implementation_for

@@ -282,16 +282,10 @@ class DerivedMessages:
     def send_ticks(
         self, stamps_ns: Stamps, position: Floats, psi: Floats, gyro: Floats, encoders: Floats
     ) -> None:
-        """Send the messages of those of the next ticks that are due, every :data:`PERIOD_NS`.
+        """Send the messages of every :data:`PERIOD_NS` for the next ticks of a run, in columns.
 
-        All ticks of the run must come this way; the arguments but the stamps have the shape (n, 2).
-
-        Parameters
-        ----------
-        position, psi : ndarray
-            The true ones of planes x and y [m], [rad].
-        gyro, encoders : ndarray
-            The readings [deg/s], [deg].
+        All its ticks must come this way, with their true position and pitch and the readings of
+        gyros and encoders, each of the shape (n, 2).
         """
         is_due, first_ns = stamps_ns % PERIOD_NS == 0, int(stamps_ns[0])
         if not self.sent_ns:
@@ -309,14 +303,10 @@ class DerivedMessages:
     def _send_motion(
         self, stamps_ns: Stamps, position: Floats, pitch: Floats, measured: Rows | None
     ) -> None:
-        """Send where the robot is at ticks, and what it measures of its motion.
+        """Send where the robot is at n ticks, and what it measures of its motion.
 
-        Parameters
-        ----------
-        position, pitch : ndarray, shape (2, n)
-            True position [m] and pitch [rad].
-        measured : ndarray or None
-            The rows of these ticks among those that were added to the odometry last.
+        Position and pitch have the shape (2, n); `measured` are the rows of these ticks among those
+        that were added to the odometry last.
         """
         state = None if measured is None else self._odometry.state(measured)
         travelled = position if state is None else state.position.value

@@ -387,7 +387,14 @@ def encode_text(text: str) -> bytes:
 
 def encode_log(packet: LogPacket) -> bytes:
     """Return ``bluetooth/tx``: the packet's 32 bytes."""
-    return _encode_data(BLUETOOTH_TX.type_name, packet.encode())
+    data = packet.encode()
+    return _log_head(len(data)) + data
+
+
+@cache
+def _log_head(length: int) -> bytes:
+    """Return what precedes the bytes of a packet, which end the message."""
+    return _encode_data(BLUETOOTH_TX.type_name, bytes(length))[:-length]
 
 
 def log_packet(message: Bytes) -> LogPacket:

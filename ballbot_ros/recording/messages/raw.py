@@ -202,10 +202,8 @@ class MessageLayout:
         return self._pack(*self._interleave(parts))
 
     def _encode_rows(self, stamps_ns: Stamps, *columns: Floats) -> Messages:
-        rows = np.frombuffer(bytearray(self._template * len(stamps_ns)), self._row)
-        for name, column in enumerate((*divmod(stamps_ns, SECOND_NS), *columns)):
-            rows[str(name)] = column
-        return whole(rows)
+        numbers = (*divmod(stamps_ns, SECOND_NS), *columns)
+        return fill(self._template, self._row, len(stamps_ns), numbers)
 
     def decode(self, data: bytes) -> tuple[float, ...]:
         """Return the numbers of a message, also of one with other constants or another layout.
@@ -227,9 +225,12 @@ class MessageLayout:
         return tuple(float(_get(message, name)) for name in self._names)
 
 
-def whole(rows: NDArray[np.void]) -> Messages:
-    """Return structures without their fields: copies keep the bytes between these, too."""
-    return rows.view(f'V{rows.itemsize}')
+def fill(template: bytes, row: np.dtype[np.void], count: int, columns: Iterable[Any]) -> Messages:
+    """Return copies of a message with the numbers of each row of the columns in its fields."""
+    rows = np.frombuffer(bytearray(template * count), row)
+    for name, column in zip(row.names or (), columns, strict=True):
+        rows[name] = column
+    return rows.view(f'V{len(template)}')  # copies of these keep the bytes between the fields
 
 
 def elements(name: str, count: int) -> list[str]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ballbot_ros.parameters.timing import SECOND_NS
 from ballbot_ros.recording.messages.conversions import NOT_PROVIDED, body_orientation, fill_header
-from ballbot_ros.recording.messages.raw import MessageLayout, Messages, Stamps, whole
+from ballbot_ros.recording.messages.raw import MessageLayout, Messages, Stamps, fill
 from ballbot_ros.recording.messages.topics import IMU_DATA, ODOM, TF
 from ballbot_ros.recording.schemas import encoder, new_message
 from ballbot_ros.robot.brick.odometry import OdometryState
@@ -49,30 +49,24 @@ class TransformsLayout:
             each.child_frame_id, each.transform.translation.x = frame, float(mark)
             message.transforms.append(each)
         self._template = encoder(TF.type_name)(message)
-        offsets = [
-            self._template.index(content)
-            for mark in marks
-            for content in (
-                _STAMP.pack(-mark, 0),
-                _POSE.pack(mark, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0),
-            )
-        ]
+        offsets = []
+        for mark in marks:
+            stamp_at = self._template.index(_STAMP.pack(-mark, 0))
+            pose_at = self._template.index(_POSE.pack(mark, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0))
+            offsets += [stamp_at, stamp_at + 4, *range(pose_at, pose_at + _POSE.size, 8)]
         self._row = np.dtype({
             'names': [str(number) for number in range(len(offsets))],
-            'formats': [('<i4', 2), ('<f8', 7)] * len(parents),
+            'formats': ['<i4', '<u4', *['<f8'] * 7] * len(parents),
             'offsets': offsets,
             'itemsize': len(self._template),
         })  # fmt: skip
 
     def encode(self, stamps_ns: Stamps, poses: Iterable[FramePose]) -> Messages:
         """Return the messages with the poses of each frame in its parent, all at `stamps_ns`."""
-        rows = np.frombuffer(bytearray(self._template * len(stamps_ns)), self._row)
-        stamps = np.column_stack(divmod(stamps_ns, SECOND_NS))
-        for number, (position, (w, x, y, z)) in enumerate(poses):
-            rows[str(2 * number)] = stamps
-            for place, column in enumerate((*position, x, y, z, w)):
-                rows[str(2 * number + 1)][:, place] = column
-        return whole(rows)
+        stamp, columns = divmod(stamps_ns, SECOND_NS), list[Any]()
+        for position, (w, x, y, z) in poses:
+            columns += [*stamp, *position, x, y, z, w]
+        return fill(self._template, self._row, len(stamps_ns), columns)
 
 
 ODOM_FRAME, FOOTPRINT = 'odom', 'base_footprint'
