@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from array import array
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import chain
@@ -31,14 +31,16 @@ from ballbot_ros.errors import RecordingError
 from ballbot_ros.parameters import Value
 from ballbot_ros.parameters.timing import SECOND_NS
 from ballbot_ros.process import ProgressCallback
-from ballbot_ros.recording.batch import Batch, RawMessage, Rows
+from ballbot_ros.recording.batch import Batch, BatchLayout, RawMessage, Rows
 from ballbot_ros.recording.messages.conversions import (
     body_rates,
+    is_stop,
     odometry_position,
-    pitch_angles,
+    pitches,
     sound_tone,
 )
 from ballbot_ros.recording.messages.message_types import DiagnosticStatus, OccupancyGridMessage
+from ballbot_ros.recording.messages.raw import Messages, Stamps, decoder
 from ballbot_ros.recording.messages.run_reports import decode_parameter_event
 from ballbot_ros.recording.messages.topics import (
     ACCEPTED_PUSH,
@@ -65,20 +67,21 @@ from ballbot_ros.recording.messages.topics import (
     Topic,
 )
 from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.recording.schemas import typestore
 from ballbot_ros.robot.brick.brick import Tone
 
-_EVENTS = (
+EVENTS = (
     OPERATING_STATE, RUN_STATUS, PARTICIPANTS, DIAGNOSTICS, LCD, SOUND, MAP, PARAMETER_EVENTS,
     ACCEPTED_PUSH, WALL_HIT,
 )  # fmt: skip
 _OTHER_CLOCK_MS = 3.6e6
+_MISSING = 'Topic {} not found; figures, metrics and columns that need it are missing.'
 
 
 def _pitch(messages: Any) -> NDArray[np.float64]:
     """Return the pitch angles of many orientations, each computed by :func:`pitch_angles`."""
     q = messages.orientation
-    wxyz = (part.tolist() for part in (q.w, q.x, q.y, q.z))
-    return np.array(list(map(pitch_angles, *wxyz))).T
+    return pitches(q.w, q.x, q.y, q.z)
 
 
 def _references(values: Any) -> Sequence[Any]:
@@ -242,6 +245,23 @@ class Extraction:
     topic_statistics: dict[str, TopicStatistics] = field(default_factory=dict)
     notices: list[str] = field(default_factory=list)
 
+    def take(self, topic: Topic, epoch: int, log_ns: int, message: Any) -> None:
+        """Take an event; raise ValueError or OverflowError if it is malformed."""
+        if topic is OPERATING_STATE:
+            self.states.append((epoch, log_ns, message.data))
+        elif topic is DIAGNOSTICS:
+            self.statuses += [(epoch, log_ns, _status(each)) for each in message.status]
+        elif topic is LCD:
+            self.pages.append((epoch, log_ns, message.data))
+        elif topic is ACCEPTED_PUSH:
+            self.pushes[epoch].add(message)
+        elif topic is WALL_HIT:
+            self.wall_hits.append((epoch, log_ns, message.data))
+        elif topic is SOUND:
+            self.tones.append((epoch, log_ns, sound_tone(message)))
+        elif topic is MAP:
+            self.maps.append((epoch, log_ns, message))
+
 
 def extract(recording: RecordingReader, progress: ProgressCallback) -> Extraction:
     """Read a recording once.
@@ -252,7 +272,7 @@ def extract(recording: RecordingReader, progress: ProgressCallback) -> Extractio
         If it has no topics of a ballbot, topics of several ballbots, or a malformed message.
     """
     extraction = Extraction()
-    wanted = _wanted(robot_topics(recording), extraction.notices)
+    wanted = _wanted(robot_topics(recording), extraction)
     finder = RunFinder(recording)
     statistics = {
         name: TopicStatistics(name, summary.type_name)
@@ -276,7 +296,7 @@ def extract(recording: RecordingReader, progress: ProgressCallback) -> Extractio
             new = are_new[topic_rows]
             kept = topic_rows[new]
             extraction.buffers[topic].extend(stamps[kept], values[topic][new], epochs[kept])
-        for row in sorted(chain.from_iterable(ours[t].tolist() for t in _EVENTS if t in ours)):
+        for row in sorted(chain.from_iterable(ours[t].tolist() for t in EVENTS if t in ours)):
             raw = batch.message(row)
             _take_event(extraction, recording, wanted[raw.topic], raw, int(epochs[row]))
         newest = _newest_log_ns(log_ns, newest_ns, ours.get(ACCEPTED_PUSH))
@@ -289,6 +309,50 @@ def extract(recording: RecordingReader, progress: ProgressCallback) -> Extractio
     extraction.runs = finder.runs()
     extraction.topic_statistics = {name: each for name, each in statistics.items() if each.count}
     return extraction
+
+
+class MessageCollector:
+    """Collects from the messages of a simulated run what :func:`extract` reads in its recording.
+
+    Parameters
+    ----------
+    name : str
+        Name of the run in ``plant/run``.
+    start_ns : int
+        Stamp of its first tick [ns].
+    """
+
+    def __init__(self, name: str, start_ns: int) -> None:
+        self._extraction = Extraction(runs=(RecordedRun(0, name, start_ns),))
+        self._statistics: dict[str, TopicStatistics] = {}
+
+    def add(self, topic: Topic, stamps_ns: Stamps, messages: Messages) -> None:
+        """Collect messages of a topic; those of a stamped topic differ only in their numbers."""
+        name, count = topic.resolved(), len(stamps_ns)
+        statistics = self._statistics.setdefault(name, TopicStatistics(name, topic.type_name))
+        statistics.extend(stamps_ns, np.zeros(count))
+        first = messages[0].tobytes()
+        if topic in EVENTS:
+            decode = decoder(topic.type_name)
+            for stamp_ns, message in zip(stamps_ns.tolist(), messages, strict=True):
+                self._extraction.take(topic, 0, stamp_ns, decode(message.tobytes()))
+        elif topic in STAMPED_TOPICS and not (topic is MOTOR_DUTY and is_stop(first)):
+            records: Any = messages.view(_record_type(topic, first)).view(np.recarray)
+            values = _values(topic, records)
+            self._extraction.buffers[topic].extend(stamps_ns, values, np.zeros(count, np.intp))
+
+    def extraction(self, names: Iterable[str]) -> Extraction:
+        """Return what was collected; `names` are those of the topics in the order of the file."""
+        wanted = (topic.resolved() for topic in STAMPED_TOPICS)
+        missing = [name for name in wanted if name not in self._statistics]
+        self._extraction.notices += map(_MISSING.format, missing)
+        self._extraction.topic_statistics = {name: self._statistics[name] for name in names}
+        return self._extraction
+
+
+@lru_cache(32)
+def _record_type(topic: Topic, message: bytes) -> np.dtype[Any]:
+    return BatchLayout.of(message, typestore(), topic.type_name).dtype
 
 
 def _newest_log_ns(
@@ -311,7 +375,7 @@ def _samples(
 
     Their shapes are (n,) and (n, width).
     """
-    type_code, width, read = STAMPED_TOPICS[topic]
+    type_code, width, _ = STAMPED_TOPICS[topic]
     stamps, values = np.empty(len(rows), np.int64), np.empty((len(rows), width), type_code)
     name = batch.message(rows[0]).topic
     for some, messages in recording.records(name, batch, rows):
@@ -319,15 +383,26 @@ def _samples(
         try:
             stamp = messages.header.stamp
             stamps[indices] = stamp.sec.astype(np.int64) * SECOND_NS + stamp.nanosec
-            columns = read(messages)
-            if len(columns) != width:
-                raise IndexError(f'{len(columns)} numbers instead of {width}')
+            values[indices] = _values(topic, messages)
         except (AttributeError, IndexError) as error:
             raise _unlike(recording, batch.message(some[0]), error) from None
-        with np.errstate(over='ignore'):
-            for number, column in enumerate(columns):
-                values[indices, number] = column
     return stamps, values
+
+
+def _values(topic: Topic, messages: Any) -> NDArray[Any]:
+    """Return the columns of a stamped topic in a record array of messages, shape (n, width).
+
+    It raises AttributeError or IndexError if the messages lack a number.
+    """
+    type_code, width, read = STAMPED_TOPICS[topic]
+    columns = read(messages)
+    if len(columns) != width:
+        raise IndexError(f'{len(columns)} numbers instead of {width}')
+    values = np.empty((len(messages), width), type_code)
+    with np.errstate(over='ignore'):
+        for number, column in enumerate(columns):
+            values[:, number] = column
+    return values
 
 
 def _take_event(
@@ -336,31 +411,14 @@ def _take_event(
     if topic in (PARTICIPANTS, RUN_STATUS):
         extraction.announced.add(topic, raw.data)
         return
-    if topic is PARAMETER_EVENTS:
-        try:
+    try:
+        if topic is PARAMETER_EVENTS:
             values = decode_parameter_event(raw.data)
-        except ValueError as error:
-            raise _unlike(recording, raw, error) from None
-        extraction.retunings.append((epoch, raw.stamp_ns, values))
-        return
-    message, log_ns = recording.decode(raw), raw.stamp_ns
-    if topic is OPERATING_STATE:
-        extraction.states.append((epoch, log_ns, message.data))
-    elif topic is DIAGNOSTICS:
-        extraction.statuses += [(epoch, log_ns, _status(each)) for each in message.status]
-    elif topic is LCD:
-        extraction.pages.append((epoch, log_ns, message.data))
-    elif topic is ACCEPTED_PUSH:
-        extraction.pushes[epoch].add(message)
-    elif topic is WALL_HIT:
-        extraction.wall_hits.append((epoch, log_ns, message.data))
-    elif topic is SOUND:
-        try:
-            extraction.tones.append((epoch, log_ns, sound_tone(message)))
-        except (ValueError, OverflowError) as error:
-            raise _unlike(recording, raw, error) from None
-    else:
-        extraction.maps.append((epoch, log_ns, message))
+            extraction.retunings.append((epoch, raw.stamp_ns, values))
+        else:
+            extraction.take(topic, epoch, raw.stamp_ns, recording.decode(raw))
+    except (ValueError, OverflowError) as error:
+        raise _unlike(recording, raw, error) from None
 
 
 def _status(message: DiagnosticStatus) -> Status:
@@ -385,17 +443,15 @@ def _unlike(recording: RecordingReader, raw: RawMessage, error: Exception) -> Re
     )
 
 
-def _wanted(topics: RobotTopics, notices: list[str]) -> dict[str, Topic]:
+def _wanted(topics: RobotTopics, extraction: Extraction) -> dict[str, Topic]:
     """Return the topics to read, by name in the file; note missing and mistyped ones."""
     wanted = {}
-    for topic in (*STAMPED_TOPICS, *_EVENTS, RUN):
+    for topic in (*STAMPED_TOPICS, *EVENTS, RUN):
         name = topic.resolved(topics.namespace)
         if name in topics.wrong_types:
-            notices.append(f'{topics.mismatch(name)}; ignored.')
+            extraction.notices.append(f'{topics.mismatch(name)}; ignored.')
         elif name in topics.by_name:
             wanted[name] = topic
         elif topic in STAMPED_TOPICS:
-            notices.append(
-                f'Topic {name} not found; figures, metrics and columns that need it are missing.'
-            )
+            extraction.notices.append(_MISSING.format(name))
     return wanted

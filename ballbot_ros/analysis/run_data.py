@@ -258,6 +258,21 @@ def read_run(
     if not 1 <= number <= len(runs):
         known = 'run 1' if len(runs) == 1 else f'runs 1 … {len(runs)}'
         raise RecordingError(f'{path}: run {number} not found; the file has {known}')
+    failure = _failure(outcome) if number == len(runs) else ''
+    return run_data(Path(path), extraction, attached, number, damage=damage, failure=failure)
+
+
+def run_data(
+    path: Path,
+    extraction: Extraction,
+    attached: RecordedAttachments,
+    number: int = 1,
+    *,
+    damage: str | None = None,
+    failure: str = '',
+) -> RunData:
+    """Return a run of what was extracted from a recording; RecordingError if it has no ticks."""
+    runs = extraction.runs
     run = runs[number - 1]
     attached = attached.for_run(run.name, extraction.announced)
     notices = [*extraction.notices, *attached.notices]
@@ -281,7 +296,7 @@ def read_run(
     ticks = round(plant.duration * SECOND_NS) // TICK_NS
     reached_end = (len(trajectory.time) and round(last * SECOND_NS) // TICK_NS + 1 >= ticks) > 0
     return RunData(
-        path=Path(path),
+        path=path,
         number=number,
         count=len(runs),
         recorded=run,
@@ -304,7 +319,7 @@ def read_run(
         reached_end=bool(reached_end),
         notices=tuple(notices),
         plant=plant,
-        failure=_failure(outcome) if number == len(runs) else '',
+        failure=failure,
         pushes=_pushes(extraction, run, last, attached.scenario),
         wall_hits=_wall_hits(extraction, run, last),
     )

@@ -179,13 +179,20 @@ def _add(
 
 def state_of(cls: Callable[..., State], row: np.void) -> State:
     """Return the state in a row, with the types that it has in the interpreter."""
-    return cls(*(_plain(row[name]) for name in row.dtype.names or ()))
+    return cls(*map(_plain, row.item(), _are_single(row.dtype)))
 
 
-def _plain(value: Any) -> Any:
+@cache
+def _are_single(row: np.dtype[np.void]) -> tuple[bool, ...]:
+    """Return which columns of a row are in single precision."""
+    return tuple(row[name].base == Single for name in row.names or ())
+
+
+def _plain(value: Any, is_single: bool) -> Any:
     """Return a number of a row, or the tuple of its numbers; those in single precision stay so."""
-    numbers = value if value.dtype == Single else value.tolist()
-    return tuple(numbers) if value.ndim else numbers
+    if isinstance(value, np.ndarray):
+        return tuple(value if is_single else value.tolist())
+    return Single(value) if is_single else value
 
 
 def columns_of(cls: Callable[..., State], rows: Rows) -> State:

@@ -183,9 +183,19 @@ def read_structs(data: bytes, offsets: Rows, dtype: np.dtype[Any]) -> NDArray[np
     """Return copies of the structures at `offsets` in `data`, which need not be aligned."""
     if not len(offsets):
         return np.empty(0, dtype)
-    size = dtype.itemsize
-    structs = np.ndarray((len(data) - size + 1,), f'V{size}', data, strides=(1,))
-    return structs[offsets].view(dtype)
+    return _structs_in(data, dtype.itemsize)[offsets].view(dtype)
+
+
+def write_structs(data: NDArray[np.uint8], offsets: Rows, structs: NDArray[np.void]) -> None:
+    """Write structures at `offsets` in `data`, which need not be aligned."""
+    if len(offsets):
+        places = _structs_in(data, structs.itemsize)
+        places[offsets] = structs.view(places.dtype)
+
+
+def _structs_in(data: bytes | NDArray[np.uint8], size: int) -> NDArray[np.void]:
+    """Return the structures of a size at every offset in `data`."""
+    return np.ndarray((len(data) - size + 1,), f'V{size}', data, strides=(1,))
 
 
 _HEADER_SIZE = 4

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import struct
 import zlib
+from array import array
 from collections import Counter
 from collections.abc import Sequence
-from typing import BinaryIO
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 import zstandard
@@ -36,7 +37,7 @@ from mcap.records import (
 from mcap.writer import MCAP0_MAGIC
 from numpy.typing import NDArray
 
-from ballbot_ros.recording.batch import MESSAGE_HEADER, read_structs
+from ballbot_ros.recording.batch import MESSAGE_HEADER, read_structs, write_structs
 
 _RECORD_HEADER = struct.calcsize('<BQ')
 """Size of the opcode and the length of a record."""
@@ -51,6 +52,18 @@ _MESSAGE_INDEX = struct.Struct('<BQHI')
 
 _FOOTER = struct.Struct('<BQQQ')
 _FOOTER_LENGTH = 8 + 8 + 4
+
+
+class MessageBlock(NamedTuple):
+    """Messages of a channel, as structures of their bytes, in the order of their times.
+
+    The log times [ns] are the publish times, too.
+    """
+
+    channel: int
+    sequences: NDArray[np.int64]
+    log_ns: NDArray[np.int64]
+    data: NDArray[np.void]
 
 
 class McapWriter:
@@ -76,6 +89,7 @@ class McapWriter:
         self._chunk_size = chunk_size
         self.times_ns: tuple[int, int] | None = None
         self._crc = 0
+        self._compressor = zstandard.ZstdCompressor()
         self._schemas: list[Schema] = []
         self._channels: list[Channel] = []
         self._counts: Counter[int] = Counter()
@@ -86,8 +100,8 @@ class McapWriter:
         self._write(MCAP0_MAGIC + _encode(Header(profile, library)))
 
     def _begin_chunk(self) -> None:
-        self._parts: list[bytes] = []
-        self._offsets: list[int] = []  # of the messages
+        self._parts: list[bytes | memoryview] = []
+        self._offsets = array('q')  # of the messages
         self._size = 0
 
     def _write(self, data: bytes) -> None:
@@ -115,7 +129,9 @@ class McapWriter:
         return channel.id
 
     def _add_record(self, record: McapRecord) -> None:
-        data = _encode(record)
+        self._add_part(_encode(record))
+
+    def _add_part(self, data: bytes | memoryview) -> None:
         self._parts.append(data)
         self._size += len(data)
         if self._size > self._chunk_size:
@@ -135,32 +151,33 @@ class McapWriter:
         if size > self._chunk_size:
             self._end_chunk()
 
-    def add_messages(
-        self,
-        channels: NDArray[np.integer],
-        log_ns: NDArray[np.integer],
-        messages: Sequence[bytes],
-        sequences: NDArray[np.integer],
-    ) -> None:
-        """Add messages whose publish times are their log times, as :meth:`add_message` does."""
-        headers = np.zeros(len(messages), MESSAGE_HEADER)
-        lengths = np.fromiter(map(len, messages), np.int64, len(messages))
-        ends = self._size + np.cumsum(lengths + _HEADER)
-        if not len(ends) or ends[-1] > self._chunk_size:  # a chunk ends among them
-            numbers = zip(channels.tolist(), log_ns.tolist(), sequences.tolist(), strict=True)
-            for message, (channel, time_ns, sequence) in zip(messages, numbers, strict=True):
-                self.add_message(channel, time_ns, message, time_ns, sequence)
-            return
-        headers['opcode'], headers['length'] = _MESSAGE, lengths + _FIELDS
-        headers['channel'], headers['sequence'] = channels, sequences
-        headers['log_ns'] = headers['publish_ns'] = log_ns
-        data = headers.tobytes()
-        parts = [b''] * (2 * len(messages))
-        parts[::2] = [data[at : at + _HEADER] for at in range(0, len(data), _HEADER)]
-        parts[1::2] = messages
-        self._parts += parts
-        self._offsets += [self._size, *ends[:-1].tolist()]
-        self._size = int(ends[-1])
+    def add_messages(self, blocks: Sequence[MessageBlock]) -> None:
+        """Add messages as :meth:`add_message` does, in the order of their times.
+
+        Those with equal times are in the order of the blocks.
+        """
+        order = np.argsort(np.concatenate([each.log_ns for each in blocks]), kind='stable')
+        counts = [len(each.log_ns) for each in blocks]
+        sizes = np.repeat([_HEADER + each.data.itemsize for each in blocks], counts)[order]
+        ends = np.cumsum(sizes)
+        starts = np.empty_like(ends)
+        starts[order] = ends - sizes
+        records = [_records(each) for each in blocks]
+        starts_of = np.split(starts, np.cumsum(counts)[:-1])
+        begin = first = 0
+        while first < len(ends):
+            # The chunk ends with the message that exceeds its size.
+            room = begin + self._chunk_size - self._size
+            last = min(int(np.searchsorted(ends, room, side='right')), len(ends) - 1)
+            end = int(ends[last])
+            part = np.empty(end - begin, np.uint8)
+            for record, at in zip(records, starts_of, strict=True):
+                mine = slice(*np.searchsorted(at, (begin, end)))
+                write_structs(part, at[mine] - begin, record[mine])
+            offsets = self._size - begin + ends[first : last + 1] - sizes[first : last + 1]
+            self._offsets.frombytes(offsets.tobytes())
+            self._add_part(part.data)
+            begin, first = end, last + 1
 
     def add_attachment(
         self, create_ns: int, log_ns: int, name: str, media_type: str, data: bytes
@@ -201,7 +218,7 @@ class McapWriter:
         log_ns, channels = headers['log_ns'], headers['channel']
         chunk = Chunk(
             compression='zstd',
-            data=zstandard.compress(data),
+            data=self._compressor.compress(data),
             message_start_time=int(log_ns.min()),
             message_end_time=int(log_ns.max()),
             uncompressed_crc=zlib.crc32(data),
@@ -210,9 +227,10 @@ class McapWriter:
         record, begin = _encode(chunk), self._stream.tell()
         index_offsets, indexes = {}, b''
         entries = np.column_stack((log_ns, offsets.astype('<u8')))
-        entries = entries[np.argsort(channels, kind='stable')]
-        numbers, firsts, counts = np.unique(channels, return_index=True, return_counts=True)
+        order, counts = np.argsort(channels, kind='stable'), np.bincount(channels)
+        entries, numbers, counts = entries[order], np.flatnonzero(counts), counts[counts > 0]
         ends = np.cumsum(counts)
+        firsts = order[ends - counts]
         for i in np.argsort(firsts):  # in the order of their first messages, like the package
             channel, count = int(numbers[i]), int(counts[i])
             self._counts[channel] += count
@@ -281,6 +299,18 @@ class McapWriter:
             _encode(Footer(summary_start=begin, summary_offset_start=offset_begin, summary_crc=crc))
             + MCAP0_MAGIC
         )
+
+
+def _records(block: MessageBlock) -> NDArray[np.void]:
+    """Return messages with their headers."""
+    dtype: Any = [('header', MESSAGE_HEADER), ('data', f'V{block.data.itemsize}')]
+    records = np.empty(len(block.data), dtype)
+    header = records['header']
+    header['opcode'], header['length'] = _MESSAGE, _FIELDS + block.data.itemsize
+    header['channel'], header['sequence'] = block.channel, block.sequences
+    header['log_ns'] = header['publish_ns'] = block.log_ns
+    records['data'] = block.data
+    return records
 
 
 def _encode(record: McapRecord) -> bytes:

@@ -202,20 +202,17 @@ def serialized_metadata(
         'duration': {'nanoseconds': end - start},
         'message_count': sum(topic.count for topic in topics),
     }
-    return yaml_text(
-        {
-            'version': _VERSION,
-            'storage_identifier': 'mcap',
-            **extent,
-            'topics_with_message_count': [_topic(each) for each in _by_name(topics)],
-            'compression_format': '',
-            'compression_mode': '',
-            'relative_file_paths': [file_name],
-            'files': [{'path': file_name, **extent}],
-            'custom_data': None,
-            'ros_distro': 'jazzy',
-        }
-    )
+    head = {'version': _VERSION, 'storage_identifier': 'mcap', **extent}
+    tail = {
+        'compression_format': '',
+        'compression_mode': '',
+        'relative_file_paths': [file_name],
+        'files': [{'path': file_name, **extent}],
+        'custom_data': None,
+        'ros_distro': 'jazzy',
+    }
+    listed = '\n' + ''.join(map(_topic_text, _by_name(topics))) if topics else ' []\n'
+    return f'{yaml_text(head)}topics_with_message_count:{listed}{yaml_text(tail)}'
 
 
 def _by_name(topics: Iterable[RecordedTopic]) -> Iterator[list[RecordedTopic]]:
@@ -226,18 +223,23 @@ def _by_name(topics: Iterable[RecordedTopic]) -> Iterator[list[RecordedTopic]]:
     yield from names.values()
 
 
-def _topic(channels: Sequence[RecordedTopic]) -> dict[str, object]:
-    topic = channels[0]
-    return {
-        'topic_metadata': {
-            'name': topic.name,
-            'type': topic.type_name,
-            'serialization_format': 'cdr',
-            'offered_qos_profiles': _qos(profile for each in channels for profile in each.qos),
-            'type_description_hash': topic.type_hash,
-        },
-        'message_count': sum(each.count for each in channels),
+def _topic_text(channels: Sequence[RecordedTopic]) -> str:
+    topic, qos = channels[0], tuple(profile for each in channels for profile in each.qos)
+    metadata = _topic_metadata(topic.name, topic.type_name, topic.type_hash, qos)
+    return f'{metadata}  message_count: {sum(each.count for each in channels)}\n'
+
+
+@lru_cache(64)
+def _topic_metadata(name: str, type_name: str, type_hash: str, qos: tuple[QosProfile, ...]) -> str:
+    """Return the begin of a topic's entry, which takes most of the time of a description."""
+    metadata = {
+        'name': name,
+        'type': type_name,
+        'serialization_format': 'cdr',
+        'offered_qos_profiles': _qos(qos),
+        'type_description_hash': type_hash,
     }
+    return yaml_text([{'topic_metadata': metadata}])
 
 
 def _qos(profiles: Iterable[QosProfile]) -> list[dict[str, object]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from mcap.well_known import MessageEncoding, Profile, SchemaEncoding
 from numpy.typing import NDArray
 
 from ballbot_ros.errors import RecordingError
-from ballbot_ros.recording.mcap_writer import McapWriter
+from ballbot_ros.recording.mcap_writer import McapWriter, MessageBlock
 from ballbot_ros.recording.rosbag2 import (
     DERIVED,
     METADATA_NAME,
@@ -37,6 +37,10 @@ RUN_OUTCOME = 'ballbot_run'
 
 RUN_PARTICIPANTS = 'ballbot_participants'
 """Name of the metadata record that describes the participants of the run, by role."""
+
+
+RecordedMessages = tuple[RecordedTopic, NDArray[np.int64], NDArray[np.void]]
+"""A topic, stamps [ns] that are in range and never decrease, and its messages as structures."""
 
 
 def is_locked(file: int) -> bool:
@@ -233,30 +237,20 @@ class RecordingWriter:
             raise self._failure(error) from None
         topic.count += 1
 
-    def write_all(
-        self,
-        topics: Sequence[RecordedTopic],
-        stamps_ns: NDArray[np.int64],
-        messages: Sequence[bytes],
-    ) -> None:
-        """Record messages in this order, as :meth:`write` does.
+    def write_all(self, messages: Iterable[RecordedMessages]) -> None:
+        """Record messages as :meth:`write` does, in the order of their stamps.
 
-        Parameters
-        ----------
-        topics : sequence of RecordedTopic
-            The topic of each message; its sequence number is one more than that of the last one.
-        stamps_ns : ndarray of int64
-            Log times, which are in range [ns].
-        messages : sequence of bytes
+        Those with the same stamp are in the order in which they are given. The sequence number of
+        each is one more than that of the last one of its topic.
         """
-        channels = np.array([each.channel for each in topics])
-        sequences = np.zeros(len(topics), np.int64)
-        for topic in dict.fromkeys(topics):
-            mine = np.flatnonzero(channels == topic.channel)
-            sequences[mine] = topic.count + 1 + np.arange(len(mine))
-            topic.count += len(mine)
-        with self._writing():
-            self._writer.add_messages(channels, stamps_ns, messages, sequences)
+        blocks = []
+        for topic, stamps_ns, data in messages:
+            sequences = topic.count + 1 + np.arange(len(data))
+            topic.count += len(data)
+            blocks.append(MessageBlock(topic.channel, sequences, stamps_ns, data))
+        if blocks:
+            with self._writing():
+                self._writer.add_messages(blocks)
 
     def flush(self) -> None:
         """Pass all messages to the operating system, so that killing this process loses none."""

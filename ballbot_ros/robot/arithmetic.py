@@ -78,8 +78,15 @@ def sine_cosine(angle: float) -> tuple[float, float]:
 
 
 def sines_cosines(angles: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return :func:`sine_cosine` of each angle; shape (2, n)."""
-    return np.array([sine_cosine(each) for each in angles.tolist()]).reshape(-1, 2).T
+    """Return :func:`sine_cosine` of each angle, with the same bits; shape (2, n)."""
+    is_small = np.abs(angles) <= _QUARTER_PI
+    x = np.where(is_small, angles, 0.0)
+    z = x * x
+    sines = x + x * (z * (_S3 + z * (_S5 + z * (_S7 + z * (_S9 + z * (_S11 + z * _S13))))))
+    found = np.array([sines, np.sqrt(1.0 - sines * sines)])
+    for number in np.flatnonzero(~is_small):
+        found[:, number] = sine_cosine(float(angles[number]))
+    return found
 
 
 def natural_log(x: float) -> float:

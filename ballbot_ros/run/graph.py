@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -15,7 +16,7 @@ from ballbot_ros.nodes.middleware import DOMAIN, ros_domain
 from ballbot_ros.parameters import CONTROLLER, GAMEPAD, PLANT, RECORDER, ParameterSet
 from ballbot_ros.parameters.files import format_parameters
 from ballbot_ros.parameters.yaml_document import yaml_text
-from ballbot_ros.recording.rosbag2 import PARAMETERS, SCENARIO, VERSIONS
+from ballbot_ros.recording.rosbag2 import MAPS, PARAMETERS, SCENARIO, VERSIONS
 from ballbot_ros.robot.world.floor_map import image_suffix, is_file_name, read_map_file
 from ballbot_ros.run.observer import RunObserver
 from ballbot_ros.run.spec import RunSpec
@@ -28,39 +29,47 @@ def attachments_of(spec: RunSpec) -> Mapping[str, bytes]:
 
     It raises WorldError if the map's file can't be read.
     """
-    # Keep paths on this machine private: the content of the files is attached instead.
-    parameters = ParameterSet()
-    parameters.update(spec.parameters)
-    parameters.set(GAMEPAD, 'scenario', '')
     files: dict[str, bytes] = {}
     if name := spec.plant.map:
         image = read_map_file(name)
-        attached_name = f'map{image_suffix(image)}'
-        files[attached_name] = image
-        if is_file_name(name):
-            parameters.set(PLANT, 'map', attached_name)
+        files[f'map{image_suffix(image)}'] = image
     if spec.controller:
         files |= encode_controller(spec.controller)
-        reference = public_reference(spec.controller.code.reference)
-        parameters.set(CONTROLLER, 'implementation', reference)
     text = spec.scenario.text
     return {
         **({SCENARIO: text.encode()} if text else {}),
-        PARAMETERS: format_parameters(parameters).encode(),
-        VERSIONS: yaml_text(_versions()).encode(),
+        PARAMETERS: format_parameters(public_parameters(spec, files)).encode(),
+        VERSIONS: yaml_text(dict(versions())).encode(),
         **files,
     }
 
 
-def _versions() -> dict[str, str]:
+def public_parameters(spec: RunSpec, attached: Container[str]) -> ParameterSet:
+    """Return the parameters of a run without paths on this machine, which are private.
+
+    The content of the files is attached instead, under the names `attached`.
+    """
+    parameters = ParameterSet()
+    parameters.update(spec.parameters)
+    parameters.set(GAMEPAD, 'scenario', '')
+    if is_file_name(spec.plant.map):
+        parameters.set(PLANT, 'map', next(name for name in MAPS if name in attached))
+    if spec.controller:
+        reference = public_reference(spec.controller.code.reference)
+        parameters.set(CONTROLLER, 'implementation', reference)
+    return parameters
+
+
+@cache
+def versions() -> Mapping[str, str]:
     """Return the versions that influence the result."""
-    versions = {'ballbot_ros': __version__, 'python': platform.python_version()}
+    found = {'ballbot_ros': __version__, 'python': platform.python_version()}
     for package in RECORDED_VERSIONS:
         try:
-            versions[package] = version(package)
+            found[package] = version(package)
         except PackageNotFoundError:
             continue
-    return versions
+    return found
 
 
 def write_attachments(spec: RunSpec, scratch: Path) -> Path:

@@ -120,8 +120,8 @@ def simulate(
         )
         spec = RunSpec.of_scenario(os.fspath(scenario), options)
         path = folder / f'{spec.name}.mcap'
-        result = run_offline(spec, path, LogObserver())
-        run = Run(read_run(path), path.read_bytes()) if result.ticks else None
+        result = run_offline(spec, path, LogObserver(), collects_data=True)
+        run = Run(result.data or read_run(path), path.read_bytes()) if result.ticks else None
     if result.outcome is Outcome.STOPPED:
         signal.raise_signal(result.failure_status - 128)  # now with its usual effect
     if run is None:

@@ -8,19 +8,25 @@ from pathlib import Path
 
 import numpy as np
 
+from ballbot_ros.analysis.extraction import MessageCollector
+from ballbot_ros.analysis.recorded_scenario import RecordedAttachments
+from ballbot_ros.analysis.run_data import RunData, run_data
 from ballbot_ros.controllers.codegen.implementation import implementation_for
 from ballbot_ros.controllers.document.program import ControlProgram
 from ballbot_ros.engine.closed_loop import ClosedLoop
 from ballbot_ros.engine.compiled_loop import CompiledLoop, compile_for_the_next_time, pays
 from ballbot_ros.engine.pacer import Pacer
 from ballbot_ros.engine.trajectory import TrajectoryLog
-from ballbot_ros.errors import ControllerError, RecordingError
+from ballbot_ros.errors import ControllerError, RecordingError, one_line
 from ballbot_ros.lockstep.run_actions import Outcome, RunSummary
 from ballbot_ros.parameters import CONTROLLER, ControllerParameters
 from ballbot_ros.parameters.timing import FIRST_TICK_NS, SECOND_NS, TICK_NS
 from ballbot_ros.process import StopRequest
+from ballbot_ros.recording.messages.run_messages import RUN_NAME
 from ballbot_ros.recording.messages.run_reports import summary_json
-from ballbot_ros.run.graph import attachments_of
+from ballbot_ros.recording.reader import AttachedFile
+from ballbot_ros.recording.rosbag2 import media_type
+from ballbot_ros.run.graph import attachments_of, public_parameters, versions
 from ballbot_ros.run.observer import RunObserver
 from ballbot_ros.run.result import Engine, RunResult
 from ballbot_ros.run.simulated_recording import SimulatedRecording
@@ -31,10 +37,15 @@ _TICKS_AT_ONCE, _RECORDED_TICKS_AT_ONCE = 25_000, 2_500
 """Compiled code makes them in a tenth of a second, after which a signal takes effect."""
 
 
-def run_offline(spec: RunSpec, recording: Path | None, observer: RunObserver) -> RunResult:
-    """Run the closed loop; the recording is the same as from the graph."""
+def run_offline(
+    spec: RunSpec, recording: Path | None, observer: RunObserver, *, collects_data: bool = False
+) -> RunResult:
+    """Run the closed loop; the recording is the same as from the graph.
+
+    With `collects_data`, the result of a compiled run has the data of its recording.
+    """
     with StopRequest() as stop:
-        run = _OfflineRun(spec, recording, stop)
+        run = _OfflineRun(spec, recording, stop, collects_data=collects_data)
         try:
             failure = ''
             try:
@@ -47,21 +58,25 @@ def run_offline(spec: RunSpec, recording: Path | None, observer: RunObserver) ->
             for notice in filter(None, (failure, run.slow_ticks)):
                 observer.notice(notice)
             summary = run.summary(failure)
-            run.end_recording(summary)
+            data = run.end_recording(summary)
         except RecordingError as error:
+            data = None
             summary = run.summary(str(error))
             observer.notice(str(error))
     if run.engine is Engine.INTERPRETED:
         compile_for_the_next_time()
     result = RunResult.from_summary(summary_json(summary), run.log.trajectory())
-    result = replace(result, engine=run.engine)
+    result = replace(result, engine=run.engine, data=data)
     return replace(result, failure_status=128 + stop.signal) if stop.signal else result
 
 
 class _OfflineRun:
     """A closed loop with log, recording and pacing."""
 
-    def __init__(self, spec: RunSpec, recording: Path | None, stop: StopRequest) -> None:
+    def __init__(
+        self, spec: RunSpec, recording: Path | None, stop: StopRequest, *, collects_data: bool
+    ) -> None:
+        self._spec, self._recording = spec, recording
         self._implementation = implementation_for(
             spec.parameters.of(ControllerParameters), spec.controller
         )
@@ -75,9 +90,14 @@ class _OfflineRun:
         self._stop = stop
         self._pacer = Pacer()
         self._writer: SimulatedRecording | None = None
+        collects_data = collects_data and self._compiled is not None
+        self._collector = MessageCollector(RUN_NAME, FIRST_TICK_NS) if collects_data else None
         if recording:
-            attachments = attachments_of(spec)
-            self._writer = SimulatedRecording(recording, attachments, spec.parameters)
+            self._attachments = attachments_of(spec)
+            collect = self._collector.add if self._collector else None
+            self._writer = SimulatedRecording(
+                recording, self._attachments, spec.parameters, collect
+            )
             self._writer.begin(FIRST_TICK_NS, self._loop.world, self._loop.pushes)
         self.log = TrajectoryLog()
         self._begun = time.monotonic()
@@ -148,10 +168,10 @@ class _OfflineRun:
             start_ns=FIRST_TICK_NS,
         )
 
-    def end_recording(self, summary: RunSummary) -> None:
-        """Write how the run ended, and finish the file."""
-        if self._writer is None:
-            return
+    def end_recording(self, summary: RunSummary) -> RunData | None:
+        """Write how the run ended, and finish the file; return the data that were collected."""
+        if self._recording is None or self._writer is None:
+            return None
         plant = self._loop.plant
         last_ns = plant.time_ns - TICK_NS
         if plant.stopped:
@@ -160,3 +180,20 @@ class _OfflineRun:
         if summary.outcome is not Outcome.COMPLETED:
             self._writer.plant.stop_motors(last_ns)
         self._writer.close(summary)
+        if self._collector is None or not self.log.ticks:
+            return None
+        world = self._loop.world
+        attached = RecordedAttachments(
+            scenario=self._spec.scenario,
+            parameters=public_parameters(self._spec, self._attachments),
+            has_parameters=True,
+            versions=dict(versions()),
+            floor_map=world.map if world else None,
+            files={
+                name: AttachedFile(media_type(name), data)
+                for name, data in self._attachments.items()
+            },
+        )
+        extraction = self._collector.extraction(self._writer.names)
+        reason = one_line(summary.reason)
+        return run_data(self._recording, extraction, attached, failure=reason)

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 from ballbot_ros.analysis.metrics import Judgement, Verdict
 from ballbot_ros.analysis.recorded_scenario import RecordedPush, external_push
+from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.engine.trajectory import Trajectory
 from ballbot_ros.lockstep.run_actions import Outcome, ParameterChange, changes_text
 from ballbot_ros.parameters.parameter import TextEnum
@@ -68,6 +69,8 @@ class RunResult:
         The parameters that somebody set during the run.
     engine : Engine
         What computed its ticks.
+    data : RunData or None
+        The data of its recording, if they were collected during the run.
     """
 
     outcome: Outcome
@@ -89,6 +92,7 @@ class RunResult:
     external_pushes: tuple[RecordedPush, ...] = ()
     parameter_changes: tuple[ParameterChange, ...] = ()
     engine: Engine = Engine.INTERPRETED
+    data: RunData | None = None
 
     @classmethod
     def from_summary(cls, summary: Mapping[str, Any], trajectory: Trajectory) -> RunResult:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from functools import cache, partial
-from typing import Any, Protocol
+import math
+from collections.abc import Callable, Mapping
+from functools import cache, lru_cache, partial
 
+import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 
 from ballbot_ros.files import share_directory
@@ -19,14 +20,16 @@ from ballbot_ros.parameters import (
 )
 from ballbot_ros.parameters.timing import TICK_NS
 from ballbot_ros.recording.messages.conversions import (
+    body_orientation,
     decode_ball_position,
     decode_body_pitch,
     encode_text,
     map_grid,
+    pitches,
 )
 from ballbot_ros.recording.messages.devices import decode_encoders, decode_gyro
 from ballbot_ros.recording.messages.participation import decode_announcement
-from ballbot_ros.recording.messages.raw import decoder, stamp_of
+from ballbot_ros.recording.messages.raw import Messages, Stamps, decoder, stamp_of
 from ballbot_ros.recording.messages.run_messages import MakeSend, Send
 from ballbot_ros.recording.messages.tool_messages import (
     TransformsLayout,
@@ -50,9 +53,10 @@ from ballbot_ros.recording.messages.topics import (
     TF_STATIC,
     Topic,
 )
-from ballbot_ros.recording.rosbag2 import QosProfile
+from ballbot_ros.recording.rosbag2 import QosProfile, RecordedTopic
 from ballbot_ros.recording.schemas import encoder, new_message
-from ballbot_ros.robot.brick.odometry import WINDOW_NS, DeadReckoning, OdometryState
+from ballbot_ros.recording.writer import RecordingWriter
+from ballbot_ros.robot.brick.odometry import DeadReckoning, Floats, Rows
 from ballbot_ros.robot.plant.model import Bodies
 from ballbot_ros.robot.world.floor_map import FloorMap, floor_map_of
 from ballbot_ros.viewer.markers import floor_markers
@@ -74,6 +78,7 @@ from ballbot_ros.viewer.robot import (
 _ZERO = 1e-15
 
 
+@lru_cache(8)
 def robot_description(dimensions: Dimensions, bodies: Bodies) -> str:
     """Return the URDF document; equal parameters give equal text."""
     deck = dimensions.wheel_radius + DECK_ABOVE_WHEEL
@@ -126,6 +131,9 @@ Shape = PlantParameters | VisualizerParameters
 JUMP_NS = HISTORY * TICK_NS
 """A message that is older than the newest by more than this follows a jump in time [ns]."""
 
+PERIOD_NS = 40_000_000
+"""Period of the derived messages: a rate for tools, of which some interpolate poses."""
+
 _TRUTH = (PLANT_ODOM, PLANT_IMU)
 _SENSORS = (GYRO_IMU, JOINT_STATES)
 _decode_map = decoder(MAP.type_name)
@@ -153,7 +161,7 @@ class DerivedMessages:
     """
 
     INPUTS = (RUN, PARTICIPANTS, MAP, *_TRUTH, *_SENSORS)
-    OUTPUTS = (ROBOT_DESCRIPTION, MARKERS, TF_STATIC, TF, ODOM, IMU_DATA)
+    OUTPUTS = (ROBOT_DESCRIPTION, TF_STATIC, MARKERS, TF, ODOM, IMU_DATA)
 
     def __init__(self, make: MakeSend, shape: Shape) -> None:
         self._send = {topic: make(topic) for topic in self.OUTPUTS}
@@ -239,7 +247,7 @@ class DerivedMessages:
         try:
             position = decode_ball_position(self._waiting[PLANT_ODOM][stamp_ns])
             pitch = decode_body_pitch(self._waiting[PLANT_IMU][stamp_ns])
-            state = self._measure(stamp_ns) if GYRO_IMU in self._waiting else None
+            measured = self._measure(stamp_ns) if GYRO_IMU in self._waiting else None
         except ValueError:
             self.sent_ns = 0 if is_new else stamp_ns
             return
@@ -248,29 +256,72 @@ class DerivedMessages:
         if is_new:
             self.describe(stamp_ns)
             self._send_walls(stamp_ns)
-        travelled = state.position.value if state else position
-        poses = self._frames.moving(position, pitch, travelled)
-        self._send[TF](stamp_ns, self._moving.encode(stamp_ns, poses.values()))
-        if state and self._odometry.is_calibrated:
-            self._send[ODOM](stamp_ns, encode_odom(stamp_ns, state))
-            self._send[IMU_DATA](stamp_ns, encode_imu_data(stamp_ns, state))
+        columns = np.array([position]).T, np.array([pitch]).T
+        self._send_motion(np.array([stamp_ns]), *columns, measured)
 
-    def _measure(self, stamp_ns: int) -> OdometryState:
-        """Return what the robot measures of its motion, from all samples up to a stamp."""
+    def _measure(self, stamp_ns: int) -> Rows:
+        """Process all samples up to a stamp; return the row of this tick among them."""
         gyro, encoders = (self._waiting[topic] for topic in _SENSORS)
-        for each_ns, data in gyro.items():
-            if self._odometry.now_ns < each_ns <= stamp_ns:
-                self._odometry.add(each_ns, decode_gyro(data))
-        now = decode_encoders(encoders[stamp_ns])
-        then = encoders.get(self._odometry.then_ns)
-        return self._odometry.state(decode_encoders(then) if then else now, now)
+        stamps = [each for each in gyro if self._odometry.now_ns < each <= stamp_ns]
+        self._odometry.add(
+            np.array(stamps),
+            np.array([decode_gyro(gyro[each]) for each in stamps]),
+            np.array(
+                [
+                    decode_encoders(encoders[each]) if each in encoders else (math.nan, math.nan)
+                    for each in stamps
+                ]
+            ),
+        )
+        return np.array([len(stamps) - 1])
 
     def _forget(self, stamp_ns: int) -> None:
-        """Forget the messages up to a stamp, except those that later velocities need."""
-        for topic, waiting in self._waiting.items():
-            last_ns = stamp_ns - WINDOW_NS if topic is JOINT_STATES else stamp_ns
-            for each_ns in [each for each in waiting if each <= last_ns]:
+        """Forget the messages up to a stamp."""
+        for waiting in self._waiting.values():
+            for each_ns in [each for each in waiting if each <= stamp_ns]:
                 del waiting[each_ns]
+
+    def send_ticks(
+        self, stamps_ns: Stamps, position: Floats, psi: Floats, gyro: Floats, encoders: Floats
+    ) -> None:
+        """Send the messages of every :data:`PERIOD_NS` for the next ticks of a run, in columns.
+
+        All its ticks must come this way, with their true position and pitch and the readings of
+        gyros and encoders, each of the shape (n, 2).
+        """
+        is_due, first_ns = stamps_ns % PERIOD_NS == 0, int(stamps_ns[0])
+        if not self.sent_ns:
+            is_due[0] = True
+            self._odometry = DeadReckoning(self._shape.ball_radius, self._shape.wheel_radius)
+            self.describe(first_ns)
+            self._send_walls(first_ns)
+        self.sent_ns = int(stamps_ns[-1])
+        self._odometry.add(stamps_ns, gyro, encoders)
+        due = np.flatnonzero(is_due)
+        # The angles are those that a reader of plant/imu finds.
+        pitch = pitches(*body_orientation(psi[due].T))
+        self._send_motion(stamps_ns[due], position[due].T, pitch, due)
+
+    def _send_motion(
+        self, stamps_ns: Stamps, position: Floats, pitch: Floats, measured: Rows | None
+    ) -> None:
+        """Send where the robot is at n ticks, and what it measures of its motion.
+
+        Position and pitch have the shape (2, n); `measured` are the rows of these ticks among those
+        that were added to the odometry last.
+        """
+        state = None if measured is None else self._odometry.state(measured)
+        travelled = position if state is None else state.position.value
+        poses = self._frames.moving(position, pitch, travelled)
+        self._send_all(TF, stamps_ns, self._moving.encode(stamps_ns, poses.values()))
+        if measured is not None and state is not None:
+            known = self._odometry.is_calibrated(measured)
+            self._send_all(ODOM, stamps_ns[known], encode_odom(stamps_ns, state)[known])
+            self._send_all(IMU_DATA, stamps_ns[known], encode_imu_data(stamps_ns, state)[known])
+
+    def _send_all(self, topic: Topic, stamps_ns: Stamps, messages: Messages) -> None:
+        for stamp_ns, message in zip(stamps_ns.tolist(), messages, strict=True):
+            self._send[topic](stamp_ns, message.tobytes())
 
     def describe(self, stamp_ns: int) -> None:
         """Send the robot's description and its fixed frames."""
@@ -279,7 +330,8 @@ class DerivedMessages:
         self._send[ROBOT_DESCRIPTION](stamp_ns, encode_text(text))
         fixed = self._frames.fixed
         layout = TransformsLayout({frame: PARENTS[frame] for frame in fixed})
-        self._send[TF_STATIC](stamp_ns, layout.encode(stamp_ns, fixed.values()))
+        stamps_ns = np.array([stamp_ns])
+        self._send_all(TF_STATIC, stamps_ns, layout.encode(stamps_ns, fixed.values()))
 
     def _send_walls(self, stamp_ns: int) -> None:
         message = new_message(MARKERS.type_name)
@@ -298,28 +350,12 @@ def _plant_parameters(values: Mapping[str, object]) -> PlantParameters:
     return parameters.of(PlantParameters)
 
 
-PERIOD_NS = 40_000_000
-"""Period of the derived messages: a rate for tools, of which some interpolate poses."""
-
-
-class TopicWriter(Protocol):
-    """Who takes the messages of topics, as a :class:`RecordingWriter` does."""
-
-    def add_topic(
-        self, name: str, type_name: str, *, qos: Sequence[QosProfile], derived: bool
-    ) -> Any:
-        """Add a topic; the result has the number of its messages, `count`."""
-
-    def write(self, topic: Any, stamp_ns: int, data: bytes, sequence: int) -> None:
-        """Take a message."""
-
-
 class DerivedChannels:
     """Writes derived messages to a recording, marked as such, while nobody publishes their topic.
 
     Parameters
     ----------
-    writer : TopicWriter
+    writer : RecordingWriter
     shape : PlantParameters or VisualizerParameters
         As in `DerivedMessages`.
     name_of : callable
@@ -330,7 +366,7 @@ class DerivedChannels:
 
     def __init__(
         self,
-        writer: TopicWriter,
+        writer: RecordingWriter,
         shape: Shape,
         *,
         name_of: Callable[[Topic], str] = Topic.resolved,
@@ -350,21 +386,21 @@ class DerivedChannels:
 
     def _make_send(self, topic: Topic) -> Send:
         name = self._name_of(topic)
-        recorded: Any = None
+        recorded: RecordedTopic | None = None
 
         def send(stamp_ns: int, data: bytes) -> None:
             nonlocal recorded
             if self._is_published(name):
                 return
             if recorded is None:
-                qos = (_offered_qos(topic),)
+                qos = (offered_qos(topic),)
                 recorded = self._writer.add_topic(name, topic.type_name, qos=qos, derived=True)
             self._writer.write(recorded, stamp_ns, data, recorded.count + 1)
 
         return send
 
 
-def _offered_qos(topic: Topic) -> QosProfile:
+def offered_qos(topic: Topic) -> QosProfile:
     """Return the QoS with which a node of this package would publish the topic."""
     durability = 'transient_local' if topic.latched_depth else 'volatile'
     return QosProfile('keep_last', topic.latched_depth or HISTORY, 'reliable', durability)

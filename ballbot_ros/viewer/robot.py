@@ -260,6 +260,9 @@ MOVING = (ODOM_FRAME, FOOTPRINT, BODY, BALL, WHEEL_X, WHEEL_Y)
 """The frames that move in their parents; the others are fixed."""
 
 
+# Not numpy's own: the same bits for a number and for a column.
+_sine, _cosine = (np.vectorize(each, otypes=[float]) for each in (math.sin, math.cos))
+
 _LEVEL = 1.0, 0.0, 0.0, 0.0
 """The axes of the parent."""
 
@@ -310,11 +313,11 @@ class Frames:
         self._wheel_x, self._wheel_y = wheel_centres(dimensions)
         self.fixed = {SONAR: FramePose(sonar_position(dimensions), _LEVEL)}
 
-    def moving(self, position: Pair, psi: Pair, odometry: Pair) -> dict[str, FramePose]:
+    def moving(self, position: Any, psi: Any, odometry: Any) -> dict[str, FramePose]:
         """Return the pose of each moving frame in its parent.
 
         `odometry` is how far the ball has rolled from the start, as the robot measures it [m]; the
-        other arguments are those of :meth:`at`.
+        other arguments are those of :meth:`at`. The numbers may be columns.
         """
         odom_x, odom_y = odometry
         w, x, y, z = body_orientation(psi)
@@ -324,8 +327,8 @@ class Frames:
             FOOTPRINT: FramePose((odom_x, -odom_y, 0.0), _LEVEL),
             BODY: FramePose((0.0, 0.0, self._dimensions.ball_radius), (w, x, y, z)),
             BALL: FramePose((0.0, 0.0, 0.0), (w, -x, -y, -z)),
-            WHEEL_X: FramePose(self._wheel_x, (math.cos(half_x), 0.0, math.sin(half_x), 0.0)),
-            WHEEL_Y: FramePose(self._wheel_y, (math.cos(half_y), math.sin(half_y), 0.0, 0.0)),
+            WHEEL_X: FramePose(self._wheel_x, (_cosine(half_x), 0.0, _sine(half_x), 0.0)),
+            WHEEL_Y: FramePose(self._wheel_y, (_cosine(half_y), _sine(half_y), 0.0, 0.0)),
         }
 
     def at(self, position: Pair, psi: Pair) -> dict[str, Transform]:

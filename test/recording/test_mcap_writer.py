@@ -2,11 +2,12 @@
 
 import io
 
+import numpy as np
 from hypothesis import strategies as st
 from laws import given
 from mcap.writer import Writer
 
-from ballbot_ros.recording.mcap_writer import McapWriter
+from ballbot_ros.recording.mcap_writer import McapWriter, MessageBlock
 
 small = st.integers(0, 2**16)
 data = st.binary(max_size=300)
@@ -41,6 +42,40 @@ def test_chunks_end_at_the_same_size():
     ]
     for chunk_size in range(30, 300):
         assert_same_file(actions, chunk_size)
+
+
+blocks = st.lists(
+    st.tuples(
+        st.integers(0, 2),
+        st.lists(st.integers(0, 20), min_size=1, max_size=8).map(sorted),
+        st.integers(1, 60),
+    ),
+    min_size=1,
+    max_size=5,
+)
+
+
+@given(parts=st.lists(blocks, max_size=4), chunk_size=st.sampled_from([10, 300, 2**20]))
+def test_blocks_are_written_like_their_messages_in_the_order_of_their_times(parts, chunk_size):
+    one_by_one, at_once = io.BytesIO(), io.BytesIO()
+    writers = [McapWriter(each, 'ros2', 'us', chunk_size) for each in (one_by_one, at_once)]
+    for writer in writers:
+        for channel in 'abc':
+            writer.add_channel(channel, 'cdr', 0, {})
+    for part in parts:
+        made, messages = [], []
+        for number, (channel, times, size) in enumerate(part):
+            sequences = np.arange(len(times)) + number
+            data = [bytes([number, *range(size)]) for _ in times]
+            rows = np.array([np.frombuffer(each, f'V{size + 1}')[0] for each in data])
+            made.append(MessageBlock(channel + 1, sequences, np.array(times), rows))
+            messages += zip(times, [channel + 1] * len(times), data, sequences, strict=True)
+        for log_ns, channel, content, sequence in sorted(messages, key=lambda each: each[0]):
+            writers[0].add_message(channel, log_ns, content, log_ns, sequence)
+        writers[1].add_messages(made)
+    for writer in writers:
+        writer.finish()
+    assert at_once.getvalue() == one_by_one.getvalue()
 
 
 def assert_same_file(actions, chunk_size):

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from laws import given
 
 from ballbot_ros.robot import arithmetic as e
-from ballbot_ros.robot.arithmetic import natural_log, sine_cosine
+from ballbot_ros.robot.arithmetic import natural_log, sine_cosine, sines_cosines
 
 angles = st.floats(-50.0, 50.0)
 far_angles = st.floats(allow_nan=False, allow_infinity=False)
@@ -43,6 +43,12 @@ def test_the_symmetry_holds_where_the_reduction_changes_its_quarter():
         for angle in (math.nextafter(middle, -math.inf), middle, math.nextafter(middle, math.inf)):
             sine, cosine = sine_cosine(angle)
             assert sine_cosine(-angle) == (-sine, cosine)
+
+
+@given(st.lists(angles | far_angles | st.floats(-0.8, 0.8), max_size=5))
+def test_those_of_a_column_have_the_same_bits(column):
+    expected = np.array([sine_cosine(angle) for angle in column]).reshape(-1, 2).T
+    assert sines_cosines(np.array(column, float)).tobytes() == expected.copy().tobytes()
 
 
 @given(angles)

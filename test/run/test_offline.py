@@ -4,13 +4,17 @@ import dataclasses
 import signal
 from collections import Counter
 
+import numpy as np
 import pytest
 
 pytest.importorskip('numba')
 
+from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.engine import compiled_loop
 from ballbot_ros.engine.compilation import is_kept
 from ballbot_ros.lockstep.run_actions import Outcome
+from ballbot_ros.parameters import ParameterSet
+from ballbot_ros.parameters.parameter_set import ALL_NODES
 from ballbot_ros.run import offline
 from ballbot_ros.run.observer import LogObserver
 from ballbot_ros.run.offline import run_offline
@@ -79,6 +83,41 @@ def test_their_recordings_have_the_same_bytes(words, at_once, always, tmp_path, 
     monkeypatch.setattr(offline, 'pays', lambda ticks: False)
     assert_same(fast, run(spec, path))
     assert path.read_bytes() == compiled
+
+
+@pytest.mark.parametrize('words', [*RUNS, ('hardware_standing', 'plant_sim.duration=3')])
+def test_the_data_of_a_compiled_run_are_those_in_its_recording(
+    words, always, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(offline, '_RECORDED_TICKS_AT_ONCE', 700)
+    path = tmp_path / 'run.mcap'
+    result = run_offline(spec_of(*words), path, LogObserver(), collects_data=True)
+    data, found = (plain(each) for each in (result.data, read_run(path)))
+    assert data.pop('attached.scenario.name') == words[0]
+    assert found.pop('attached.scenario.name') == 'scenario', 'the file has another name'
+    assert data == found
+
+
+def plain(content, name=''):
+    """Return everything in nested data by name, with arrays as their types and bytes."""
+    if isinstance(content, ParameterSet):
+        return {f'{name}.{node}': content.of_node(node) for node in ALL_NODES}
+    if isinstance(content, np.ndarray):
+        return {name: (content.dtype, content.shape, content.tobytes())}
+    if dataclasses.is_dataclass(content):
+        parts = ((each.name, getattr(content, each.name)) for each in dataclasses.fields(content))
+    elif isinstance(content, dict):
+        parts = content.items()
+    elif isinstance(content, list | tuple):
+        parts = enumerate(content)
+    else:
+        return {name: content}
+    found = {f'{name}.{key}'.strip('.'): value for key, value in parts}
+    return {
+        key: value
+        for each, part in found.items()
+        for key, value in (plain(part, each) or {each: part}).items()
+    }
 
 
 def test_paced_and_other_runs_are_interpreted(always):

@@ -83,14 +83,14 @@ def outputs():
     return Outputs()
 
 
-def samples(stamp_ns, position=(0.0, 0.0), psi=(0.0, 0.0), motors=(0, 0)):
+def samples(stamp_ns, position=(0.0, 0.0), psi=(0.0, 0.0), motors=(0, 0), gyro=(600, 600)):
     """Return the messages of a tick, by topic."""
     pair = (0.0, 0.0)
     truth = GroundTruth(stamp_ns, pair, pair, pair, psi, pair, position, pair, 8.0)
     return {
         PLANT_ODOM: encode_odometry(truth, SHAPE.ball_radius),
         PLANT_IMU: encode_body(truth),
-        GYRO_IMU: encode_gyro(stamp_ns, (600, 600)),
+        GYRO_IMU: encode_gyro(stamp_ns, gyro),
         JOINT_STATES: encode_encoders(stamp_ns, motors),
     }
 
@@ -181,6 +181,27 @@ def test_the_odometry_is_that_of_the_sensors(outputs):
     assert outputs.stamps(IMU_DATA) == outputs.stamps(ODOM)
     rate = outputs.newest(IMU_DATA).angular_velocity
     assert (rate.x, rate.y) == (0.0, 0.0)
+
+
+def test_ticks_in_columns_give_the_same_messages_as_those_of_the_nodes():
+    numbers, count = np.random.default_rng(1), 700
+    stamps = SECOND_NS + TICK_NS * np.arange(count)
+    position, psi = numbers.normal(0.0, 0.1, (2, count, 2))
+    gyro, encoders = numbers.integers(-90, 90, (2, count, 2))
+    one_by_one, in_columns = Outputs(), Outputs()
+    columns = (each.tolist() for each in (stamps, position, psi, encoders, gyro))
+    for stamp_ns, *state in zip(*columns, strict=True):
+        for topic, data in samples(stamp_ns, *state).items():
+            one_by_one.messages.add(topic, stamp_ns, data)
+        if stamp_ns % PERIOD_NS == 0:
+            one_by_one.messages.send()
+    for rows in np.split(np.arange(count), [1, 18, 303, 304]):
+        in_columns.messages.send_ticks(
+            *(each[rows] for each in (stamps, position, psi, gyro, encoders))
+        )
+    assert one_by_one.sent.keys() == set(DerivedMessages.OUTPUTS)
+    for topic, sent in one_by_one.sent.items():
+        assert list(map(repr, in_columns.sent[topic])) == list(map(repr, sent)), topic.name
 
 
 def test_without_sensors_there_are_transforms_but_no_odometry(outputs):
@@ -329,14 +350,17 @@ variances = st.tuples(st.floats(1e-6, 9.0), st.floats(1e-6, 9.0))
 
 @given(numbers, numbers, pitches, numbers, variances)
 def test_measured_motion_survives_its_messages(position, velocity, pitch, rate, variance):
-    state = OdometryState(*(Estimate(each, variance) for each in (position, velocity, pitch, rate)))
-    odometry = decoder(ODOM.type_name)(encode_odom(SECOND_NS, state))
+    columns = (np.array(each)[:, np.newaxis] for each in (position, velocity, pitch, rate))
+    variances = np.array(variance)[:, np.newaxis]
+    state = OdometryState(*(Estimate(each, variances) for each in columns))
+    stamps = np.array([SECOND_NS])
+    odometry = decoder(ODOM.type_name)(encode_odom(stamps, state).tobytes())
     point, speed = odometry.pose.pose.position, odometry.twist.twist.linear
     assert (point.x, -point.y, speed.x, -speed.y) == (*position, *velocity)
     for covariance in (odometry.pose.covariance, odometry.twist.covariance):
         assert covariance.reshape(6, 6).diagonal().tolist() == [*variance, *[EXACT] * 4]
         assert not (covariance.reshape(6, 6) - np.diag(covariance.reshape(6, 6).diagonal())).any()
-    imu = decoder(IMU_DATA.type_name)(encode_imu_data(SECOND_NS, state))
+    imu = decoder(IMU_DATA.type_name)(encode_imu_data(stamps, state).tobytes())
     assert body_pitch(imu) == pytest.approx(pitch, abs=1e-9)
     assert body_rates(imu) == rate
     for covariance in (imu.orientation_covariance, imu.angular_velocity_covariance):

@@ -126,7 +126,8 @@ def test_transforms_chain_to_the_same_places(position, psi, odometry):
     assert set(frames) == set(PARENTS) == {*MOVING, SONAR}
     assert set(FRAMES.at(position, psi)) == set(frames)
     poses = [frames[frame] for frame in PARENTS]
-    sent = decoder(TRANSFORMS)(LAYOUT.encode(1_500_000_000, poses)).transforms
+    (message,) = LAYOUT.encode(np.array([1_500_000_000]), poses)
+    sent = decoder(TRANSFORMS)(message.tobytes()).transforms
     tree = {MAP: np.eye(4)}
     for each in sent:  # a parent comes before its children
         transform = each.transform
@@ -151,7 +152,8 @@ def test_transforms_have_the_bytes_of_the_general_encoder(stamp_ns, numbers):
         point.x, point.y, point.z = pose.position
         quaternion.w, quaternion.x, quaternion.y, quaternion.z = pose.rotation
         message.transforms.append(each)
-    assert TransformsLayout(parents).encode(stamp_ns, poses) == encoder(TRANSFORMS)(message)
+    (encoded,) = TransformsLayout(parents).encode(np.array([stamp_ns]), poses)
+    assert encoded.tobytes() == encoder(TRANSFORMS)(message)
 
 
 def test_a_wheel_without_width_has_no_markers():

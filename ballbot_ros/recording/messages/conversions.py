@@ -13,8 +13,9 @@ from __future__ import annotations
 
 import math
 import struct
+from collections.abc import Callable
 from functools import cache, lru_cache
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +37,7 @@ from ballbot_ros.recording.messages.message_types import (
     Vector3Stamped,
     WrenchStamped,
 )
-from ballbot_ros.recording.messages.raw import MessageLayout, Stamps, elements
+from ballbot_ros.recording.messages.raw import Floats, MessageLayout, Messages, Stamps, elements
 from ballbot_ros.recording.messages.topics import (
     BATTERY_STATE,
     BLUETOOTH_TX,
@@ -64,8 +65,6 @@ from ballbot_ros.robot.plant.ground_truth import GroundTruth, Pair, Push
 
 if TYPE_CHECKING:
     from ballbot_ros.robot.world.floor_map import OccupancyGrid
-
-N = TypeVar('N', float, NDArray[np.float64])
 
 _DUTIES = frozenset(map(float, range(-100, 101)))
 
@@ -179,13 +178,6 @@ def encode_body(truth: GroundTruth) -> bytes:
     return _BODY.encode(truth.stamp_ns, *truth.psi_rate, *body_orientation(truth.psi))
 
 
-def encode_bodies(truth: GroundTruth) -> list[bytes]:
-    """Return :func:`encode_body` of each row of a truth in columns."""
-    psi_x, psi_y = map(np.asarray, truth.psi)
-    orientation = _orientation(*sines_cosines(psi_x / 2.0), *sines_cosines(psi_y / 2.0))
-    return _BODY.encode(np.asarray(truth.stamp_ns), *map(np.asarray, truth.psi_rate), *orientation)
-
-
 def decode_body_rates(data: bytes) -> Pair:
     """Return the pitch rates [rad/s] of planes x and y from ``plant/imu``."""
     rate_x, rate_y, *_ = _BODY.decode(data)
@@ -198,16 +190,15 @@ def decode_body_pitch(data: bytes) -> Pair:
     return pitch_angles(w, x, y, z)
 
 
-def body_orientation(psi: Pair) -> tuple[float, float, float, float]:
+def body_orientation(psi: Any) -> tuple[Any, Any, Any, Any]:
     """Return the orientation of ``base_link`` in ``map`` for the pitch angles `psi` [rad].
 
     A unit quaternion w, x, y, z: roll ψy, then pitch ψx, no yaw. :func:`pitch_angles` is its
-    inverse.
+    inverse. The angles may be columns.
     """
-    return _orientation(*sine_cosine(psi[0] / 2.0), *sine_cosine(psi[1] / 2.0))
-
-
-def _orientation(sin_x: N, cos_x: N, sin_y: N, cos_y: N) -> tuple[N, N, N, N]:
+    psi_x, psi_y = psi
+    both: Callable[[Any], Any] = sines_cosines if isinstance(psi_x, np.ndarray) else sine_cosine
+    (sin_x, cos_x), (sin_y, cos_y) = both(psi_x / 2.0), both(psi_y / 2.0)
     return cos_x * cos_y, cos_x * sin_y, sin_x * cos_y, -sin_x * sin_y
 
 
@@ -227,6 +218,12 @@ def pitch_angles(w: float, x: float, y: float, z: float) -> Pair:
     psi_x = 2.0 * math.atan2(math.hypot(y, z), math.hypot(w, x))
     psi_y = 2.0 * math.atan2(math.hypot(x, z), math.hypot(w, y))
     return math.copysign(psi_x, y), math.copysign(psi_y, x)
+
+
+def pitches(w: Floats, x: Floats, y: Floats, z: Floats) -> Floats:
+    """Return :func:`pitch_angles` of many orientations, shape (2, n)."""
+    columns = (each.tolist() for each in (w, x, y, z))
+    return np.array(list(map(pitch_angles, *columns))).reshape(-1, 2).T
 
 
 def encode_odometry(truth: GroundTruth, ball_radius: float) -> bytes:
@@ -345,7 +342,7 @@ def _degrees(x: Any, y: Any) -> tuple[Any, ...]:
     )  # fmt: skip
 
 
-def encode_controller_states(stamps_ns: Stamps, x: Any, y: Any) -> list[bytes]:
+def encode_controller_states(stamps_ns: Stamps, x: Any, y: Any) -> Messages:
     """Return :func:`encode_controller_state` of each row of estimates in columns."""
     degrees = (np.asarray(angle, np.float64) for angle in _degrees(x, y))
     return _STATE.encode(stamps_ns, *(angle * RADIANS_PER_DEGREE for angle in degrees))
@@ -390,7 +387,14 @@ def encode_text(text: str) -> bytes:
 
 def encode_log(packet: LogPacket) -> bytes:
     """Return ``bluetooth/tx``: the packet's 32 bytes."""
-    return _encode_data(BLUETOOTH_TX.type_name, packet.encode())
+    data = packet.encode()
+    return _log_head(len(data)) + data
+
+
+@cache
+def _log_head(length: int) -> bytes:
+    """Return what precedes the bytes of a packet, which end the message."""
+    return _encode_data(BLUETOOTH_TX.type_name, bytes(length))[:-length]
 
 
 def log_packet(message: Bytes) -> LogPacket:

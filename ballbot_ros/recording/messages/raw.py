@@ -85,6 +85,8 @@ _NUMPY = {'i': 'i4', 'I': 'u4', 'f': 'f4', 'd': 'f8'}
 
 Stamps = NDArray[np.int64]
 Floats = NDArray[np.float64]
+Messages = NDArray[np.void]
+"""Messages of equal length: structures of their bytes, shape (n,)."""
 
 _ELEMENT = re.compile(r'(.+)\[(\d+)\]')
 
@@ -187,9 +189,9 @@ class MessageLayout:
     def encode(self, stamp_ns: int, *numbers: float) -> bytes: ...
 
     @overload
-    def encode(self, stamp_ns: Stamps, *numbers: Floats) -> list[bytes]: ...
+    def encode(self, stamp_ns: Stamps, *numbers: Floats) -> Messages: ...
 
-    def encode(self, stamp_ns: Any, *numbers: Any) -> bytes | list[bytes]:
+    def encode(self, stamp_ns: Any, *numbers: Any) -> bytes | Messages:
         """Return the message with this stamp [ns] and these numbers, as CDR.
 
         With a column instead of each number, return the messages with those of each row.
@@ -199,13 +201,9 @@ class MessageLayout:
         parts = self._constants + divmod(stamp_ns, SECOND_NS) + numbers
         return self._pack(*self._interleave(parts))
 
-    def _encode_rows(self, stamps_ns: Stamps, *columns: Floats) -> list[bytes]:
-        count, size = len(stamps_ns), len(self._template)
-        rows = np.frombuffer(bytearray(self._template * count), self._row)
-        for name, column in enumerate((*divmod(stamps_ns, SECOND_NS), *columns)):
-            rows[str(name)] = column
-        data = rows.tobytes()
-        return [data[at : at + size] for at in range(0, count * size, size)]
+    def _encode_rows(self, stamps_ns: Stamps, *columns: Floats) -> Messages:
+        numbers = (*divmod(stamps_ns, SECOND_NS), *columns)
+        return fill(self._template, self._row, len(stamps_ns), numbers)
 
     def decode(self, data: bytes) -> tuple[float, ...]:
         """Return the numbers of a message, also of one with other constants or another layout.
@@ -225,6 +223,14 @@ class MessageLayout:
         if self._identity and (found := _get(message, self._identity)) != self._expected:
             raise ValueError(f'{self._identity}: {found}, not {self._expected}')
         return tuple(float(_get(message, name)) for name in self._names)
+
+
+def fill(template: bytes, row: np.dtype[np.void], count: int, columns: Iterable[Any]) -> Messages:
+    """Return copies of a message with the numbers of each row of the columns in its fields."""
+    rows = np.frombuffer(bytearray(template * count), row)
+    for name, column in zip(row.names or (), columns, strict=True):
+        rows[name] = column
+    return rows.view(f'V{len(template)}')  # copies of these keep the bytes between the fields
 
 
 def elements(name: str, count: int) -> list[str]:

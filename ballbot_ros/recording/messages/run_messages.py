@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from operator import attrgetter
 
-from ballbot_ros.controllers.interface import Program
+from ballbot_ros.controllers.interface import OperatingState, Program
 from ballbot_ros.engine.closed_loop import Tick
 from ballbot_ros.parameters import ParameterSet, PlantParameters, Value
 from ballbot_ros.parameters.timing import BATTERY_PERIOD_NS, SLOW_PERIOD_NS, TICK_NS
@@ -84,8 +84,15 @@ class ControllerMessages:
     def tick(self, now_ns: int, outputs: DeviceOutputs, program: Program) -> None:
         """Send the results of a tick at `now_ns` [ns]."""
         # Messages without a stamp go first, so that no reader sees them after the next tick.
-        if program.operating_state != self.operating_state:
-            self.operating_state = program.operating_state.value
+        self.events(now_ns, outputs, program.operating_state)
+        self._duty = encode_duty(now_ns, outputs.duty)
+        self._state = encode_controller_state(now_ns, program.x, program.y)
+        self.resend(now_ns)
+
+    def events(self, now_ns: int, outputs: DeviceOutputs, state: OperatingState) -> None:
+        """Send the messages of a tick that are not periodic; the state only if it has changed."""
+        if state != self.operating_state:
+            self.operating_state = state.value
             self._send_operating_state(now_ns, encode_text(self.operating_state))
         for packet in outputs.log:
             self._send_log(now_ns, encode_log(packet))
@@ -93,9 +100,6 @@ class ControllerMessages:
             self._send_sound(now_ns, encode_tone(now_ns, tone))
         for page in outputs.pages:
             self._send_lcd(now_ns, encode_text(page))
-        self._duty = encode_duty(now_ns, outputs.duty)
-        self._state = encode_controller_state(now_ns, program.x, program.y)
-        self.resend(now_ns)
 
     def retuned(self, now_ns: int, values: Mapping[str, Value]) -> None:
         """Send that parameters have other values from the tick at `now_ns` [ns] on."""
@@ -144,7 +148,7 @@ class PlantMessages:
         """Publish the initial state of a run."""
         if world:
             self._send_map(start_ns, encode_map(start_ns, occupancy_grid(world.map)))
-        self._set_wall_hit(start_ns, wall_hit=False)
+        self.set_wall_hit(start_ns, wall_hit=False)
 
     def push(self, push: Push, number: int) -> None:
         """Publish the start and the end of a push, so that the run can be replayed."""
@@ -167,9 +171,10 @@ class PlantMessages:
             self._send_battery(stamp_ns, self._battery_sample)
         self.send_to_drivers(truth)
         if self.wall_hit != wall_hit:
-            self._set_wall_hit(stamp_ns, wall_hit=wall_hit)
+            self.set_wall_hit(stamp_ns, wall_hit=wall_hit)
 
-    def _set_wall_hit(self, stamp_ns: int, *, wall_hit: bool) -> None:
+    def set_wall_hit(self, stamp_ns: int, *, wall_hit: bool) -> None:
+        """Send whether the body touches a wall."""
         self.wall_hit = wall_hit
         self._send_wall_hit(stamp_ns, encode_wall_hit(wall_hit=wall_hit))
 

@@ -6,9 +6,11 @@ import struct
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from ballbot_ros.parameters.timing import SECOND_NS
 from ballbot_ros.recording.messages.conversions import NOT_PROVIDED, body_orientation, fill_header
-from ballbot_ros.recording.messages.raw import MessageLayout
+from ballbot_ros.recording.messages.raw import MessageLayout, Messages, Stamps, fill
 from ballbot_ros.recording.messages.topics import IMU_DATA, ODOM, TF
 from ballbot_ros.recording.schemas import encoder, new_message
 from ballbot_ros.robot.brick.odometry import OdometryState
@@ -18,10 +20,13 @@ _POSE = struct.Struct('<7d')
 
 
 class FramePose(NamedTuple):
-    """Position [m] and unit quaternion w, x, y, z of a frame in another one."""
+    """Position [m] and unit quaternion w, x, y, z of a frame in another one.
 
-    position: tuple[float, float, float]
-    rotation: tuple[float, float, float, float]
+    The numbers may be columns: the poses at many ticks.
+    """
+
+    position: tuple[Any, Any, Any]
+    rotation: tuple[Any, Any, Any, Any]
 
 
 class TransformsLayout:
@@ -44,22 +49,24 @@ class TransformsLayout:
             each.child_frame_id, each.transform.translation.x = frame, float(mark)
             message.transforms.append(each)
         self._template = encoder(TF.type_name)(message)
-        self._places = [
-            (
-                self._template.index(_STAMP.pack(-mark, 0)),
-                self._template.index(_POSE.pack(mark, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)),
-            )
-            for mark in marks
-        ]
+        offsets = []
+        for mark in marks:
+            stamp_at = self._template.index(_STAMP.pack(-mark, 0))
+            pose_at = self._template.index(_POSE.pack(mark, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0))
+            offsets += [stamp_at, stamp_at + 4, *range(pose_at, pose_at + _POSE.size, 8)]
+        self._row = np.dtype({
+            'names': [str(number) for number in range(len(offsets))],
+            'formats': ['<i4', '<u4', *['<f8'] * 7] * len(parents),
+            'offsets': offsets,
+            'itemsize': len(self._template),
+        })  # fmt: skip
 
-    def encode(self, stamp_ns: int, poses: Iterable[FramePose]) -> bytes:
-        """Return the message with the pose of each frame in its parent, all at `stamp_ns`."""
-        data = bytearray(self._template)
-        stamp = divmod(stamp_ns, SECOND_NS)
-        for (stamp_at, pose_at), (position, (w, x, y, z)) in zip(self._places, poses, strict=True):
-            _STAMP.pack_into(data, stamp_at, *stamp)
-            _POSE.pack_into(data, pose_at, *position, x, y, z, w)
-        return bytes(data)
+    def encode(self, stamps_ns: Stamps, poses: Iterable[FramePose]) -> Messages:
+        """Return the messages with the poses of each frame in its parent, all at `stamps_ns`."""
+        stamp, columns = divmod(stamps_ns, SECOND_NS), list[Any]()
+        for position, (w, x, y, z) in poses:
+            columns += [*stamp, *position, x, y, z, w]
+        return fill(self._template, self._row, len(stamps_ns), columns)
 
 
 ODOM_FRAME, FOOTPRINT = 'odom', 'base_footprint'
@@ -107,19 +114,19 @@ _IMU = MessageLayout(
 )  # fmt: skip
 
 
-def encode_odom(stamp_ns: int, state: OdometryState) -> bytes:
-    """Return ``odom``: pose of ``base_footprint`` in ``odom``, and its velocity."""
+def encode_odom(stamps_ns: Stamps, state: OdometryState) -> Messages:
+    """Return ``odom`` at ticks: pose of ``base_footprint`` in ``odom``, and its velocity."""
     (x, y), position_variance = state.position
     (speed_x, speed_y), speed_variance = state.velocity
-    return _ODOM.encode(stamp_ns, x, -y, *position_variance, speed_x, -speed_y, *speed_variance)
+    return _ODOM.encode(stamps_ns, x, -y, *position_variance, speed_x, -speed_y, *speed_variance)
 
 
-def encode_imu_data(stamp_ns: int, state: OdometryState) -> bytes:
-    """Return ``imu/data``: roll is plane y's pitch angle, pitch is plane x's, yaw is zero."""
+def encode_imu_data(stamps_ns: Stamps, state: OdometryState) -> Messages:
+    """Return ``imu/data`` at ticks: roll is plane y's pitch angle, pitch is plane x's, no yaw."""
     (rate_x, rate_y), (rate_variance_x, rate_variance_y) = state.pitch_rate
     variance_x, variance_y = state.pitch.variance
     return _IMU.encode(
-        stamp_ns,
+        stamps_ns,
         *body_orientation(state.pitch.value),
         variance_y,
         variance_x,

@@ -149,15 +149,16 @@ TF = Topic('/tf', 'tf2_msgs/msg/TFMessage', None)
 TF_STATIC = Topic('/tf_static', 'tf2_msgs/msg/TFMessage', None, latched_depth=1)
 
 TOPICS = (
-    CLOCK, RUN, ROLL_CALL, RUN_STATUS,
-    PLANT_JOINT_STATES, PLANT_IMU, PLANT_ODOM, *UNRECORDED, BATTERY_STATE, WALL_HIT, MAP,
+    RUN, ROLL_CALL, RUN_STATUS, MAP,
+    CLOCK, BATTERY_STATE, PLANT_IMU, PLANT_JOINT_STATES, PLANT_ODOM, *UNRECORDED, WALL_HIT,
     PUSH, ACCEPTED_PUSH,
     GYRO_IMU, JOINT_STATES, SONAR_RANGE, GAMEPAD_JOY,
-    MOTOR_DUTY, CONTROLLER_STATE, OPERATING_STATE, BLUETOOTH_TX, SOUND, LCD, PARAMETER_EVENTS,
+    OPERATING_STATE, BLUETOOTH_TX, SOUND, LCD, MOTOR_DUTY, CONTROLLER_STATE, PARAMETER_EVENTS,
     RECORDER_ACK, PARTICIPANTS, DIAGNOSTICS,
 )  # fmt: skip
-"""The topics that the graph itself publishes. The recorder discovers the inputs for driving, since
-their publishers choose the quality of service, and for ``cmd_vel`` even the type."""
+"""The topics that the graph itself publishes, in the order of a tick. The recorder
+discovers the inputs for driving, since their publishers choose the quality of service, and for
+``cmd_vel`` even the type."""
 
 _OF_THE_LOOP = (RUN, ROLL_CALL, RUN_STATUS, *UNRECORDED, RECORDER_ACK)
 _PUBLISHERS = {

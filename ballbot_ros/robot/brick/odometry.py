@@ -12,8 +12,10 @@ Angles are in degrees here, as the brick counts them, and results are in SI.
 from __future__ import annotations
 
 import math
-from collections import deque
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ballbot_ros.parameters.timing import SECOND_NS, TICK_NS
 
@@ -48,19 +50,21 @@ _ACCELERATION = 0.5
 
 _RADIANS = math.pi / 180.0
 
-Pair = tuple[float, float]
-"""A value of plane x and one of plane y, in plane signs."""
+Floats = NDArray[np.float64]
+Rows = NDArray[np.intp]
+
+_KEPT = WINDOW_NS // TICK_NS
 
 
 class Estimate(NamedTuple):
-    """A quantity of both planes, with its variances."""
+    """A quantity of planes x and y, in plane signs, with its variances; shapes (2, n)."""
 
-    value: Pair
-    variance: Pair
+    value: Floats
+    variance: Floats
 
 
 class OdometryState(NamedTuple):
-    """The robot's motion as it measures it.
+    """The robot's motion as it measures it, at n ticks.
 
     Attributes
     ----------
@@ -98,10 +102,17 @@ class _Pitch:
         self._offset_variance = _ROUNDING + noise / _CORRELATION
         self.rate_variance = max(noise, _ROUNDING) + self._offset_variance
 
-    def integrate(self, reading: int, seconds: float) -> None:
-        """Turn on by a reading [deg/s] for some time."""
-        self.rate = reading - self._offset
-        self.pitch += self.rate * seconds
+    def integrate(self, readings: Floats, seconds: Floats) -> Floats:
+        """Turn on by readings [deg/s], each for some time; return pitch and rate after each."""
+        rates = readings - self._offset
+        pitches = np.cumsum(np.append(self.pitch, rates * seconds))[1:]
+        self.pitch, self.rate = float(pitches[-1]), float(rates[-1])
+        return np.array([pitches, rates])
+
+    @property
+    def values(self) -> tuple[float, float, float, float]:
+        """Pitch and rate, and their variances."""
+        return self.pitch, self.rate, self.variance, self.rate_variance
 
     def settle(self, seconds: float) -> None:
         """Let the uncertainty grow for some time, and weigh the pitch with its mean of zero."""
@@ -142,71 +153,84 @@ class DeadReckoning:
         self._ball_radius, self._wheel_radius = ball_radius, wheel_radius
         self._planes = (_Pitch(), _Pitch())
         self._start_ns = self._settled_ns = self.now_ns = 0
-        self._pitches: deque[tuple[int, float, float]] = deque(maxlen=WINDOW_NS // TICK_NS + 1)
+        self._newest = 0
+        self._stamps = np.zeros(0, np.int64)
+        self._encoders = np.zeros((0, 2))
+        self._track = np.zeros((0, 2, 4))  # the values of both planes
 
-    @property
-    def then_ns(self) -> int:
-        """Begin of the time over which the velocity is measured [ns]."""
-        return self._pitches[0][0]
+    def add(self, stamps_ns: NDArray[np.int64], gyro: Floats, encoders: Floats) -> None:
+        """Process the readings at ticks that follow those before.
 
-    @property
-    def is_calibrated(self) -> bool:
-        """Whether the offsets of the gyros are known."""
-        return self.now_ns >= self._start_ns + CALIBRATION_NS
-
-    def add(self, stamp_ns: int, gyro: tuple[int, int]) -> None:
-        """Process the readings of the gyros [deg/s] at a tick, which follows the one before."""
+        Parameters
+        ----------
+        stamps_ns : ndarray, shape (n,)
+            Their stamps [ns].
+        gyro, encoders : ndarray, shape (n, 2)
+            The readings [deg/s] and the counts [deg]; NaN for an unknown count.
+        """
         if not self._start_ns:
-            self._start_ns = self._settled_ns = self.now_ns = stamp_ns
-        seconds = (stamp_ns - self.now_ns) / SECOND_NS
-        self.now_ns = stamp_ns
-        x, y = self._planes
-        if stamp_ns < self._start_ns + CALIBRATION_NS:
-            x.calibrate(gyro[0])
-            y.calibrate(gyro[1])
-            self._settled_ns = stamp_ns
-        else:
-            x.integrate(gyro[0], seconds)
-            y.integrate(gyro[1], seconds)
-            if stamp_ns >= self._settled_ns + _TILT_PERIOD_NS:
-                x.settle((stamp_ns - self._settled_ns) / SECOND_NS)
-                y.settle((stamp_ns - self._settled_ns) / SECOND_NS)
-                self._settled_ns = stamp_ns
-        self._pitches.append((stamp_ns, x.pitch, y.pitch))
+            self._start_ns = self._settled_ns = self.now_ns = int(stamps_ns[0])
+        track, count = np.empty((len(stamps_ns), 2, 4)), len(stamps_ns)
+        begin = int(np.searchsorted(stamps_ns, self._start_ns + CALIBRATION_NS))
+        if begin:
+            self._settled_ns = self.now_ns = int(stamps_ns[begin - 1])
+        for plane, pitch in enumerate(self._planes):
+            for reading in gyro[:begin, plane].tolist():
+                pitch.calibrate(reading)
+            track[:begin, plane] = pitch.values
+        while begin < count:
+            due_ns = self._settled_ns + _TILT_PERIOD_NS
+            end = min(int(np.searchsorted(stamps_ns, due_ns)) + 1, count)
+            last_ns, part = int(stamps_ns[end - 1]), slice(begin, end)
+            seconds = np.diff(stamps_ns[part], prepend=self.now_ns) / SECOND_NS
+            for plane, pitch in enumerate(self._planes):
+                track[part, plane, 2:] = pitch.variance, pitch.rate_variance
+                track[part, plane, :2] = pitch.integrate(gyro[part, plane], seconds).T
+                if last_ns >= due_ns:
+                    pitch.settle((last_ns - self._settled_ns) / SECOND_NS)
+                    track[end - 1, plane] = pitch.values
+            if last_ns >= due_ns:
+                self._settled_ns = last_ns
+            self.now_ns, begin = last_ns, end
+        self._newest = len(self._stamps[-_KEPT:])
+        self._stamps = np.append(self._stamps[-_KEPT:], stamps_ns)
+        self._encoders = np.append(self._encoders[-_KEPT:], encoders, axis=0)
+        self._track = np.append(self._track[-_KEPT:], track, axis=0)
 
-    def state(self, then: tuple[int, int], now: tuple[int, int]) -> OdometryState:
-        """Return the state for the counts of the encoders [deg] at `then_ns` and at `now_ns`."""
-        seconds = max(self.now_ns - self.then_ns, TICK_NS) / SECOND_NS
-        x, y = self._planes
-        begin, end = self._position(then, self._pitches[0]), self._position(now, self._pitches[-1])
+    def is_calibrated(self, rows: Rows) -> NDArray[np.bool_]:
+        """Return whether the offsets of the gyros are known at some of the newest ticks."""
+        return self._stamps[rows + self._newest] >= self._start_ns + CALIBRATION_NS
+
+    def state(self, rows: Rows) -> OdometryState:
+        """Return the state at some of the ticks that were added last; their counts are known."""
+        now = rows + self._newest
+        then = np.maximum(now - _KEPT, 0)
+        seconds = np.maximum(self._stamps[now] - self._stamps[then], TICK_NS) / SECOND_NS
+        counts = self._encoders[now].T
+        counts_then = np.where(np.isnan(self._encoders[then].T), counts, self._encoders[then].T)
+        pitch, rate, variance, rate_variance = self._track[now].T
+        begin = self._position(counts_then, self._track[then, :, 0].T)
+        end = self._position(counts, pitch)
         motor = _square(self._wheel_radius * _RADIANS) * (_ROUNDING + _GEAR_PLAY)
         body = _square(self._ball_radius * _RADIANS)
         # The pitch at the start, which the encoders do not see, is as uncertain as any.
-        still = (
-            motor + body * (x.variance + _TILT_VARIANCE),
-            motor + body * (y.variance + _TILT_VARIANCE),
-        )
+        still = motor + body * (variance + _TILT_VARIANCE)
         moving = 2.0 * motor / _square(seconds) + _square(_ACCELERATION * seconds / 2.0)
-        speed = (end[0] - begin[0]) / seconds, (end[1] - begin[1]) / seconds
         return OdometryState(
             Estimate(end, still),
-            Estimate(speed, (moving, moving)),
-            _in_radians((x.pitch, y.pitch), (x.variance, y.variance)),
-            _in_radians((x.rate, y.rate), (x.rate_variance, y.rate_variance)),
+            Estimate((end - begin) / seconds, np.array([moving, moving])),
+            _in_radians(pitch, variance),
+            _in_radians(rate, rate_variance),
         )
 
-    def _position(self, motor: tuple[int, int], pitch: tuple[int, float, float]) -> Pair:
+    def _position(self, motor: Floats, pitch: Floats) -> Floats:
         """Return Rs theta [m]; Rs theta_m / k is Rw theta_m."""
-        ball, wheel = self._ball_radius * _RADIANS, self._wheel_radius * _RADIANS
-        return wheel * motor[0] + ball * pitch[1], wheel * motor[1] + ball * pitch[2]
+        return self._wheel_radius * _RADIANS * motor + self._ball_radius * _RADIANS * pitch
 
 
-def _square(value: float) -> float:
+def _square(value: Any) -> Any:
     return value * value
 
 
-def _in_radians(value: Pair, variance: Pair) -> Estimate:
-    x, y = value
-    variance_x, variance_y = variance
-    square = _square(_RADIANS)
-    return Estimate((x * _RADIANS, y * _RADIANS), (variance_x * square, variance_y * square))
+def _in_radians(value: Floats, variance: Floats) -> Estimate:
+    return Estimate(value * _RADIANS, variance * _square(_RADIANS))
