@@ -1,7 +1,6 @@
 """`ballbot drive` as a user types it, on a pseudo terminal."""
 
 import contextlib
-import fcntl
 import os
 import re
 import signal
@@ -39,14 +38,8 @@ class Drive(Terminal):
         super().__init__()
         self.settings = termios.tcgetattr(self.side)
         self.folder = folder
-        self.process = subprocess.Popen(
-            [*BALLBOT, 'drive', '--device', '', '--output', str(folder), *map(str, arguments)],
-            env=environment(domain) | {'TERM': 'xterm'},
-            stdin=self.side,
-            stdout=self.side,
-            stderr=self.side,
-            preexec_fn=_take_terminal,  # noqa: PLW1509
-        )
+        words = ['drive', '--device', '', '--output', str(folder), *map(str, arguments)]
+        self.process = self.start([*BALLBOT, *words], **environment(domain))
 
     def begin(self, names=CHILDREN):
         """Wait until the robot can be driven; return the pids of the nodes."""
@@ -72,11 +65,6 @@ class Drive(Terminal):
                 if not found or found[-1] != entry:
                     found.append(entry)
             return found
-
-
-def _take_terminal():
-    os.setsid()
-    fcntl.ioctl(0, termios.TIOCSCTTY, 0)
 
 
 def _started(process, names=CHILDREN):
