@@ -190,22 +190,11 @@ def test_without_a_terminal_it_explains_how_to_drive(domain, tmp_path):
     assert out.splitlines()[0] == f'recording  {tmp_path / "drive.mcap"}'
 
 
-@pytest.mark.parametrize(
-    ('arguments', 'told'),
-    [
-        (['--log', '/nowhere/log.csv'], '/nowhere/log.csv: No such file or directory'),
-        (['--profile', 'steel'], "unknown profile 'steel'; known: ideal, hardware"),
-        (
-            ['--set', 'gamepad_teleop.deadzone=2'],
-            '--set gamepad_teleop.deadzone=2: gamepad_teleop.deadzone: 2 is not within 0 … 0.95',
-        ),
-    ],
-)
-def test_a_mistake_is_one_line(domain, arguments, told):
+def test_a_mistake_is_one_line(domain):
     done = subprocess.run(
-        [*BALLBOT, 'drive', '--no-record', *arguments],
+        [*BALLBOT, 'drive', '--no-record', '--log', '/nowhere/log.csv'],
         check=False, env=environment(domain), stdin=subprocess.DEVNULL,
         capture_output=True, text=True,
     )  # fmt: skip
     assert done.returncode == 2
-    assert done.stderr == f'error: {told}\n'
+    assert done.stderr == 'error: /nowhere/log.csv: No such file or directory\n'
