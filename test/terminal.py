@@ -6,6 +6,7 @@ import os
 import pty
 import re
 import struct
+import subprocess
 import termios
 import threading
 import time
@@ -14,6 +15,12 @@ import pyte
 from graph import wait_for
 
 REPEAT_S = 0.1
+
+
+def take_terminal():
+    """Make standard input the terminal of this process, as a shell does."""
+    os.setsid()
+    fcntl.ioctl(0, termios.TIOCSCTTY, 0)
 
 
 class Terminal:
@@ -37,6 +44,17 @@ class Terminal:
                 with self._lock:
                     self.screen += data
                     self._stream.feed(data)
+
+    def start(self, words, **environment):
+        """Start a program in the foreground of the terminal; return the process."""
+        return subprocess.Popen(
+            words,
+            env=environment | {'TERM': 'xterm'},
+            stdin=self.side,
+            stdout=self.side,
+            stderr=self.side,
+            preexec_fn=take_terminal,  # noqa: PLW1509
+        )
 
     def press(self, keys):
         os.write(self._ours, keys)

@@ -1,6 +1,5 @@
 """Why the estimated pitch of a run is off: the causes are known, and add up."""
 
-import time
 from dataclasses import replace
 from functools import partial
 
@@ -255,17 +254,3 @@ def test_the_position_is_off_by_the_pitch_since_the_start(make_run):
     assert 'position' not in in_y
     series = {name: each for name, each in run.series.items() if name != PLANT_ODOM}
     assert 'position' not in offset_reasons(replace(run, series=series))[0]
-
-
-def test_ten_minutes_take_no_time(short_assessment):
-    run, count = short_assessment.run, 150_000
-    stamps = 1_000_000_000 + 4_000_000 * np.arange(count)
-    long = {
-        topic: Series(stamps, stamps * 1e-9 - 1.0, np.zeros((count, each.values.shape[1])))
-        for topic, each in run.series.items()
-        if topic in TOPICS
-    }
-    run = replace(run, series=long, states=())
-    began = time.process_time()
-    assert len(offset_reasons(run)) == 2
-    assert time.process_time() - began < 2.0

@@ -15,7 +15,6 @@ from ballbot_ros.recording.export import Exporter
 from ballbot_ros.recording.messages.column_hints import column_hints
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.schemas import encoder, new_message
-from ballbot_ros.recording.writer import RecordingWriter
 
 STATE = '/controller/state'
 JOINTS = 'sensor_msgs/msg/JointState'
@@ -45,15 +44,8 @@ def recording(tmp_path_factory):
 def with_messages(recording, path, topic, messages):
     """Write a copy with a further topic of (log time, message); return what is read of it."""
     type_name = messages[0][1].__msgtype__
-    with RecordingReader(recording) as reader, RecordingWriter(path) as writer:
-        topics = {
-            name: writer.add_topic(name, each.type_name) for name, each in reader.topics().items()
-        }
-        for raw in reader.raw_messages():
-            writer.write(topics[raw.topic], raw.stamp_ns, raw.data, raw.sequence)
-        own = writer.add_topic(topic, type_name)
-        for number, (log_ns, message) in enumerate(messages):
-            writer.write(own, log_ns, encoder(type_name)(message), number)
+    added = [(topic, log_ns, encoder(type_name)(message)) for log_ns, message in messages]
+    copy_recording(path, recording, first=added, types={topic: type_name})
     return read_topic(read_run(path), topic)
 
 

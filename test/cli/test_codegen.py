@@ -16,13 +16,6 @@ from ballbot_ros.recording.reader import RecordingReader
 SHORT = ('--set=plant_sim.duration=2.0', '--set=gyro_driver.noise=0.7')
 
 
-def ballbot(*arguments, **environment):
-    with pytest.MonkeyPatch.context() as patch:
-        for name, value in environment.items():
-            patch.setenv(name, value)
-        return call(*arguments)
-
-
 @pytest.fixture
 def few_sequences(monkeypatch):
     monkeypatch.setattr(scenario_steps, 'RANDOM_SEQUENCES', 2)
@@ -40,7 +33,7 @@ def parameters(tmp_path):
 
 def test_it_writes_the_folder(tmp_path, parameters):
     folder = tmp_path / 'my c'
-    done = ballbot('codegen', '--output', folder, '--params', parameters, '--mode', 'autonomous')
+    done = call('codegen', '--output', folder, '--params', parameters, '--mode', 'autonomous')
     assert done.returncode == 0, done.stderr
     text = (folder / 'ballbot_parameters.c').read_text()
     assert 'const float k_i = -0.008f;' in text
@@ -55,7 +48,7 @@ def test_it_uses_the_parameters_of_a_recorded_run(tmp_path):
     path, _ = record(
         tmp_path, 'stationary', '--set=plant_sim.duration=1.2', '--set=controller.k_i=-0.008'
     )
-    done = ballbot('codegen', '--output', tmp_path / 'c', '--params', path)
+    done = call('codegen', '--output', tmp_path / 'c', '--params', path)
     assert done.returncode == 0, done.stderr
     assert 'const float k_i = -0.008f;' in (tmp_path / 'c/ballbot_parameters.c').read_text()
 
@@ -158,9 +151,10 @@ def tools(tmp_path):
     return make
 
 
-def test_without_compiler_a_run_names_the_package(tools, tmp_path):
-    done = ballbot('run', 'stationary', '--processes=none', '--controller=c', '--output',
-                   tmp_path / 'run', PATH=tools())  # fmt: skip
+def test_without_compiler_a_run_names_the_package(tools, tmp_path, monkeypatch):
+    monkeypatch.setenv('PATH', tools())
+    words = ('--processes=none', '--controller=c', '--output', tmp_path / 'run')
+    done = call('run', 'stationary', *words)
     assert done.returncode == 2
     assert done.stderr == 'error: gcc not found: install it with `apt install gcc`\n'
     assert not (tmp_path / 'run').exists()
@@ -170,11 +164,11 @@ def test_without_compiler_a_run_names_the_package(tools, tmp_path):
     ('there', 'package'),
     [((), 'gcc-arm-none-eabi'), (('arm-none-eabi-gcc',), 'qemu-user')],
 )
-def test_without_arm_tools_a_run_names_the_package(tools, there, package):
+def test_without_arm_tools_a_run_names_the_package(tools, there, package, monkeypatch):
     if there:
         need('arm')
-    done = ballbot('run', 'stationary', '--processes=none', '--controller=arm', '--no-record',
-                   PATH=tools(*there))  # fmt: skip
+    monkeypatch.setenv('PATH', tools(*there))
+    done = call('run', 'stationary', '--processes=none', '--controller=arm', '--no-record')
     assert done.returncode == 2
     assert done.stderr.endswith(f'install it with `apt install {package}`\n')
 
@@ -259,7 +253,7 @@ def test_the_json_of_the_result_differs_only_in_the_speed(tmp_path):
     need('c')
     results = []
     for name in ('python', 'c'):
-        done = ballbot('run', 'stationary', '--processes=none', '--no-record', '--json',
+        done = call('run', 'stationary', '--processes=none', '--no-record', '--json',
                        f'--controller={name}')  # fmt: skip
         result = json.loads(done.stdout)
         assert result['controller'] == {'name': name, 'sha256': None, 'portable': True}

@@ -1,7 +1,6 @@
 """`ballbot drive` as a user types it, on a pseudo terminal."""
 
 import contextlib
-import fcntl
 import os
 import re
 import signal
@@ -39,14 +38,8 @@ class Drive(Terminal):
         super().__init__()
         self.settings = termios.tcgetattr(self.side)
         self.folder = folder
-        self.process = subprocess.Popen(
-            [*BALLBOT, 'drive', '--device', '', '--output', str(folder), *map(str, arguments)],
-            env=environment(domain) | {'TERM': 'xterm'},
-            stdin=self.side,
-            stdout=self.side,
-            stderr=self.side,
-            preexec_fn=_take_terminal,  # noqa: PLW1509
-        )
+        words = ['drive', '--device', '', '--output', str(folder), *map(str, arguments)]
+        self.process = self.start([*BALLBOT, *words], **environment(domain))
 
     def begin(self, names=CHILDREN):
         """Wait until the robot can be driven; return the pids of the nodes."""
@@ -72,11 +65,6 @@ class Drive(Terminal):
                 if not found or found[-1] != entry:
                     found.append(entry)
             return found
-
-
-def _take_terminal():
-    os.setsid()
-    fcntl.ioctl(0, termios.TIOCSCTTY, 0)
 
 
 def _started(process, names=CHILDREN):
@@ -202,22 +190,11 @@ def test_without_a_terminal_it_explains_how_to_drive(domain, tmp_path):
     assert out.splitlines()[0] == f'recording  {tmp_path / "drive.mcap"}'
 
 
-@pytest.mark.parametrize(
-    ('arguments', 'told'),
-    [
-        (['--log', '/nowhere/log.csv'], '/nowhere/log.csv: No such file or directory'),
-        (['--profile', 'steel'], "unknown profile 'steel'; known: ideal, hardware"),
-        (
-            ['--set', 'gamepad_teleop.deadzone=2'],
-            '--set gamepad_teleop.deadzone=2: gamepad_teleop.deadzone: 2 is not within 0 … 0.95',
-        ),
-    ],
-)
-def test_a_mistake_is_one_line(domain, arguments, told):
+def test_a_mistake_is_one_line(domain):
     done = subprocess.run(
-        [*BALLBOT, 'drive', '--no-record', *arguments],
+        [*BALLBOT, 'drive', '--no-record', '--log', '/nowhere/log.csv'],
         check=False, env=environment(domain), stdin=subprocess.DEVNULL,
         capture_output=True, text=True,
     )  # fmt: skip
     assert done.returncode == 2
-    assert done.stderr == f'error: {told}\n'
+    assert done.stderr == 'error: /nowhere/log.csv: No such file or directory\n'

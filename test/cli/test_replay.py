@@ -4,12 +4,11 @@ import json
 import math
 import struct
 from pathlib import Path
-from types import SimpleNamespace
 
 import graph
 import pytest
 from golden_runs import WITHOUT_FMA
-from graph import Run, free_domain
+from graph import Run, call, free_domain
 from recordings import copy_recording
 
 from ballbot_ros.analysis.message_comparison import MessageDifference
@@ -20,23 +19,16 @@ from ballbot_ros.cli.replay import print_results, replay_recording
 from ballbot_ros.controllers.codegen.implementation import missing_tool_for
 from ballbot_ros.engine.scenario.reader import scenario_names
 from ballbot_ros.errors import RecordingError
-from ballbot_ros.recording.messages.conversions import encode_duty, fill_header, fill_time
+from ballbot_ros.recording.messages.conversions import fill_header, fill_time
 from ballbot_ros.recording.messages.run_reports import encode_parameter_event
 from ballbot_ros.recording.messages.topics import PARAMETER_EVENTS
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.schemas import encoder, new_message
 from ballbot_ros.recording.writer import RecordingWriter
 
-DUTY = 'geometry_msgs/msg/Vector3Stamped'
 
-
-@pytest.fixture
-def replay(command):
-    def run(*arguments):
-        status, output, errors = command('replay', *arguments)
-        return SimpleNamespace(returncode=status, stdout=output, stderr=errors)
-
-    return run
+def replay(*arguments):
+    return call('replay', *arguments)
 
 
 def record(folder, scenario, *arguments):
@@ -70,10 +62,10 @@ AT_WALLS = ('autonomous', 'hardware_autonomous', 'remote_wall')
 
 
 @pytest.mark.parametrize('name', scenario_names())
-def test_every_shipped_scenario_is_identical(command, tmp_path, name, replay):
+def test_every_shipped_scenario_is_identical(tmp_path, name):
     seconds = 8 if name in AT_WALLS else 4
     short = ('--processes=none', f'--set=plant_sim.duration={seconds}', '--output', tmp_path)
-    assert command('run', name, *short)[0] in (0, 1)
+    assert call('run', name, *short).returncode in (0, 1)
     done = replay(tmp_path / f'{name}.mcap', '--json')
     assert done.returncode == 0, done.stdout + done.stderr
     controller, robot = json.loads(done.stdout)
@@ -83,7 +75,7 @@ def test_every_shipped_scenario_is_identical(command, tmp_path, name, replay):
 
 
 @pytest.mark.parametrize('name', ['stationary', 'hardware_autonomous'])
-def test_a_recording_of_another_processor_is_identical(tmp_path, monkeypatch, name, replay):
+def test_a_recording_of_another_processor_is_identical(tmp_path, monkeypatch, name):
     with monkeypatch.context() as there:
         there.setenv('OPENBLAS_CORETYPE', 'Nehalem')
         there.setenv('GLIBC_TUNABLES', WITHOUT_FMA['GLIBC_TUNABLES'])
@@ -94,7 +86,7 @@ def test_a_recording_of_another_processor_is_identical(tmp_path, monkeypatch, na
 
 
 @pytest.mark.graph
-def test_a_run_of_the_graph_is_identical(tmp_path, replay):
+def test_a_run_of_the_graph_is_identical(tmp_path):
     recording = record(tmp_path, 'hardware_autonomous', '--set=plant_sim.duration=2')
     done = replay(recording)
     assert done.returncode == 0, done.stdout + done.stderr
@@ -105,14 +97,14 @@ def test_a_run_of_the_graph_is_identical(tmp_path, replay):
 @pytest.mark.parametrize(
     'assignment', ['plant_sim.map=track', 'controller.nothing=1', 'controller.k_i=x']
 )
-def test_only_the_parameters_of_the_controller_can_be_varied(push, assignment, replay):
+def test_only_the_parameters_of_the_controller_can_be_varied(push, assignment):
     done = replay(push, '--set', assignment)
     assert done.returncode == 2
     assert len(done.stderr.splitlines()) == 1
     assert assignment.partition('=')[0].rpartition('.')[2] in done.stderr
 
 
-def test_one_bit_in_one_duty_is_found_at_its_tick(push, tmp_path, replay):
+def test_one_bit_in_one_duty_is_found_at_its_tick(push, tmp_path):
     def change(topic, stamp, data):
         if topic == '/motor_duty' and stamp == 3_404_000_000:
             return data[:-20] + bytes([data[-20] ^ 1]) + data[-19:]
@@ -126,7 +118,7 @@ def test_one_bit_in_one_duty_is_found_at_its_tick(push, tmp_path, replay):
         assert each['first_difference']['topic'] == 'motor_duty'
 
 
-def test_a_changed_sample_is_distinguished_from_a_wrong_duty(push, tmp_path, replay):
+def test_a_changed_sample_is_distinguished_from_a_wrong_duty(push, tmp_path):
     def change(topic, stamp, data):
         if topic == '/gyro' and stamp == 2_104_000_000:
             with RecordingReader(push) as reader:
@@ -229,7 +221,7 @@ def test_recorded_text_is_shown_as_it_is(capsys):
     assert 'implementation: python, recorded [bold]' in out
 
 
-def test_a_missing_message_is_found(push, tmp_path, replay):
+def test_a_missing_message_is_found(push, tmp_path):
     def change(topic, stamp, data):
         return None if (topic, stamp) == ('/bluetooth/tx', 3_004_000_000) else data
 
@@ -255,7 +247,7 @@ def retuned(recording, path, events):
     return copy_recording(path, recording, first=first, types={EVENTS: PARAMETER_EVENTS.type_name})
 
 
-def test_changes_of_parameters_are_repeated_at_their_ticks(push, tmp_path, replay):
+def test_changes_of_parameters_are_repeated_at_their_ticks(push, tmp_path):
     plain = json.loads(replay(push, '--json').stdout)
     path = retuned(push, tmp_path / 'tuned.mcap', {3_204_000_000: {'dst_thr': 40, 'k_i': -0.5}})
     done = replay(path, '--json')
@@ -284,7 +276,7 @@ def test_changes_of_parameters_are_repeated_at_their_ticks(push, tmp_path, repla
         (b'\0\1\0\0', 'buffer'),
     ],
 )
-def test_a_change_that_no_controller_made_is_an_error(push, tmp_path, values, told, replay):
+def test_a_change_that_no_controller_made_is_an_error(push, tmp_path, values, told):
     done = replay(retuned(push, tmp_path / 'wrong.mcap', {3_204_000_000: values}))
     assert done.returncode == 2
     assert len(done.stderr.splitlines()) == 1
@@ -292,7 +284,7 @@ def test_a_change_that_no_controller_made_is_an_error(push, tmp_path, values, to
     assert 'wrong.mcap' in done.stderr
 
 
-def test_a_varied_parameter_keeps_its_value(push, tmp_path, replay):
+def test_a_varied_parameter_keeps_its_value(push, tmp_path):
     """A change of it in the recording does not apply, one of another does."""
     ask = ('--set', 'controller.k_i=-0.1', '--json')
     plain = replay(push, *ask)
@@ -302,7 +294,7 @@ def test_a_varied_parameter_keeps_its_value(push, tmp_path, replay):
     assert json.loads(replay(path, *ask).stdout) != json.loads(plain.stdout)
 
 
-def test_the_c_program_does_not_replay_changes(push, tmp_path, replay):
+def test_the_c_program_does_not_replay_changes(push, tmp_path):
     if missing := missing_tool_for('c'):
         pytest.skip(missing)
     path = retuned(push, tmp_path / 'tuned.mcap', {3_204_000_000: {'k_i': -0.5}})
@@ -313,7 +305,7 @@ def test_the_c_program_does_not_replay_changes(push, tmp_path, replay):
 
 
 @pytest.mark.parametrize('start_ns', [500_000_000, 60_000_000_000], ids=['before', 'after'])
-def test_a_run_without_any_answered_tick_is_not_a_difference(push, tmp_path, replay, start_ns):
+def test_a_run_without_any_answered_tick_is_not_a_difference(push, tmp_path, start_ns):
     """The run was reset before its first answer, and has only messages without a stamp."""
     run, clock = new_message('std_msgs/msg/Header'), new_message('rosgraph_msgs/msg/Clock')
     fill_header(run, start_ns, '2')
@@ -360,7 +352,7 @@ def two_plants(push, tmp_path):
     return write
 
 
-def test_the_runs_of_two_plants_in_one_file_are_both_replayed(two_plants, replay):
+def test_the_runs_of_two_plants_in_one_file_are_both_replayed(two_plants):
     done = replay(two_plants(), '--json')
     assert done.returncode == 0, done.stdout + done.stderr
     for each in json.loads(done.stdout):
@@ -370,7 +362,7 @@ def test_the_runs_of_two_plants_in_one_file_are_both_replayed(two_plants, replay
 
 
 def test_a_difference_in_the_first_of_two_plants_is_shown_with_the_inputs_around_it(
-    two_plants, replay
+    two_plants,
 ):
     def change(plant, topic, stamp, data):
         if (plant, topic, stamp) == (1, '/motor_duty', 2_404_000_000):
@@ -383,7 +375,7 @@ def test_a_difference_in_the_first_of_two_plants_is_shown_with_the_inputs_around
     assert done.stdout.count('2.404 s') == 3
 
 
-def test_the_inputs_around_a_difference_are_those_of_its_plant(two_plants, replay):
+def test_the_inputs_around_a_difference_are_those_of_its_plant(two_plants):
     def told(*, other_gyro):
         def change(plant, topic, stamp, data):
             if stamp == 2_404_000_000 and (plant, topic) == (1, '/motor_duty'):
@@ -409,7 +401,7 @@ def test_a_run_has_begun_once_its_own_plant_has_moved_the_clock(two_plants):
         assert [recorded.has_begun(each.run) for each in recorded.runs] == [True, False]
 
 
-def test_a_plant_that_has_only_announced_its_run_does_not_count(two_plants, replay):
+def test_a_plant_that_has_only_announced_its_run_does_not_count(two_plants):
     def change(plant, topic, stamp, data):
         return data if plant == 1 or topic == '/plant/run' else None
 
@@ -418,7 +410,7 @@ def test_a_plant_that_has_only_announced_its_run_does_not_count(two_plants, repl
     assert [each['runs'] for each in json.loads(done.stdout)] == [1, 1]
 
 
-def test_duties_before_the_first_run_belong_to_another_run(two_plants, replay):
+def test_duties_before_the_first_run_belong_to_another_run(two_plants):
     def change(plant, topic, stamp, data):
         if plant == 1 and topic == '/plant/run':
             run = new_message('std_msgs/msg/Header')
@@ -431,7 +423,7 @@ def test_duties_before_the_first_run_belong_to_another_run(two_plants, replay):
     assert done.stderr.endswith(': begins in mid-run\n')
 
 
-def test_another_parameter_shows_what_would_have_happened(push, replay):
+def test_another_parameter_shows_what_would_have_happened(push):
     same = json.loads(replay(push, '--set=controller.dst_thr=20', '--json').stdout)
     assert [each['differing'] for each in same] == [0]
     done = replay(push, '--set=controller.k_i=-0.1', '--json')
@@ -442,7 +434,7 @@ def test_another_parameter_shows_what_would_have_happened(push, replay):
     assert max(other['largest_percent']) > 0
 
 
-def test_a_recording_that_was_cut_is_replayed_up_to_the_cut(push, tmp_path, replay):
+def test_a_recording_that_was_cut_is_replayed_up_to_the_cut(push, tmp_path):
     data = Path(push).read_bytes()
     cut = tmp_path / 'cut.mcap'
     cut.write_bytes(data[: len(data) // 2])
@@ -452,34 +444,14 @@ def test_a_recording_that_was_cut_is_replayed_up_to_the_cut(push, tmp_path, repl
     assert f'note: {cut}: cut off at byte' in done.stderr
 
 
-def _foreign(path):
-    with RecordingWriter(path) as writer:
-        topic = writer.add_topic('/cmd', DUTY)
-        writer.write(topic, 0, encode_duty(0, (0, 0)), 1)
-
-
-def _bare(path):
-    with RecordingWriter(path) as writer:
-        writer.add_topic('/motor_duty', DUTY)
-
-
-MISTAKES = {
-    'no file': (lambda path: None, 'No such file'),
-    'empty': (lambda path: path.write_bytes(b''), 'empty file'),
-    'not an MCAP': (lambda path: path.write_text('text ' * 10), 'not an MCAP'),
-    'foreign': (_foreign, 'parameters.yaml is not attached'),
-    'bare': (_bare, 'parameters.yaml is not attached'),
-}
-
-
-@pytest.mark.parametrize('mistake', MISTAKES)
-def test_an_unusable_recording_is_refused_in_one_line(tmp_path, mistake, replay):
-    make, told = MISTAKES[mistake]
-    path = tmp_path / 'run.mcap'
-    make(path)
-    done = replay(path)
-    assert done.returncode == 2
-    assert done.stdout == ''
-    assert len(done.stderr.splitlines()) == 1, done.stderr
-    assert told in done.stderr
-    assert str(path) in done.stderr
+def test_an_unusable_recording_is_refused_in_one_line(tmp_path):
+    foreign, text = tmp_path / 'foreign.mcap', tmp_path / 'text.mcap'
+    with RecordingWriter(foreign) as writer:
+        writer.add_topic('/motor_duty', 'geometry_msgs/msg/Vector3Stamped')
+    text.write_text('text ' * 10)
+    for path, told in ((foreign, 'parameters.yaml is not attached'), (text, 'not an MCAP')):
+        done = replay(path)
+        assert (done.returncode, done.stdout) == (2, '')
+        assert len(done.stderr.splitlines()) == 1, done.stderr
+        assert told in done.stderr
+        assert str(path) in done.stderr

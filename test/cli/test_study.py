@@ -1,11 +1,12 @@
 """`ballbot study`: run, list, rerun, and its mistakes."""
 
 import json
+import shutil
 import subprocess
 
 import pytest
 import yaml
-from graph import BALLBOT, LAST_RESORT_S, environment
+from graph import BALLBOT, LAST_RESORT_S, call, environment
 
 CONTENT = {
     'purpose': 'a test',
@@ -27,29 +28,35 @@ SHORT_PUSH = {
 }
 
 
-@pytest.fixture
-def study(tmp_path):
-    scenario, path = tmp_path / 'short_push.yaml', tmp_path / 'tried.yaml'
+@pytest.fixture(scope='module')
+def study(tmp_path_factory):
+    folder = tmp_path_factory.mktemp('study')
+    scenario, path = folder / 'short_push.yaml', folder / 'tried.yaml'
     scenario.write_text(yaml.safe_dump(SHORT_PUSH), encoding='utf-8')
-    content = {**CONTENT, 'scenario': str(scenario)}
-    path.write_text(yaml.safe_dump(content), encoding='utf-8')
+    path.write_text(yaml.safe_dump({**CONTENT, 'scenario': str(scenario)}), encoding='utf-8')
     return path
 
 
+@pytest.fixture(scope='module')
+def done(study):
+    """The folder of the results of the study, and what the command printed."""
+    folder = study.with_name('results')
+    finished = call('study', study, '--output', folder)
+    assert finished.returncode == 0
+    return folder, finished.stdout
+
+
 @pytest.fixture
-def results(command, study, tmp_path):
-    folder = tmp_path / 'results'
-    assert command('study', study, '--output', folder)[0] == 0
-    return folder
+def results(done, tmp_path):
+    return shutil.copytree(done[0], tmp_path / 'results')
 
 
-def test_it_prints_the_share_that_passed_and_the_worst_runs(command, study, tmp_path):
-    status, text, _ = command('study', study, '--output', tmp_path / 'results')
-    assert status == 0
+def test_it_prints_the_share_that_passed_and_the_worst_runs(done):
+    folder, text = done
     assert 'tried, 40 runs, seed 1' in text
     assert 'peak_pitch_deg [°]' in text
     assert 'passed   ' in text
-    assert f'ballbot study rerun {tmp_path / "results"} ' in text
+    assert f'ballbot study rerun {folder} ' in text
 
 
 def test_the_options_take_the_place_of_the_files(command, study, tmp_path):
@@ -68,9 +75,10 @@ def test_another_grid_than_that_of_the_file_is_named(command, study, tmp_path):
     }
     content = {**yaml.safe_load(study.read_text()), 'sampling': 'grid', 'vary': grids}
     content.pop('runs')
-    study.write_text(yaml.safe_dump(content), encoding='utf-8')
+    own = tmp_path / 'grid.yaml'
+    own.write_text(yaml.safe_dump(content), encoding='utf-8')
     for runs, note in ((7, 'note: the nearest grid has 4 × 2 points; 8 runs\n'), (6, '')):
-        status, _, error = command('study', study, '--runs', runs, '--output', tmp_path / str(runs))
+        status, _, error = command('study', own, '--runs', runs, '--output', tmp_path / str(runs))
         assert status == 0, error
         assert error.endswith(note)
         assert bool(note) == ('note: ' in error)

@@ -1,10 +1,8 @@
 """`ballbot run --viewer` in a terminal: the browser, the wait, and its end."""
 
-import fcntl
 import os
 import re
 import signal
-import subprocess
 import termios
 
 import pytest
@@ -18,11 +16,6 @@ pytestmark = pytest.mark.graph
 RUN = ('run', 'stationary', '--viewer', '--no-record', '--set=viewer.port=0',
        '--set=plant_sim.duration=1', '--real-time-factor=0')  # fmt: skip
 WAITS = b'the run begins when'
-
-
-def _take_terminal():
-    os.setsid()
-    fcntl.ioctl(0, termios.TIOCSCTTY, 0)
 
 
 @pytest.fixture
@@ -40,16 +33,9 @@ def start(domain, terminal, tmp_path):
     started = []
 
     def start(*arguments):
-        process = subprocess.Popen(
-            [*BALLBOT, *RUN, *arguments],
-            env=environment(domain) | {'TERM': 'xterm', 'BROWSER': f'{browser} %s'},
-            stdin=terminal.side,
-            stdout=terminal.side,
-            stderr=terminal.side,
-            preexec_fn=_take_terminal,  # noqa: PLW1509
-        )
-        started.append(process)
-        return process
+        variables = environment(domain) | {'BROWSER': f'{browser} %s'}
+        started.append(terminal.start([*BALLBOT, *RUN, *arguments], **variables))
+        return started[-1]
 
     yield start
     for process in started:

@@ -175,25 +175,23 @@ def test_a_slow_controller_is_told_by_its_node(start_run, folder):
 
 
 @pytest.mark.graph
-def test_all_ways_of_running_give_the_same_duties_and_replay_identically(
+def test_all_ways_of_running_give_the_same_duties_which_replay_identically(
     start_run, folder, command
 ):
     arguments = [
         'stationary', '--controller', 'balance.py:Balance', '--set', 'controller.user.rate=1.9',
         '--set', 'plant_sim.duration=1.5', '--profile', 'hardware',
     ]  # fmt: skip
-    recording, without_nodes = record(Path('none'), *arguments)
-    found = [(without_nodes, recording)]
+    _, without_nodes = record(Path('none'), *arguments)
     for processes in ('separate', 'one'):
         run = start_run(*arguments, f'--processes={processes}', f'--output={processes}', '--json')
         assert run.finish() in (0, 1), run.stderr  # with this noise it may miss an expectation
-        found.append((run.result, Path(processes, 'stationary.mcap')))
-    for result, path in found:
-        assert result['ticks'] == 375, result['reason']
-        assert result['duty_sha256'] == without_nodes['duty_sha256']
-        status, output, errors = command('replay', path, '--json', '--controller', arguments[2])
-        assert status == 0, errors
-        assert [each['identical'] for each in json.loads(output)] == [True, True]
+        assert run.result['ticks'] == 375, run.result['reason']
+        assert run.result['duty_sha256'] == without_nodes['duty_sha256']
+    path = Path('separate', 'stationary.mcap')
+    status, output, errors = command('replay', path, '--json', '--controller', arguments[2])
+    assert status == 0, errors
+    assert [each['identical'] for each in json.loads(output)] == [True, True]
 
 
 @pytest.mark.graph
@@ -253,13 +251,10 @@ def test_no_folder_of_the_machine_is_recorded(folder, tmp_path_factory, monkeypa
     assert not any(str(folder).encode() in file.data for file in files)
 
 
-@pytest.mark.graph
-def test_an_interrupted_import_is_no_traceback(folder):
+def test_an_interrupted_import_is_no_traceback(folder, command):
     Path('broken.py').write_text('raise SystemError("\\n\\x1b no")\n')
-    words = [*BALLBOT, 'run', 'stationary', '--controller', 'broken.py:Mine', '--processes=none']
-    done = subprocess.run(words, capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stdout) == (2, '')
-    assert done.stderr == 'error: broken.py:1: SystemError: no\n'
+    found = command('run', 'stationary', '--controller', 'broken.py:Mine', '--processes=none')
+    assert found == (2, '', 'error: broken.py:1: SystemError: no\n')
 
 
 def test_what_a_class_prints_when_it_is_loaded_is_not_the_result(folder):

@@ -149,7 +149,6 @@ def test_a_gamepad_that_is_plugged_in_does_not_disturb_a_scenario():
 def test_a_mistake_is_refused_in_one_line():
     for name, value, told in (
         ('profile', 'soft', "unknown profile 'soft'; known: ideal, hardware"),
-        ('profile', '', "unknown profile ''; known: ideal, hardware"),
         ('parameter_file', '/no/such.yaml', '/no/such.yaml: No such file'),
         ('seed', -1, 'gyro_driver.seed: -1 is not within'),
         ('real_time_factor', 'x', "--real-time-factor: plant_sim.real_time_factor: 'x'"),
@@ -205,20 +204,6 @@ def test_an_external_role_that_can_not_be_is_refused():
         external = ['sonar_driver'] if 'assignments' in values else external
         options = RunOptions(external=external, **values)
         assert refusal(BallbotError, RunSpec.of_scenario, 'stationary', options).startswith(told)
-
-
-def test_a_mistake_in_a_parameter_file_is_named_with_its_line(tmp_path):
-    file = parameter_file(
-        tmp_path, 'controller:\n  ros__parameters:\n    a_b: 0.2\n    gian: 2.0\n'
-    )
-    with pytest.raises(BallbotError, match=rf'^{file}:4: controller has no parameter .gian.'):
-        RunSpec.of_scenario('stationary', RunOptions(parameter_file=file))
-
-
-@pytest.mark.parametrize('reference', ['', 'nosuch'])
-def test_an_unknown_scenario_is_refused(reference):
-    with pytest.raises(BallbotError, match=f'^unknown scenario {reference!r}; shipped: '):
-        RunSpec.of_scenario(reference)
 
 
 def test_a_run_without_end_is_refused(tmp_path):

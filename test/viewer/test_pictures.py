@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from browsing import shared_page
 from PIL import Image
 
 from ballbot_ros.viewer.offscreen import offscreen_scene
@@ -51,6 +52,7 @@ def test_all_views_differ(pictures):
         assert min(others) > 2.0 * TOLERANCE
 
 
-def test_a_slow_machine_does_not_lower_the_resolution():
+def test_a_slow_machine_does_not_lower_the_resolution(monkeypatch):
+    monkeypatch.setattr('ballbot_ros.viewer.offscreen.browser_page', shared_page)
     with offscreen_scene(*SIZE) as offscreen:
         assert 'fixedDpr=1' in offscreen._browser.evaluate('location.search')

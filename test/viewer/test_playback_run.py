@@ -8,13 +8,13 @@ import sys
 
 import numpy as np
 import pytest
-from graph import call_main
 
 import ballbot_ros as bb
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.cli.recordings import read_playback_run
 from ballbot_ros.errors import ViewerError
 from ballbot_ros.parameters import VIEWER, Dimensions, ParameterSet, ViewerParameters
+from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.robot.brick.brick import Tone
 from ballbot_ros.run.requirements import Processes, require_viewer
 from ballbot_ros.viewer import address
@@ -178,37 +178,15 @@ def test_a_page_for_the_network_warns():
         assert 'everybody who has the address with the token can steer' in network_warning(host)
 
 
-@pytest.mark.parametrize(
-    ('words', 'told'),
-    [
-        (['view', 'missing.mcap'], 'missing.mcap'),
-        (
-            ['run', 'stationary', '--viewer', '--processes', 'none'],
-            '--viewer requires --processes separate',
-        ),
-        (['run', 'stationary', '--viewer', '--set', 'viewer.port=70000'], 'is not within'),
-    ],
-)
-def test_a_mistake_is_one_line(words, told, monkeypatch, capsys, tmp_path):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr('sys.argv', ['ballbot', *words])
-    assert call_main() == 2
-    error = capsys.readouterr().err
-    assert told in error
-    assert error.count('\n') == 1
-
-
-def test_without_viser_there_is_a_hint(monkeypatch, capsys, recording):
-    monkeypatch.setitem(__import__('sys').modules, 'viser', None)
-    monkeypatch.setattr('sys.argv', ['ballbot', 'view', str(recording)])
-    assert call_main() == 2
-    assert 'pip install "ballbot_ros[viewer]"' in capsys.readouterr().err
+def test_without_viser_there_is_a_hint(monkeypatch, command, recording):
+    monkeypatch.setitem(sys.modules, 'viser', None)
+    status, _, error = command('view', recording)
+    assert status == 2
+    assert 'pip install "ballbot_ros[viewer]"' in error
 
 
 def test_json_of_a_run_names_no_viewer(recording):
     """The viewer's parameters are not recorded, since a run does not depend on the page."""
-    from ballbot_ros.recording.reader import RecordingReader
-
     with RecordingReader(recording) as reader:
         text = reader.attachments()['parameters.yaml'].data.decode()
     assert 'viewer' not in json.dumps(text)

@@ -1,7 +1,5 @@
 """Waiting for a key in a terminal, as a process in its foreground."""
 
-import fcntl
-import os
 import signal
 import subprocess
 import sys
@@ -9,7 +7,7 @@ import termios
 
 import pytest
 from graph import LAST_RESORT_S, wait_for
-from terminal import Terminal
+from terminal import Terminal, take_terminal
 
 PROGRAM = """
 import time
@@ -22,11 +20,6 @@ except KeyboardInterrupt:
     key_press.close()
     print('closed', flush=True)
 """
-
-
-def _take_terminal():
-    os.setsid()
-    fcntl.ioctl(0, termios.TIOCSCTTY, 0)
 
 
 @pytest.fixture
@@ -54,7 +47,7 @@ def start():
 def test_the_first_key_is_reported_and_the_terminal_restored(start):
     terminal = Terminal()
     settings = termios.tcgetattr(terminal.side)
-    process = start(PROGRAM, terminal.side, preexec_fn=_take_terminal)
+    process = start(PROGRAM, terminal.side, preexec_fn=take_terminal)
     assert termios.tcgetattr(terminal.side) != settings
     terminal.press(b'x')
     assert process.stdout.readline() == 'pressed\n'
@@ -75,14 +68,14 @@ time.sleep(600)
 """
     terminal = Terminal()
     terminal.press(b'x')
-    process = start(program, terminal.side, preexec_fn=_take_terminal)
+    process = start(program, terminal.side, preexec_fn=take_terminal)
     assert process.stdout.readline() == 'pressed\n'
 
 
 def test_ctrl_c_still_interrupts_and_the_terminal_is_restored(start):
     terminal = Terminal()
     settings = termios.tcgetattr(terminal.side)
-    process = start(PROGRAM, terminal.side, preexec_fn=_take_terminal)
+    process = start(PROGRAM, terminal.side, preexec_fn=take_terminal)
     terminal.press(b'\x03')
     assert process.stdout.readline() == 'closed\n'
     assert process.wait(LAST_RESORT_S) == 0
