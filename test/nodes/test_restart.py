@@ -9,8 +9,6 @@ from graph import NODES, await_recording
 
 pytest.importorskip('rclpy')
 
-from ros_client import Client
-
 from ballbot_ros.engine.closed_loop import ClosedLoop
 from ballbot_ros.engine.trajectory import TrajectoryLog, load_trajectory
 from ballbot_ros.parameters import PLANT, ParameterSet
@@ -29,11 +27,9 @@ all, also with dead times."""
 
 
 @pytest.fixture
-def client(domain):
-    with contextlib.closing(Client(domain)) as client:
-        client.watch(PLANT_IMU)
-        client.watch(RUN_STATUS)
-        yield client
+def client(client):
+    client.watch(RUN_STATUS)
+    return client
 
 
 @pytest.fixture
