@@ -5,54 +5,14 @@ import math
 import laws
 import pytest
 from hypothesis import strategies as st
-from laws import given, is_read_or_refused_in_one_line
+from laws import given, is_read_or_refused_in_one_line, yaml_texts
 
 from ballbot_ros.parameters.yaml_document import YamlDocument, YamlError, parse_value
 
-FRAGMENTS = [
-    'a',
-    'b: ',
-    '- ',
-    '? ',
-    ': ',
-    '\n',
-    '  ',
-    '[',
-    ']',
-    '{',
-    '}',
-    ',',
-    '&x ',
-    '*x',
-    '!!int ',
-    '!!map ',
-    '!!float ',
-    '!!bool ',
-    '!!timestamp ',
-    '<<: ',
-    '"',
-    "'",
-    '|',
-    '>',
-    '#',
-    '%',
-    '---\n',
-    '...\n',
-    '0x',
-    '1e9',
-    '.nan',
-    '2024-13-45',
-    '12:60',
-    'null',
-    'yes',
-    '\t',
-    '\x00',
-    '\x85',
-    '\ufeff',
-    'é',
-    '=',
-]
-texts = st.text(max_size=60) | st.lists(st.sampled_from(FRAGMENTS), max_size=25).map(''.join)
+texts = yaml_texts(
+    'a', 'b: ', '!!map ', '!!float ', '!!bool ', '!!timestamp ', '...\n', '12:60', 'yes', '\x85',
+    '\ufeff', 'é', '=',
+)  # fmt: skip
 
 
 @pytest.fixture(scope='module')

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from parts import physical
-from shipped_controllers import duties, exchanged, run_shipped
+from shipped_controllers import duties, run_shipped
 
 from ballbot_ros.controllers.drift_filter import Lean, lean_constants, observed_lean
 from ballbot_ros.parameters.timing import TICK_S
@@ -42,14 +42,6 @@ def test_a_pitch_of_a_ball_at_rest_is_an_error():
     assert lean.offset_error == pytest.approx(drift, abs=1e-3)
 
 
-@pytest.mark.parametrize(
-    'scenario', ['stationary', 'forward_backward', 'push', 'hardware_standing']
-)
-def test_it_passes_shipped_scenarios(scenario):
-    result = run_shipped(REFERENCE, scenario)
-    assert result.passed, result.reason
-
-
 def test_it_stands_where_the_document_falls():
     long = [*STRONG_DRIFT, 'plant_sim.duration=70']
     document, filtered = (
@@ -66,19 +58,3 @@ def test_its_pitch_drifts_less_than_the_document_s():
         estimated, true = loop.program.x.psi, np.degrees(loop.plant.truth().psi[0])
         errors.append(abs(float(estimated) - true))
     assert errors[1] < 0.5 * errors[0]
-
-
-def test_it_drives_by_itself():
-    result = run_shipped(REFERENCE, 'autonomous')
-    assert result.passed, result.reason
-
-
-def test_its_planes_are_alike():
-    assert exchanged(REFERENCE)
-
-
-def test_a_fallen_robot_stops_its_motors():
-    duty, loop = duties(REFERENCE, 'plant_sim.start_pitch_x=0.2')
-    assert loop.plant.fallen
-    assert not duty[-50:].any()
-    assert loop.program.operating_state == 'out_of_control'

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import strategies as st
 from laws import given
 from parts import physical
-from shipped_controllers import duties, exchanged, run_shipped
+from shipped_controllers import duties, run_shipped
 
 from ballbot_ros.controllers.lqg import (
     LQG,
@@ -116,20 +116,6 @@ def test_feedforward_is_the_back_emf_of_a_rolling_ball():
     assert voltage == pytest.approx(np.radians(1.0) * model.beta / model.alpha)
 
 
-@pytest.mark.parametrize(
-    'scenario',
-    ['push', 'remote_wall', 'hardware_standing', 'hardware_forward_backward'],
-)
-def test_it_passes_shipped_scenarios(scenario):
-    result = run_shipped(REFERENCE, scenario)
-    assert result.passed, result.reason
-
-
-def test_it_drives_by_itself():
-    result = run_shipped(REFERENCE, 'autonomous')
-    assert result.passed, result.reason
-
-
 def test_it_needs_much_less_duty_than_the_document():
     document, lqg = (run_shipped(each) for each in ('python', REFERENCE))
     assert lqg.passed, lqg.reason
@@ -148,16 +134,6 @@ def test_it_stands_on_a_robot_that_its_model_does_not_know(changes):
     assert result.passed, result.reason
 
 
-def test_its_planes_are_alike():
-    assert exchanged(REFERENCE)
-
-
-def test_the_same_run_has_the_same_duties():
-    first, again = (duties(REFERENCE, profile='hardware', seed=3)[0] for _ in range(2))
-    assert (first == again).all()
-    assert first.any()
-
-
 def test_it_finds_the_drift_of_the_gyro():
     _, loop = duties(
         REFERENCE,
@@ -168,10 +144,3 @@ def test_it_finds_the_drift_of_the_gyro():
     )
     estimated, true = loop.program.x.psi, np.degrees(loop.plant.truth().psi[0])
     assert abs(estimated - true) < 2.0  # the drift adds up to tens of degrees
-
-
-def test_a_fallen_robot_stops_its_motors():
-    duty, loop = duties(REFERENCE, 'plant_sim.start_pitch_x=0.2')
-    assert loop.plant.fallen
-    assert not duty[-50:].any()
-    assert loop.program.operating_state == 'out_of_control'

@@ -1,5 +1,7 @@
 """The master of a run on the wall clock, which waits for no participant."""
 
+import hashlib
+
 import pytest
 from lockstep_world import FREE_PERIODS_S, LockstepWorld, data_of, make_participant
 
@@ -46,12 +48,13 @@ def test_it_waits_for_the_first_duty_and_asks_for_it_repeatedly():
     assert world.master.late_ticks == 0
 
 
-def test_without_a_controller_it_begins_after_the_startup_timeout():
+def test_without_a_controller_it_begins_after_the_startup_timeout_with_motors_off():
     world = begun(startup_timeout=5.0).wait(4.5)
     assert world.ticks == 0
     world.wait(1)
     assert world.ticks > 100
     assert world.summary is None
+    assert world.master.log.duty_sha256 == hashlib.sha256(bytes(2 * world.ticks)).hexdigest()
 
 
 def test_a_newer_duty_acts_and_a_silence_switches_off():

@@ -18,6 +18,7 @@ from ballbot_ros.lockstep.lockstep import (
     SampleHistory,
     SampleReaction,
     SampleStatus,
+    TaskReleases,
 )
 from ballbot_ros.robot.brick.schedule import Schedule
 
@@ -517,6 +518,37 @@ class Disturbed(RuleBasedStateMachine):
 
 TestDisturbed = Disturbed.TestCase
 TestDisturbed.settings = settings()
+
+
+# The releases of the tasks, beyond what the ticks show.
+
+
+def releases_from(start_ms, *events):
+    releases = TaskReleases()
+    releases.begin(start_ms * MS, TASKS)
+    for task, now_ms in events:
+        releases.release(task, now_ms * MS)
+    return releases
+
+
+def test_the_schedule_counts_from_the_start_of_the_run():
+    releases = releases_from(1100, *((task, 1600) for task in PERIODS_MS))
+    assert releases.missing(1600 * MS) == ()
+
+
+def test_existing_releases_are_not_counted_as_forced():
+    releases = releases_from(1000, (TS1, 1004))
+    for now_ms in (1000, 1004):
+        releases.force(now_ms * MS)
+    assert releases.forced == 0
+
+
+def test_another_run_begins_without_releases_but_keeps_the_counts():
+    releases = releases_from(1000, (TS1, 1004))
+    releases.force(1020 * MS)
+    releases.begin(1000 * MS, task_timings(4, 4))
+    assert releases.missing(1004 * MS) == (TS1, TS2, TS3)
+    assert (releases.fired[TS1], releases.forced) == (1, 2)
 
 
 def test_the_name_of_a_run_identifies_its_plant():

@@ -1,6 +1,5 @@
 """The master of a run in lockstep: tables of events, and runs with random faults."""
 
-import itertools
 from dataclasses import replace
 
 import lockstep_world
@@ -26,7 +25,6 @@ from ballbot_ros.lockstep import run_actions as do
 from ballbot_ros.lockstep.lockstep import RunIdentity
 from ballbot_ros.lockstep.lockstep_master import LockstepMaster
 from ballbot_ros.lockstep.participants import (
-    ANSWER_CALLS,
     Announcement,
     LocalNode,
     Objection,
@@ -84,9 +82,9 @@ def test_a_run_completes_with_a_tick_for_each_duty(ticks, more):
 
 
 def test_the_run_begins_when_all_have_joined_in_any_order():
-    for order in itertools.permutations(ROLES):
+    for first in range(len(ROLES)):
         world = LockstepWorld()
-        for role in order:
+        for role in (*ROLES[first:], *ROLES[:first]):
             assert world.wait(0.6).truths == []
             world.start(role)
         world.wait(1)
@@ -327,11 +325,10 @@ def test_a_conflicting_duty_or_one_ahead_ends_the_run(offset):
     assert "'motor_duty' has a second duty stamped" in world.summary.reason
 
 
-@pytest.mark.parametrize('duty', [None])
-def test_an_invalid_duty_is_ignored(duty):
+def test_an_invalid_duty_is_ignored():
     world = begun()
     world.in_flight.clear()
-    world.dispatch(world.master.on_duty, START_NS, duty, b'')
+    world.dispatch(world.master.on_duty, START_NS, None, b'')
     assert world.ticks == 0
     assert 'duty ignored: not whole numbers within' in world.logged[-1]
 
@@ -504,19 +501,6 @@ def test_a_waiting_plant_keeps_reporting():
 # Participants
 
 
-def test_replacing_a_driver_by_an_equal_one_does_not_change_the_duties():
-    world = begun(7)
-    world.kill(GYRO)
-    world.wait(0.5)
-    world.start(GYRO, generation=1)
-    world.wait(2)
-    assert world.summary is None
-    assert world.ticks > 7
-    world.dispatch(world.master.stop)
-    successors = [each for each in world.summary.members if each.is_successor]
-    assert [each.participant.instance for each in successors] == ['gyro_driver 1']
-
-
 @pytest.mark.parametrize(
     ('announced', 'steps'),
     [
@@ -561,19 +545,6 @@ def test_a_restarted_controller_fails_the_run_at_its_end():
     assert world.summary.outcome == 'failed'
     assert world.summary.reason.endswith(' restarted at 0.032 s of the run')
     assert [each.exit_status for each in world.actions(do.EndRun)] == [1]
-
-
-def test_two_controllers_are_refused():
-    world = begun(7)
-    first = world.nodes[CONTROLLER]
-    world.start(CONTROLLER, generation=1)
-    second = world.nodes[CONTROLLER]
-    for _ in range(3 * ANSWER_CALLS):
-        for node in (first, second):
-            node.run = world.actions(do.AnnounceRun)[-1].run.name
-            world.dispatch(world.master.on_announcement, node.announcement())
-        world.wait(0.1)
-    assert world.summary.reason.startswith("two nodes publish on 'motor_duty' as controller: ")
 
 
 def test_a_stranger_holds_the_run_and_is_refused_at_its_first_message():
@@ -695,20 +666,16 @@ def test_a_hold_is_no_silence_of_the_recorder():
     assert world.wait(0.5).ticks > ticks
 
 
-def test_an_objection_of_a_participant_ends_the_run():
-    world = begun(7)
-    node = world.nodes[GYRO]
-    node.objection = Objection('broken')
-    world.dispatch(world.master.on_announcement, node.announcement())
-    world.wait(0.2)
-    assert world.summary.reason == 'gyro_driver: broken'
-
-
 @pytest.mark.parametrize(
     ('text', 'told'),
-    [('', 'it cannot continue'), ('on\nfire', 'on fire'), ('gyro_driver is full', 'is full')],
+    [
+        ('broken', 'broken'),
+        ('', 'it cannot continue'),
+        ('on\nfire', 'on fire'),
+        ('gyro_driver is full', 'is full'),
+    ],
 )
-def test_an_objection_is_one_line_that_names_its_role(text, told):
+def test_an_objection_ends_the_run_in_one_line_that_names_its_role(text, told):
     world = begun(7)
     node = world.nodes[GYRO]
     node.objection = Objection(text)
@@ -719,25 +686,6 @@ def test_an_objection_is_one_line_that_names_its_role(text, told):
 
 
 # The recorder
-
-
-def test_the_plant_is_never_far_ahead_of_the_recorder():
-    world = recorded(10)
-    world.nodes[RECORDER].is_hung = True
-    world.settle()
-    acked_ns = max(world.nodes[RECORDER].samples)
-    assert world.truths[-1] - acked_ns == (MAX_LEAD_TICKS + 1) * TICK_NS
-    world.nodes[RECORDER].is_hung = False
-    world.wait(0.5)
-    assert world.summary is None
-    assert world.ticks > 100
-
-
-def test_a_recorder_that_hangs_is_named():
-    world = recorded(10)
-    world.nodes[RECORDER].is_hung = True
-    world.wait(3)
-    assert world.summary.reason.startswith('recorder silent for 2 s')
 
 
 def test_the_run_does_not_wait_for_a_recorder_that_has_left():
@@ -768,22 +716,6 @@ def complete_with_a_recorder_that_hangs(world):
 def test_a_run_ends_only_when_its_last_tick_is_recorded():
     world = LockstepWorld().start(*ROLES, RECORDER)
     complete_with_a_recorder_that_hangs(world.advance(40))
-
-
-def test_a_late_recorder_begins_at_a_multiple_of_20_ms():
-    world = begun(7)
-    world.start(RECORDER)
-    world.nodes[RECORDER].is_hung = True
-    world.nodes[RECORDER].run = world.actions(do.AnnounceRun)[-1].run.name
-    world.dispatch(world.master.on_announcement, world.nodes[RECORDER].announcement())
-    world.wait(0.1)
-    assert (world.truths[-1] - START_NS) % 20_000_000 == 0
-    ticks = world.ticks
-    world.wait(0.2)
-    assert world.ticks == ticks
-    world.nodes[RECORDER].is_hung = False
-    world.wait(0.3)
-    assert world.ticks > ticks
 
 
 @pytest.mark.parametrize('meanwhile', ['is paused', 'waits for a duty'])

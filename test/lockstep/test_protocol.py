@@ -5,9 +5,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import protocol_trials
 import protocol_world
 import pytest
-from protocol_trials import Trial, Violation
+from protocol_trials import FAULTS, Trial, Violation
 
 from ballbot_ros.lockstep.liveness import LivenessMonitor
 from ballbot_ros.lockstep.lockstep_master import LockstepMaster
@@ -21,8 +22,8 @@ SEED = 1
 PROJECT = Path(__file__).parents[2]
 
 
-def first_violation(count, **details):
-    for number in range(count):
+def first_violation(numbers, **details):
+    for number in numbers:
         try:
             Trial(SEED, number, **details).run()
         except Violation as violation:
@@ -30,14 +31,19 @@ def first_violation(count, **details):
     return ''
 
 
-@pytest.mark.parametrize('first', range(0, 100, 25))
-def test_no_fault_breaks_what_must_hold(first):
-    for number in range(first, first + 25):
+def test_no_fault_breaks_what_must_hold():
+    """The trials have every kind of fault, and both outcomes."""
+    kinds, outcomes = set(), set()
+    for number in range(100):
         trial = Trial(SEED, number)
         try:
             trial.run()
         except Violation as violation:
             pytest.fail(f'trial {number}, {[each.what for each in trial.faults]}: {violation}')
+        kinds.update(fault.kind for fault in trial.faults)
+        outcomes.add(str(trial.summary.outcome))
+    assert kinds == set(FAULTS)
+    assert outcomes == {'completed', 'failed'}
 
 
 def test_a_controller_that_leaves_before_the_recorder_knows_it_is_named():
@@ -61,19 +67,10 @@ def test_a_controller_restarted_after_the_last_tick_is_named_even_if_the_recorde
     assert 'restarted at 0.052 s of the run' in Trial(44, 9350).run().summary.reason
 
 
-def test_the_trials_have_every_kind_of_fault_and_both_outcomes():
-    from protocol_trials import FAULTS
-
-    trials = [Trial(SEED, number).run() for number in range(80)]
-    kinds = {fault.kind for trial in trials for fault in trial.faults}
-    assert kinds == set(FAULTS)
-    assert {str(trial.summary.outcome) for trial in trials} == {'completed', 'failed'}
-
-
 def test_a_trial_has_the_same_events_in_every_process():
     script = (
         'from protocol_trials import Trial\n'
-        f'print(*(Trial({SEED}, number).run().world.log_sha256 for number in range(15)))\n'
+        f'print(*(Trial({SEED}, number).run().world.log_sha256 for number in range(5)))\n'
     )
     path = os.pathsep.join((str(PROJECT), str(PROJECT / 'test')))
     found = {
@@ -87,7 +84,7 @@ def test_a_trial_has_the_same_events_in_every_process():
         for seed in ('1', '2')
     }
     assert len(found) == 1
-    assert len(set(found.pop().split())) == 15
+    assert len(set(found.pop().split())) == 5
 
 
 # Mutations: each breaks what a guarantee depends on.
@@ -176,26 +173,29 @@ def answer_a_repeated_request_anew(patch):
 
 KILLS, SECOND, STICKS = 'nodes killed or ended', 'a second node in a role', 'sticks moved by hand'
 MUTATIONS = (
-    (deliver_a_stale_message_as_a_new_one, (), 'instead of'),
-    (take_any_duty_for_that_of_the_tick, (), ''),
-    (let_the_roster_ignore_second_nodes, (SECOND,), ''),
-    (let_restarted_controllers_pass, (KILLS,), 'other duties'),
-    (lose_a_sample_on_its_way_to_the_recorder, (), 'gyro'),
-    (acknowledge_too_early, (), 'acknowledged'),
-    (run_ahead_of_the_recorder, (KILLS,), 'lacks'),
-    (record_what_the_controller_did_not_receive, (), 'is not what the controller received'),
-    (wait_for_silent_nodes_for_ever, (KILLS,), 'waits for ever'),
-    (blame_somebody_else, (KILLS,), 'names'),
-    (answer_a_repeated_request_anew, (STICKS, 'slow discovery'), ''),
+    (deliver_a_stale_message_as_a_new_one, (), 0, 'instead of'),
+    (take_any_duty_for_that_of_the_tick, (), 0, ''),
+    (let_the_roster_ignore_second_nodes, (SECOND,), 27, ''),
+    (let_restarted_controllers_pass, (KILLS,), 96, 'other duties'),
+    (lose_a_sample_on_its_way_to_the_recorder, (), 0, 'gyro'),
+    (acknowledge_too_early, (), 0, 'acknowledged'),
+    (run_ahead_of_the_recorder, (KILLS,), 36, 'lacks'),
+    (record_what_the_controller_did_not_receive, (), 0, 'is not what the controller received'),
+    (wait_for_silent_nodes_for_ever, (KILLS,), 0, 'waits for ever'),
+    (blame_somebody_else, (KILLS,), 0, 'names'),
+    (answer_a_repeated_request_anew, (STICKS, 'slow discovery'), 0, ''),
 )
+"""What is broken, the kinds of faults, the first trial, which saves time, and what is noticed."""
 
 
 @pytest.mark.parametrize(
-    ('mutation', 'kinds', 'expected'),
+    ('mutation', 'kinds', 'first', 'expected'),
     [pytest.param(*each, id=each[0].__name__) for each in MUTATIONS],
 )
-def test_the_judgement_notices(mutation, kinds, expected, monkeypatch):
+def test_the_judgement_notices(mutation, kinds, first, expected, monkeypatch):
     mutation(monkeypatch)
-    violation = first_violation(400, kinds=kinds)
+    # Nearly twice as long as the longest of these trials without a mutation.
+    monkeypatch.setattr(protocol_trials, 'LIMIT_S', 40.0)
+    violation = first_violation(range(first, first + 400), kinds=kinds)
     assert violation
     assert expected in violation

@@ -74,7 +74,7 @@ def test_the_shortest_timeout_blames_only_the_lost_node(start):
     assert f'\nfailed: {GYRO} silent for 0.2 s at ' in run.stdout
 
 
-# The other nodes: simulation/test_lockstep_master.py. A plant that hangs, which takes half a
+# The other nodes: lockstep/test_lockstep_master.py. A plant that hangs, which takes half a
 # minute: run/test_plant_monitor.py and scripts/campaign. A recorder that hangs: above, and the
 # command kills it in the end, as this test does.
 @pytest.mark.parametrize('victim', [PLANT, RECORDER])

@@ -39,19 +39,3 @@ def test_the_robot_balances_on_wall_clock_timers(start_node, tmp_path):
             assert summary['real_time_factor'] > 0.5 * pace or summary['late_ticks'] > 0
             return
     raise AssertionError(f'it fell at every pace of {PACES}')
-
-
-def test_without_a_controller_the_duty_is_zero(start_node, tmp_path):
-    plant = start_node(
-        'plant_sim',
-        lockstep='false',
-        startup_timeout=0.5,
-        duration=2.0,
-        start_pitch_x=0.02,
-        hold_time=0.5,
-        trajectory_file=tmp_path / 'trajectory.npz',
-    )
-    assert plant.finish() == 0, plant.output
-    trajectory, _ = load_trajectory(tmp_path / 'trajectory.npz')
-    assert not trajectory.duty.any()
-    assert abs(trajectory.psi[-1, 0]) > 0.5

@@ -15,18 +15,13 @@ from std_srvs.srv import Trigger
 from ballbot_ros.nodes.endpoints import TopicPublisher, reliable_qos
 from ballbot_ros.recording.messages.conversions import encode_clock, encode_wall_hit
 from ballbot_ros.recording.messages.topics import (
-    BATTERY_STATE,
     CLOCK,
-    GYRO_IMU,
     HISTORY,
-    JOINT_STATES,
     LCD,
     MAP,
-    MOTOR_DUTY,
     OPERATING_STATE,
     PLANT_IMU,
     RUN,
-    SOUND,
     WALL_HIT,
 )
 from ballbot_ros.recording.reader import RecordingReader
@@ -34,9 +29,6 @@ from ballbot_ros.recording.reader import RecordingReader
 pytestmark = pytest.mark.graph
 
 DRIVERS = [name for name in NODES if name not in ('plant_sim', 'recorder')]
-STATES = (OPERATING_STATE, BATTERY_STATE, WALL_HIT, LCD, RUN)
-STREAMS = (PLANT_IMU, GYRO_IMU, JOINT_STATES, MOTOR_DUTY, SOUND)
-REPEATED_S = 2.5
 
 
 @pytest.fixture

@@ -21,7 +21,6 @@ from ballbot_ros.nodes.processes import descendants  # noqa: E402
 from ballbot_ros.parameters import (  # noqa: E402
     CONTROLLER,
     GAMEPAD,
-    GYRO,
     NODES,
     PLANT,
     RECORDER,
@@ -49,20 +48,6 @@ def counts(folder):
     with RecordingReader(path) as reader:
         assert reader.damage is None
         return {name: topic.message_count for name, topic in reader.topics().items()}
-
-
-def test_a_run_next_to_nodes_of_an_earlier_one_fails_and_names_them(start_node, start_run):
-    # The old gyro is noisy, so its answers differ from those of the run.
-    for name in OTHERS:
-        start_node(name, **({'noise': 0.7} if name == GYRO else {}))
-    assert start_node(PLANT, duration=0.1, real_time_factor=0.0).finish() == 0
-    run = start_run('stationary', '--processes=one', '--json', '--no-record')
-    assert run.finish() == 1
-    assert run.result['outcome'] == 'failed'
-    assert run.result['ticks'] == 0
-    assert 'two nodes publish on' in run.result['reason']
-    assert run.result['reason'].count('(process ') == 2
-    assert 'Traceback' not in run.stderr
 
 
 @pytest.mark.parametrize('slow', ['leftover', 'own'])

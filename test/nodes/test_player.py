@@ -102,11 +102,11 @@ def recorded(path, start_ns):
 def test_messages_are_published_as_recorded(recording, domain, listen):
     # Play slowly: a publisher keeps 128 messages for a listener delayed by a busy machine, which at
     # this rate is 2 s.
-    expected, types = recorded(recording, 5_500_000_000)
+    expected, types = recorded(recording, 6_500_000_000)
     listener = listen(types)
     begun = time.monotonic()
     player = subprocess.Popen(
-        [*BALLBOT, 'play', recording, '--start', '4.5', '--rate', '0.25'],
+        [*BALLBOT, 'play', recording, '--start', '5.5', '--rate', '0.25'],
         env=environment(domain), stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     try:
@@ -115,7 +115,7 @@ def test_messages_are_published_as_recorded(recording, domain, listen):
         assert offer.qos_profile.reliability == ReliabilityPolicy.RELIABLE
         assert offer.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
         wait_for(lambda: player.poll() is not None)
-        assert time.monotonic() - begun > 0.8 * 1.5 / 0.25
+        assert time.monotonic() - begun > 0.8 * 0.5 / 0.25
         wait_for(lambda: len(listener.found['/clock']) == len(expected['/clock']))
     finally:
         player.kill()
@@ -332,16 +332,6 @@ def test_a_player_flushes_and_releases_what_it_holds():
         )
         node.close()
         assert done == [1, 'closed', *(['released'] if owns_domain else [])]
-
-
-def test_a_pause_is_confirmed():
-    paused = []
-    playback = SimpleNamespace(pause=lambda pause, now_s: paused.append(pause))
-    for pause, told in ((True, 'paused'), (False, 'playing')):
-        request = SetBool.Request(data=pause)
-        answer = bare(Player, playback=playback)._pause(request, SetBool.Response())
-        assert (answer.success, answer.message) == (True, told)
-    assert paused == [True, False]
 
 
 def test_a_topic_is_published_with_the_strongest_of_its_recorded_offers():

@@ -57,7 +57,6 @@ class Own(Controller[Gains]):
     ('controller', 'processes', 'name', 'value'),
     [
         ('python', 'separate', 'k_f', (-0.02, -1.5, -0.03, -0.22)),
-        ('lqg', 'one', 'user.feedback', (-0.03, -2.4, -0.03, -0.3, -0.002)),
         ('own.py:Own', 'one', 'user.gain', 2.0),
     ],
 )

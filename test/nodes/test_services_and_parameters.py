@@ -12,10 +12,8 @@ from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
 from geometry_msgs.msg import WrenchStamped  # noqa: E402
 from rcl_interfaces.srv import DescribeParameters  # noqa: E402
 from ros_client import Client  # noqa: E402
-from std_msgs.msg import String  # noqa: E402
 from std_srvs.srv import SetBool, Trigger  # noqa: E402
 
-from ballbot_ros.nodes.node_parameters import NEXT_RUN  # noqa: E402
 from ballbot_ros.parameters import (  # noqa: E402
     NODES,
     PLANT,
@@ -23,7 +21,7 @@ from ballbot_ros.parameters import (  # noqa: E402
     TakesEffect,
     parameters_of,
 )
-from ballbot_ros.recording.messages.conversions import body_pitch, stamp_ns, time_ns  # noqa: E402
+from ballbot_ros.recording.messages.conversions import body_pitch, time_ns  # noqa: E402
 from ballbot_ros.recording.messages.topics import (  # noqa: E402
     ACCEPTED_PUSH,
     DIAGNOSTICS,
@@ -97,27 +95,6 @@ def test_pause_stops_time_step_runs_one_tick_and_resume_continues(paused):
     paused.spin_until(lambda: paused.now_ns() > stepped + 100_000_000)
 
 
-def test_a_step_of_a_running_plant_is_refused(client):
-    response = client.call(Trigger, 'plant_sim/step', Trigger.Request())
-    assert not response.success
-    assert 'pause' in response.message
-
-
-def test_reset_begins_a_new_run_and_time_never_goes_back(client):
-    first = client.newest[RUN.name]
-    before = client.now_ns()
-    assert client.call(Trigger, 'plant_sim/reset', Trigger.Request()).success
-    client.spin_until(lambda: client.newest[RUN.name].frame_id != first.frame_id)
-    start = start_of_run_ns(client)
-    assert start > before
-    assert start % 100_000_000 == 0
-    client.spin_until(lambda: client.now_ns() > start + CALIBRATED_NS)
-    stamps = [stamp_ns(message) for message in client.seen[PLANT_IMU.name]]
-    assert stamps == sorted(stamps)
-    states: list[String] = client.seen[OPERATING_STATE.name]
-    assert [state.data for state in states][-2:] == ['calibration', 'remote']
-
-
 def test_a_push_makes_it_lean(paused):
     publisher = paused.node.create_publisher(WrenchStamped, 'plant/push', 10)
     paused.spin_until(lambda: publisher.get_subscription_count() > 0)
@@ -151,15 +128,6 @@ def test_every_parameter_is_described_with_its_range(client):
             assert descriptor.additional_constraints == ('' if scalar else expected)
             ranges = [*descriptor.floating_point_range, *descriptor.integer_range]
             assert [(r.from_value, r.to_value) for r in ranges] == [row.bounds] * bool(scalar)
-
-
-def test_live_parameters_are_set_and_checked(client):
-    assert client.set_value('plant_sim', 'real_time_factor', 2.0).successful
-    assert not client.set_value('plant_sim', 'real_time_factor', -1.0).successful
-    assert client.set_value('plant_sim', 'real_time_factor', 1.0).successful
-    assert client.set_value('plant_sim', 'gravity', 3.0).reason == NEXT_RUN
-    gravity = parameters_of(PLANT)['gravity'].default
-    assert client.set_value('plant_sim', 'gravity', gravity).successful
 
 
 def test_every_node_reports_diagnostics(client):

@@ -12,16 +12,8 @@ pytestmark = pytest.mark.graph
 
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue  # noqa: E402
 from rcl_interfaces.srv import GetParameters, SetParameters  # noqa: E402
-from ros_client import Client  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
 from terminal import Terminal  # noqa: E402
-
-
-@pytest.fixture
-def client(domain):
-    client = Client(domain)
-    yield client
-    client.close()
 
 
 def start(client, scenario):

@@ -100,12 +100,14 @@ def test_an_unusable_input_is_released_at_once():
 
 
 def test_a_malformed_message_is_an_error_of_its_input():
-    inputs = Inputs()
-    inputs.receive(JOY, joy(0.0, 1.0, 0.0, 0.0))
-    inputs.node.received[JOY.name](b'')
-    assert inputs.sticks() == NEUTRAL
-    (warning,) = inputs.node.warned
-    assert warning.startswith(f'joy: not a valid {JOY.type_name}: ')
+    for topic in (JOY, VIEWER_JOY, CMD_VEL):
+        inputs = Inputs()
+        inputs.receive(topic, twist(topic) if topic is CMD_VEL else joy(0.0, 1.0, 0.0, 0.0))
+        assert inputs.sticks() == FORWARD
+        inputs.node.received[topic.name](b'')
+        assert inputs.sticks() == NEUTRAL
+        (warning,) = inputs.node.warned
+        assert warning.startswith(f'{topic.name}: not a valid {topic.type_name}: ')
 
 
 def test_the_sticks_of_the_page_reach_the_allowed_maximum():

@@ -54,10 +54,6 @@ def test_only_a_new_tone_is_played(monkeypatch):
     assert played == [SECOND_NS, SECOND_NS - 499 * MILLISECOND_NS]
 
 
-def test_the_start_is_in_the_frame_map():
-    assert viewer._start(SimpleNamespace(position=(1.5, 0.5))) == (1.5, -0.5)
-
-
 SNAPSHOT = Snapshot(1.0, (1.5, 0.5), (0.0, 0.0), state='remote')
 
 

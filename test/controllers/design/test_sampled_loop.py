@@ -94,13 +94,6 @@ def is_stable(values):
     return abs(SampledLoop(parameters_with(values)).poles()).max() < 1.0
 
 
-def test_the_documents_loop_rings_at_the_nyquist_frequency():
-    poles = SampledLoop(ParameterSet()).poles()
-    fastest = min(poles, key=lambda pole: pole.real)
-    assert fastest == pytest.approx(-0.9374, abs=1e-4)
-    assert abs(poles).max() < 1.0
-
-
 def test_the_loop_is_unstable_with_one_tick_of_dead_time():
     values = {'plant_sim.actuator_delay': 4}
     assert abs(SampledLoop(parameters_with(values)).poles()).max() == pytest.approx(

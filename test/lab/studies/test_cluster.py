@@ -9,15 +9,16 @@ import subprocess
 import sys
 import time
 from contextlib import contextmanager, suppress
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import tried_studies
 import yaml
 from dask_processes import LAST_RESORT_S, ROOT, Cluster, environment, forked_workers, wait_for
 from own_controllers import BALANCE
 from PIL import Image
+from tried_studies import Observer, carry_out
 
 pytest.importorskip('distributed')
 pytest.importorskip('numba')
@@ -27,13 +28,9 @@ from distributed import Client
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.lab.studies import cluster
 from ballbot_ros.lab.studies.cluster import workers_of
-from ballbot_ros.lab.studies.execution import LocalWorkers, run_study
-from ballbot_ros.lab.studies.job import job_of
-from ballbot_ros.lab.studies.reader import read_study
-from ballbot_ros.lab.studies.sampling import Sampler
-from ballbot_ros.lab.studies.study_data import StudyData
+from ballbot_ros.lab.studies.execution import LocalWorkers
 
-KILLS = int(os.environ.get('BALLBOT_TEST_KILLS', '20'))
+KILLS = int(os.environ.get('BALLBOT_TEST_KILLS', '8'))
 """How often a worker is killed; a kill costs half a second, so 100 are for those who ask."""
 
 MOST_PARTS = 3
@@ -57,47 +54,8 @@ SMALL = {
 }  # fmt: skip
 
 
-class Observer:
-    """Calls a function at the first part, at each part, or at a notice that has a word."""
-
-    def __init__(self, first=None, each=None, notices=None):
-        self.first, self.each, self.actions = first, each, notices or {}
-        self.notices, self.advanced = [], 0
-
-    def begin(self, runs, done):
-        pass
-
-    def advance(self, runs):
-        self.advanced += runs
-
-    def part(self, summary):
-        if self.first:
-            self.first()
-            self.first = None
-        if self.each:
-            self.each()
-
-    def notice(self, text):
-        self.notices.append(text)
-        for word, action in self.actions.items():
-            if word in text:
-                action()
-
-
 def write(folder, **changes):
-    path = folder / 'tried.yaml'
-    path.write_text(yaml.safe_dump({**CONTENT, **changes}), encoding='utf-8')
-    return path
-
-
-def carry_out(path, output, workers, observer=None, runs_per_part=None):
-    study = read_study(str(path))
-    job = job_of(study, output)
-    if runs_per_part:
-        job = replace(job, record=replace(job.record, runs_per_part=runs_per_part))
-    observer = observer or Observer()
-    assert run_study(job, Sampler(study).part, observer, workers) == 0
-    return StudyData.open(output)
+    return tried_studies.write(folder, {**CONTENT, **changes})
 
 
 def refusal(path, output, address):
@@ -155,7 +113,7 @@ def test_files_travel_with_the_job(two_workers, tmp_path, monkeypatch):
         for name in ('own.png', 'own.py'):
             (tmp_path / name).unlink()
 
-    observer = Observer(notices={'threads': remove})
+    observer = Observer(actions={'threads': remove})
     data = carry_out(path, tmp_path / 'there', workers_of(two_workers.address), observer)
     assert not (tmp_path / 'own.py').exists()
     assert data.table().equals(expected)
@@ -218,7 +176,7 @@ def listening_ports(process):
 def test_a_study_waits_for_workers_and_goes_on_after_its_scheduler(here, two_workers, tmp_path):
     path, output = write(tmp_path), tmp_path / 'results'
     with Cluster(tmp_path / 'one') as lost:
-        observer = Observer(first=lost.scheduler.kill, notices={'waiting': lost.add_worker})
+        observer = Observer(first=lost.scheduler.kill, actions={'waiting': lost.add_worker})
         with pytest.raises(BallbotError, match='lost the scheduler') as refused:
             carry_out(path, output, workers_of(lost.address), observer)
         assert '\n' not in str(refused.value)

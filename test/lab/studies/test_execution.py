@@ -6,22 +6,18 @@ import signal
 import subprocess
 from pathlib import Path
 
-import numpy as np
 import pytest
-import yaml
+import tried_studies
 from graph import BALLBOT, LAST_RESORT_S, wait_for
+from tried_studies import Observer, carry_out
 
-from ballbot_ros.engine.closed_loop import ClosedLoop
-from ballbot_ros.engine.trajectory import TrajectoryLog
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.lab.studies import execution
 from ballbot_ros.lab.studies.execution import run_study
 from ballbot_ros.lab.studies.job import job_of
 from ballbot_ros.lab.studies.reader import read_study
-from ballbot_ros.lab.studies.runs import scenarios_of_runs
 from ballbot_ros.lab.studies.sampling import Sampler
 from ballbot_ros.lab.studies.study_data import StudyData
-from ballbot_ros.run.spec import RunOptions, RunSpec
 
 ROOT = Path(__file__).resolve().parents[3]
 CONTENT = {
@@ -39,46 +35,15 @@ CONTENT = {
 }
 
 
-class Observer:
-    """Notes what it sees; can raise after some parts."""
-
-    def __init__(self, parts=None):
-        self.done, self.runs, self.notices, self.advanced, self.parts = None, 0, [], 0, parts
-
-    def begin(self, runs, done):
-        self.runs, self.done = runs, done
-
-    def advance(self, runs):
-        self.advanced += runs
-
-    def part(self, summary):
-        if self.parts is not None:
-            self.parts -= 1
-            if self.parts < 0:
-                raise KeyboardInterrupt
-
-    def notice(self, text):
-        self.notices.append(text)
-
-
 def write(folder, **changes):
-    path = folder / 'tried.yaml'
-    path.write_text(yaml.safe_dump({**CONTENT, **changes}), encoding='utf-8')
-    return path
-
-
-def carry_out(path, output, observer=None, seed=None, **options):
-    study = read_study(str(path), seed=seed)
-    observer = observer or Observer()
-    stopped = run_study(job_of(study, output), Sampler(study).part, observer, **options)
-    assert stopped == 0
-    return StudyData.open(output), observer
+    return tried_studies.write(folder, {**CONTENT, **changes})
 
 
 @pytest.fixture(scope='module')
 def finished(tmp_path_factory):
     folder = tmp_path_factory.mktemp('study')
-    return carry_out(write(folder), folder / 'results')
+    observer = Observer()
+    return carry_out(write(folder), folder / 'results', observer=observer), observer
 
 
 def test_all_runs_are_done_once(finished):
@@ -92,42 +57,18 @@ def test_all_runs_are_done_once(finished):
     assert 0 < data.totals().passed < 60
 
 
-def test_a_row_is_that_of_the_run(finished, tmp_path):
-    """Hash and metrics are those of the ordinary loop with the row's values."""
-    data, _ = finished
-    study = read_study(str(write(tmp_path)))
-    for number in (0, 17, 59):
-        row = data.row(number)
-        values = {name: value for name, value in row.varied.items() if 'push' not in name}
-        values['plant_sim.seed'] = row.seed
-        spec = RunSpec.of_scenario('push', RunOptions(values=values, record=False))
-        columns = {name: np.array([value]) for name, value in row.varied.items()}
-        columns['plant_sim.seed'] = np.array([row.seed])
-        scenario = scenarios_of_runs(study.spec, study.samples(columns))[0]
-        log = TrajectoryLog()
-        for tick in ClosedLoop(spec.parameters, scenario).ticks(spec.plant.duration):
-            log.add(tick.truth, *tick.outputs.duty)
-        assert log.duty_sha256 == row.duty_sha256
-        assert np.degrees(np.abs(log.trajectory().psi).max()) == pytest.approx(
-            row.measures['peak_pitch_deg'], rel=1e-9
-        )
-        assert row.passed == (row.measures['peak_pitch_deg'] <= 10.0)
-
-
 def equal(one, other):
     return one.table().equals(other.table())
-
-
-def test_the_same_study_has_the_same_results(finished, tmp_path):
-    assert equal(carry_out(write(tmp_path), tmp_path / 'results')[0], finished[0])
 
 
 def test_a_finished_study_is_not_run_again_unless_asked(finished, tmp_path):
     path, output = write(tmp_path), tmp_path / 'results'
     carry_out(path, output)
-    _, observer = carry_out(path, output)
+    observer = Observer()
+    carry_out(path, output, observer=observer)
     assert (observer.advanced, observer.done.runs) == (0, 60)
-    data, observer = carry_out(path, output, again=True)
+    observer = Observer()
+    data = carry_out(path, output, observer=observer, again=True)
     assert (observer.advanced, observer.done.runs) == (60, 0)
     assert equal(data, finished[0])
 
@@ -146,9 +87,16 @@ def test_code_that_is_not_on_disk_is_compiled_where_it_can_be_given_up(monkeypat
 
 def test_an_interrupted_study_goes_on(finished, tmp_path):
     path, output = write(tmp_path), tmp_path / 'results'
+    parts = iter(range(3))
+
+    def interrupt():
+        if next(parts, None) is None:
+            raise KeyboardInterrupt
+
     with pytest.raises(KeyboardInterrupt):
-        carry_out(path, output, Observer(parts=3))
-    data, observer = carry_out(path, output)
+        carry_out(path, output, observer=Observer(each=interrupt))
+    observer = Observer()
+    data = carry_out(path, output, observer=observer)
     assert 0 < observer.done.runs < 60
     assert observer.done.runs + observer.advanced == 60
     assert equal(data, finished[0])
@@ -162,7 +110,8 @@ def test_a_missing_and_a_damaged_part_are_done_again(finished, tmp_path):
     damaged = bytearray(parts[2].read_bytes())
     damaged[100] ^= 1
     parts[2].write_bytes(damaged)
-    data, observer = carry_out(path, output)
+    observer = Observer()
+    data = carry_out(path, output, observer=observer)
     assert observer.advanced == 2 * data.study.runs_per_part
     assert [parts[2].name in notice for notice in observer.notices] == [True]
     assert equal(data, finished[0])
@@ -173,22 +122,6 @@ def test_the_folder_of_another_study_is_refused(finished, tmp_path):
     with pytest.raises(BallbotError, match='its seed: 1, not 2') as refused:
         carry_out(write(tmp_path), data.path, seed=2)
     assert '\n' not in str(refused.value)
-
-
-def test_another_controller_runs_by_the_ordinary_loop(tmp_path):
-    changes = {
-        'controller': 'pid', 'runs': 4, 'parameters': {'plant_sim': {'duration': 2.0}},
-        'vary': {'plant_sim.body_mass': {'uniform': [0.6, 0.7]}},
-    }  # fmt: skip
-    data, observer = carry_out(write(tmp_path, **changes), tmp_path / 'results')
-    assert not [notice for notice in observer.notices if 'not compiled' in notice]
-    for row in map(data.row, range(4)):
-        values = {**row.varied, 'plant_sim.seed': row.seed, 'plant_sim.duration': 2.0}
-        spec = RunSpec.of_scenario('push', RunOptions(values=values, controller='pid'))
-        log = TrajectoryLog()
-        for tick in ClosedLoop(spec.parameters, spec.scenario).ticks(2.0):
-            log.add(tick.truth, *tick.outputs.duty)
-        assert log.duty_sha256 == row.duty_sha256
 
 
 def test_without_numba_a_small_study_runs_and_a_large_one_is_refused(

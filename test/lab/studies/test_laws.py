@@ -103,42 +103,33 @@ def module(tmp_path):
     return write
 
 
-def results(spec, samples):
-    return (
-        compiled_simulator(spec, EVERYTHING[:1]).simulate(samples),
-        OrdinarySimulator(spec, EVERYTHING[:1]).simulate(samples),
-    )
-
-
-def test_an_own_law_is_compiled(module):
-    spec = spec_of('hardware_standing', controller=f'{module()}:Own')
+def test_an_own_law_runs_and_fails_as_interpreted(module):
+    chosen = '\n    '.join(f'if p.power == {at}: {each}' for at, each in enumerate(FAILURES))
+    spec = spec_of('stationary', controller=f'{module(FAILING.format(failure=chosen))}:Fails')
     assert is_compiled(spec)
-    varied = {
-        'controller.user.pitch': np.array([1.4, 1.6, 0.0]),
-        'controller.user.power': np.array([2, 3, 0]),
-    }
-    samples, simulator = Samples(3, varied), compiled_simulator(spec, EVERYTHING[:1])
-    checked = []
+    checked, simulator = [], compiled_simulator(spec, EVERYTHING[:1])
     ordinary = OrdinarySimulator(spec, EVERYTHING[:1])
     simulator._ordinary = SimpleNamespace(
-        simulate=lambda part: checked.append(part.count) or ordinary.simulate(part)
+        simulate=lambda part: checked.append(part.count) or ordinary.simulate(part),
+        simulate_into=ordinary.simulate_into,
     )
+    healthy = {
+        'controller.user.pitch': np.array([1.4, 1.6, 0.0]),
+        'controller.user.power': np.array([7, 8, 9]),
+    }
+    samples = Samples(3, healthy)
     compiled = simulator.simulate(samples)
     assert checked == [1]
     assert_same(compiled, ordinary.simulate(samples))
     assert len({each.tobytes() for each in compiled.duty_sha256}) == 3
 
-
-def test_laws_fail_at_the_same_tick(module):
-    chosen = '\n    '.join(f'if p.power == {at}: {each}' for at, each in enumerate(FAILURES))
-    spec = spec_of('stationary', controller=f'{module(FAILING.format(failure=chosen))}:Fails')
-    assert is_compiled(spec)
     numbers = np.arange(len(FAILURES) + 1)
-    compiled, ordinary = results(spec, Samples(len(numbers), {'controller.user.power': numbers}))
-    assert_same(compiled, ordinary)
-    assert ordinary.failed.tolist() == [True] * len(FAILURES) + [False]
+    samples = Samples(len(numbers), {'controller.user.power': numbers})
+    expected = ordinary.simulate(samples)
+    assert_same(simulator.simulate(samples), expected)
+    assert expected.failed.tolist() == [True] * len(FAILURES) + [False]
     # The law refuses a pitch that is no number at the next tick.
-    assert ordinary.ticks.tolist() == [350] * (len(FAILURES) - 1) + [351, 750]
+    assert expected.ticks.tolist() == [350] * (len(FAILURES) - 1) + [351, 750]
 
 
 def test_a_law_that_is_not_compiled_runs_all_the_same(module):

@@ -20,7 +20,6 @@ from ballbot_ros.robot.world.world import World
 
 MODELS = ['linear', 'nonlinear']
 POINT = {'body_depth': 0.0, 'body_width': 0.0}
-RADIUS = 0.026
 
 
 @cache
