@@ -195,5 +195,5 @@ class _OfflineRun:
             },
         )
         extraction = self._collector.extraction(self._writer.names)
-        reason = one_line(summary.reason)
-        return run_data(self._recording, extraction, attached, failure=reason)
+        failure = one_line(summary.reason)
+        return run_data(self._recording, extraction, attached, failure=failure)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from functools import cache, lru_cache, partial
+from typing import Any
 
 import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
@@ -256,10 +257,9 @@ class DerivedMessages:
         if is_new:
             self.describe(stamp_ns)
             self._send_walls(stamp_ns)
-        columns = np.array([position]).T, np.array([pitch]).T
-        self._send_motion(np.array([stamp_ns]), *columns, measured)
+        self._send_motion(np.array([stamp_ns]), position, pitch, measured)
 
-    def _measure(self, stamp_ns: int) -> Rows:
+    def _measure(self, stamp_ns: int) -> int:
         """Process all samples up to a stamp; return the row of this tick among them."""
         gyro, encoders = (self._waiting[topic] for topic in _SENSORS)
         stamps = [each for each in gyro if self._odometry.now_ns < each <= stamp_ns]
@@ -273,7 +273,7 @@ class DerivedMessages:
                 ]
             ),
         )
-        return np.array([len(stamps) - 1])
+        return len(stamps) - 1
 
     def _forget(self, stamp_ns: int) -> None:
         """Forget the messages up to a stamp."""
@@ -303,19 +303,19 @@ class DerivedMessages:
         self._send_motion(stamps_ns[due], position[due].T, pitch, due)
 
     def _send_motion(
-        self, stamps_ns: Stamps, position: Floats, pitch: Floats, measured: Rows | None
+        self, stamps_ns: Stamps, position: Any, pitch: Any, measured: Rows | int | None
     ) -> None:
-        """Send where the robot is at n ticks, and what it measures of its motion.
+        """Send where the robot is at ticks, and what it measures of its motion.
 
-        Position and pitch have the shape (2, n); `measured` are the rows of these ticks among those
-        that were added to the odometry last.
+        Position and pitch are pairs of columns, or of numbers for one tick; `measured` are the rows
+        of these ticks among those that were added to the odometry last.
         """
         state = None if measured is None else self._odometry.state(measured)
         travelled = position if state is None else state.position.value
         poses = self._frames.moving(position, pitch, travelled)
         self._send_all(TF, stamps_ns, self._moving.encode(stamps_ns, poses.values()))
         if measured is not None and state is not None:
-            known = self._odometry.is_calibrated(measured)
+            known = np.atleast_1d(self._odometry.is_calibrated(measured))
             self._send_all(ODOM, stamps_ns[known], encode_odom(stamps_ns, state)[known])
             self._send_all(IMU_DATA, stamps_ns[known], encode_imu_data(stamps_ns, state)[known])
 

@@ -260,9 +260,6 @@ MOVING = (ODOM_FRAME, FOOTPRINT, BODY, BALL, WHEEL_X, WHEEL_Y)
 """The frames that move in their parents; the others are fixed."""
 
 
-# Not numpy's own: the same bits for a number and for a column.
-_sine, _cosine = (np.vectorize(each, otypes=[float]) for each in (math.sin, math.cos))
-
 _LEVEL = 1.0, 0.0, 0.0, 0.0
 """The axes of the parent."""
 
@@ -321,14 +318,15 @@ class Frames:
         """
         odom_x, odom_y = odometry
         w, x, y, z = body_orientation(psi)
-        half_x, half_y = (a / 2.0 for a in wheel_angles(self._dimensions, position, psi))
+        angles = wheel_angles(self._dimensions, position, psi)
+        (sin_x, cos_x), (sin_y, cos_y) = (_sine_cosine(angle / 2.0) for angle in angles)
         return {
             ODOM_FRAME: FramePose((position[0] - odom_x, odom_y - position[1], 0.0), _LEVEL),
             FOOTPRINT: FramePose((odom_x, -odom_y, 0.0), _LEVEL),
             BODY: FramePose((0.0, 0.0, self._dimensions.ball_radius), (w, x, y, z)),
             BALL: FramePose((0.0, 0.0, 0.0), (w, -x, -y, -z)),
-            WHEEL_X: FramePose(self._wheel_x, (_cosine(half_x), 0.0, _sine(half_x), 0.0)),
-            WHEEL_Y: FramePose(self._wheel_y, (_cosine(half_y), _sine(half_y), 0.0, 0.0)),
+            WHEEL_X: FramePose(self._wheel_x, (cos_x, 0.0, sin_x, 0.0)),
+            WHEEL_Y: FramePose(self._wheel_y, (cos_y, sin_y, 0.0, 0.0)),
         }
 
     def at(self, position: Pair, psi: Pair) -> dict[str, Transform]:
@@ -338,6 +336,14 @@ class Frames:
         """
         poses = self.moving(position, psi, position) | self.fixed
         return {frame: Transform.of(pose) for frame, pose in poses.items()}
+
+
+def _sine_cosine(angle: Any) -> tuple[Any, Any]:
+    """Return sine and cosine [rad], also of each in a column, with the same bits."""
+    if isinstance(angle, np.ndarray):
+        angles = angle.tolist()
+        return np.array(list(map(math.sin, angles))), np.array(list(map(math.cos, angles)))
+    return math.sin(angle), math.cos(angle)
 
 
 def poses_in_map(frames: dict[str, Transform]) -> dict[str, Transform]:

@@ -155,62 +155,54 @@ class DeadReckoning:
         self._start_ns = self._settled_ns = self.now_ns = 0
         self._newest = 0
         self._stamps = np.zeros(0, np.int64)
-        self._encoders = np.zeros((0, 2))
-        self._track = np.zeros((0, 2, 4))  # the values of both planes
+        self._track = np.zeros((0, 2, 5))  # of both planes: values of the pitch, count
 
     def add(self, stamps_ns: NDArray[np.int64], gyro: Floats, encoders: Floats) -> None:
-        """Process the readings at ticks that follow those before.
-
-        Parameters
-        ----------
-        stamps_ns : ndarray, shape (n,)
-            Their stamps [ns].
-        gyro, encoders : ndarray, shape (n, 2)
-            The readings [deg/s] and the counts [deg]; NaN for an unknown count.
-        """
+        """Process readings [deg/s] and counts [deg; NaN if unknown] at the next ticks, (n, 2)."""
         if not self._start_ns:
             self._start_ns = self._settled_ns = self.now_ns = int(stamps_ns[0])
-        track, count = np.empty((len(stamps_ns), 2, 4)), len(stamps_ns)
+        count = len(stamps_ns)
+        seconds = np.diff(stamps_ns, prepend=self.now_ns) / SECOND_NS
+        self.now_ns = int(stamps_ns[-1])
+        track = np.empty((count, 2, 5))
+        track[:, :, 4] = encoders
         begin = int(np.searchsorted(stamps_ns, self._start_ns + CALIBRATION_NS))
         if begin:
-            self._settled_ns = self.now_ns = int(stamps_ns[begin - 1])
-        for plane, pitch in enumerate(self._planes):
-            for reading in gyro[:begin, plane].tolist():
-                pitch.calibrate(reading)
-            track[:begin, plane] = pitch.values
+            self._settled_ns = int(stamps_ns[begin - 1])
+            for plane, pitch in enumerate(self._planes):
+                for reading in gyro[:begin, plane].tolist():
+                    pitch.calibrate(reading)
+                track[:begin, plane, :4] = pitch.values
         while begin < count:
             due_ns = self._settled_ns + _TILT_PERIOD_NS
             end = min(int(np.searchsorted(stamps_ns, due_ns)) + 1, count)
             last_ns, part = int(stamps_ns[end - 1]), slice(begin, end)
-            seconds = np.diff(stamps_ns[part], prepend=self.now_ns) / SECOND_NS
             for plane, pitch in enumerate(self._planes):
-                track[part, plane, 2:] = pitch.variance, pitch.rate_variance
-                track[part, plane, :2] = pitch.integrate(gyro[part, plane], seconds).T
+                track[part, plane, 2:4] = pitch.variance, pitch.rate_variance
+                track[part, plane, :2] = pitch.integrate(gyro[part, plane], seconds[part]).T
                 if last_ns >= due_ns:
                     pitch.settle((last_ns - self._settled_ns) / SECOND_NS)
-                    track[end - 1, plane] = pitch.values
+                    track[end - 1, plane, :4] = pitch.values
             if last_ns >= due_ns:
                 self._settled_ns = last_ns
-            self.now_ns, begin = last_ns, end
+            begin = end
         self._newest = len(self._stamps[-_KEPT:])
-        self._stamps = np.append(self._stamps[-_KEPT:], stamps_ns)
-        self._encoders = np.append(self._encoders[-_KEPT:], encoders, axis=0)
-        self._track = np.append(self._track[-_KEPT:], track, axis=0)
+        self._stamps = np.concatenate([self._stamps[-_KEPT:], stamps_ns])
+        self._track = np.concatenate([self._track[-_KEPT:], track])
 
-    def is_calibrated(self, rows: Rows) -> NDArray[np.bool_]:
+    def is_calibrated(self, rows: Rows | int) -> Any:
         """Return whether the offsets of the gyros are known at some of the newest ticks."""
         return self._stamps[rows + self._newest] >= self._start_ns + CALIBRATION_NS
 
-    def state(self, rows: Rows) -> OdometryState:
-        """Return the state at some of the ticks that were added last; their counts are known."""
+    def state(self, rows: Rows | int) -> OdometryState:
+        """Return the state at some of the newest ticks, whose counts are known, or at one."""
         now = rows + self._newest
         then = np.maximum(now - _KEPT, 0)
         seconds = np.maximum(self._stamps[now] - self._stamps[then], TICK_NS) / SECOND_NS
-        counts = self._encoders[now].T
-        counts_then = np.where(np.isnan(self._encoders[then].T), counts, self._encoders[then].T)
-        pitch, rate, variance, rate_variance = self._track[now].T
-        begin = self._position(counts_then, self._track[then, :, 0].T)
-        end = self._position(counts, pitch)
+        pitch, rate, variance, rate_variance, counts = self._track[now].T
+        pitch_then, *_, counts_then = self._track[then].T
+        counts_then = np.where(np.isnan(counts_then), counts, counts_then)
+        begin, end = self._position(counts_then, pitch_then), self._position(counts, pitch)
         motor = _square(self._wheel_radius * _RADIANS) * (_ROUNDING + _GEAR_PLAY)
         body = _square(self._ball_radius * _RADIANS)
         # The pitch at the start, which the encoders do not see, is as uncertain as any.
