@@ -68,7 +68,8 @@ def compiled(function: Function) -> Function:
         fresh = _with_compiled_globals(ALTERNATIVES.get(function, function), {})
         # Python's own numbers refuse a division by zero.
         model = 'numpy' if _package_of(function) == _PACKAGE else 'python'
-        known = _numba().njit(fresh, error_model=model, forceinline=function in INLINED)
+        is_inlined = function in INLINED
+        known = _numba().njit(fresh, error_model=model, forceinline=is_inlined, _nrt=not is_inlined)
         _functions[function] = known
     return cast(Function, known)
 
