@@ -28,8 +28,8 @@ ALLOWED_MATH = {
 }  # fmt: skip
 ALLOWED_NUMPY = {
     # types and constants
-    'bool_', 'dtype', 'errstate', 'float32', 'float64', 'inf', 'int32', 'int64', 'int8', 'intp', 'ndarray',
-    'number', 'uint64', 'uint8',
+    'bool_', 'dtype', 'errstate', 'float32', 'float64', 'inf', 'int32', 'int64', 'int8', 'intp',
+    'ndarray', 'number', 'uint64', 'uint8',
     # creating and moving
     'append', 'arange', 'array', 'asarray', 'ascontiguousarray', 'column_stack', 'concatenate',
     'empty', 'equal',
