@@ -28,14 +28,17 @@ ALLOWED_MATH = {
 }  # fmt: skip
 ALLOWED_NUMPY = {
     # types and constants
-    'bool_', 'dtype', 'errstate', 'float32', 'float64', 'inf', 'int32', 'int64', 'int8', 'ndarray',
-    'number', 'uint64', 'uint8',
+    'bool_', 'dtype', 'errstate', 'float32', 'float64', 'inf', 'int32', 'int64', 'int8', 'intp',
+    'ndarray', 'number', 'uint64', 'uint8',
     # creating and moving
-    'arange', 'array', 'asarray', 'ascontiguousarray', 'column_stack', 'empty', 'equal',
+    'append', 'arange', 'array', 'asarray', 'ascontiguousarray', 'column_stack', 'concatenate',
+    'empty', 'equal',
     'flatnonzero', 'frombuffer', 'full', 'generic', 'isin', 'load', 'ravel', 'repeat', 'savez',
-    'transpose', 'void', 'where', 'zeros',
+    'searchsorted', 'transpose', 'void', 'where', 'zeros',
     # whole numbers
-    'argmax', 'argmin', 'cumsum', 'isfinite', 'unravel_index',
+    'argmax', 'argmin', 'isfinite', 'unravel_index',
+    # one number by one, in their order
+    'abs', 'cumsum', 'diff', 'isnan', 'maximum', 'sqrt',
 }  # fmt: skip
 # Not on the way to a duty: messages that are read afterwards.
 READING = {'pitch_angles'}
