@@ -43,6 +43,7 @@ from ballbot_ros.analysis.interactive import (
     MISSING,
     Events,
     InteractiveFigures,
+    Json,
     PackedNumbers,
     history_figure,
     packed_figures,
@@ -397,17 +398,18 @@ def _figures(comparison: Comparison) -> Iterable[RenderedFigure]:
 
 
 def _interactive(comparison: Comparison) -> InteractiveFigures | None:
-    numbers = PackedNumbers()
     rows = [row for source in _SOURCES for row in _rows(comparison, source)]
-    tracks = _tracks(comparison)
     if not rows:
         return None
-    end = max(float(each.time[-1]) for row in rows for each in row.curves)
-    figures = {'history': history_figure(rows, Events(end), numbers)}
-    if tracks:
-        figures['path'] = track_figure(tracks, comparison.runs[0].floor, (), numbers)
-    covered = (*(each.quantity.name for each in _SOURCES), 'track')
-    return packed_figures(figures, numbers, covered)
+
+    def make(numbers: PackedNumbers) -> dict[str, Json]:
+        end = max(float(each.time[-1]) for row in rows for each in row.curves)
+        figures = {'history': history_figure(rows, Events(end), numbers)}
+        if tracks := _tracks(comparison):
+            figures['path'] = track_figure(tracks, comparison.runs[0].floor, (), numbers)
+        return figures
+
+    return packed_figures(make, (*(each.quantity.name for each in _SOURCES), 'track'))
 
 
 def _rows(comparison: Comparison, source: _Source) -> list[Row]:

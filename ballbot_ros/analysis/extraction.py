@@ -70,7 +70,7 @@ from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.schemas import typestore
 from ballbot_ros.robot.brick.brick import Tone
 
-EVENTS = (
+_EVENTS = (
     OPERATING_STATE, RUN_STATUS, PARTICIPANTS, DIAGNOSTICS, LCD, SOUND, MAP, PARAMETER_EVENTS,
     ACCEPTED_PUSH, WALL_HIT,
 )  # fmt: skip
@@ -296,7 +296,7 @@ def extract(recording: RecordingReader, progress: ProgressCallback) -> Extractio
             new = are_new[topic_rows]
             kept = topic_rows[new]
             extraction.buffers[topic].extend(stamps[kept], values[topic][new], epochs[kept])
-        for row in sorted(chain.from_iterable(ours[t].tolist() for t in EVENTS if t in ours)):
+        for row in sorted(chain.from_iterable(ours[t].tolist() for t in _EVENTS if t in ours)):
             raw = batch.message(row)
             _take_event(extraction, recording, wanted[raw.topic], raw, int(epochs[row]))
         newest = _newest_log_ns(log_ns, newest_ns, ours.get(ACCEPTED_PUSH))
@@ -332,7 +332,7 @@ class MessageCollector:
         statistics = self._statistics.setdefault(name, TopicStatistics(name, topic.type_name))
         statistics.extend(stamps_ns, np.zeros(count))
         first = messages[0].tobytes()
-        if topic in EVENTS:
+        if topic in _EVENTS:
             decode = decoder(topic.type_name)
             for stamp_ns, message in zip(stamps_ns.tolist(), messages, strict=True):
                 self._extraction.take(topic, 0, stamp_ns, decode(message.tobytes()))
@@ -446,7 +446,7 @@ def _unlike(recording: RecordingReader, raw: RawMessage, error: Exception) -> Re
 def _wanted(topics: RobotTopics, extraction: Extraction) -> dict[str, Topic]:
     """Return the topics to read, by name in the file; note missing and mistyped ones."""
     wanted = {}
-    for topic in (*STAMPED_TOPICS, *EVENTS, RUN):
+    for topic in (*STAMPED_TOPICS, *_EVENTS, RUN):
         name = topic.resolved(topics.namespace)
         if name in topics.wrong_types:
             extraction.notices.append(f'{topics.mismatch(name)}; ignored.')

@@ -9,7 +9,7 @@ from __future__ import annotations
 import gzip
 import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
@@ -195,22 +195,36 @@ def interactive_figures(
     """Return the interactive figures of a run; None without Plotly or anything to show."""
     if not contents:
         return None
-    numbers = PackedNumbers()
-    events = Events(run.end, lanes_of(run), run.marked)
-    figures = {'history': history_figure(merged_rows(contents), events, numbers)}
-    track = next((each.table for each in contents if each.figure.name == 'track'), None)
-    if track is not None:
-        figures['path'] = track_figure([(track, Line(BLUE))], run.floor, track_marks(run), numbers)
-    return packed_figures(figures, numbers, (each.figure.name for each in contents))
+
+    def make(numbers: PackedNumbers) -> dict[str, Json]:
+        events = Events(run.end, lanes_of(run), run.marked)
+        figures = {'history': history_figure(merged_rows(contents), events, numbers)}
+        track = next((each.table for each in contents if each.figure.name == 'track'), None)
+        if track is not None:
+            tracks = [(track, Line(BLUE))]
+            figures['path'] = track_figure(tracks, run.floor, track_marks(run), numbers)
+        return figures
+
+    return packed_figures(make, (each.figure.name for each in contents))
 
 
 def packed_figures(
-    figures: Mapping[str, Json], numbers: PackedNumbers, covered: Iterable[str]
+    make: Callable[[PackedNumbers], Mapping[str, Json]], covered: Iterable[str]
 ) -> InteractiveFigures | None:
-    """Return figures as a page holds them, by the ids of their elements; None without Plotly."""
+    """Return figures as a page holds them; None without Plotly.
+
+    Parameters
+    ----------
+    make : callable
+        Returns the figures by the ids of their elements, and packs their numbers.
+    covered : iterable of str
+        The names of the pictures that show the same.
+    """
     plotly = plotly_script()
     if plotly is None:
         return None
+    numbers = PackedNumbers()
+    figures = make(numbers)
     description = {'figures': figures, 'dark': {**ON_DARK, **_PAGE_ON_DARK}}
     return InteractiveFigures(
         plotly,

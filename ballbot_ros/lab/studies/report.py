@@ -23,9 +23,6 @@ MAPPED_VARIABLES = 4
 
 WORST_SHOWN = 3
 
-_Bins = Callable[[int], int]
-"""Returns the number of bins of an axis for a number of runs."""
-
 
 def study_report(data: StudyData) -> StudyReport:
     """Make the report of a study, finished or not.
