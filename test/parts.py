@@ -43,14 +43,23 @@ def mass_matrix_at(p, psi):
     return np.array([[m.m11, m12], [m12, m.m22]])
 
 
-def linear_step(p, dt):
+AT_REST = 0.0, 0.0, 0.0, 0.0
+
+
+def linear_step(p, dt, advance=advance_linear):
     """Return the exact step of the linear model under inputs held for `dt` seconds."""
-    return partial(advance_linear, *discrete_matrices(p, dt))
+    return partial(advance, *discrete_matrices(p, dt))
 
 
-def nonlinear_step(p, dt):
-    """Return a classical fourth-order Runge-Kutta step of (3.11)-(3.12)."""
-    return partial(advance_nonlinear, equations_of(p), p.alpha, dt)
+def nonlinear_step(p, dt, advance=advance_nonlinear):
+    """Return a classical fourth-order Runge-Kutta step of (3.11)-(3.12), of one plane."""
+    constants = equations_of(p), p.alpha, dt
+
+    def step(state, voltage, force_theta, force_psi):
+        forces = force_theta, force_psi, 0.0, 0.0
+        return advance(*constants, state, AT_REST, voltage, 0.0, *forces)[0]
+
+    return step
 
 
 def make_plant(**changes):

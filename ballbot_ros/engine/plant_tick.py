@@ -278,8 +278,10 @@ def plant_tick(
                 x = advance_linear(transition, force_coefficients, x, voltage_x, theta_x, psi_x)
                 y = advance_linear(transition, force_coefficients, y, voltage_y, theta_y, psi_y)
             else:
-                x = advance_nonlinear(equations, alpha, STEP_S, x, voltage_x, theta_x, psi_x)
-                y = advance_nonlinear(equations, alpha, STEP_S, y, voltage_y, theta_y, psi_y)
+                x, y = advance_nonlinear(
+                    equations, alpha, STEP_S, x, y, voltage_x, voltage_y,
+                    theta_x, psi_x, theta_y, psi_y,
+                )  # fmt: skip
             if has_walls:
                 start = start_x, start_y
                 outline = Footprint(sides, walls_before, half_u, half_v)

@@ -16,6 +16,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot_ros.robot.compiler_hints import inlined
+
 TWO_PI = 2.0 * math.pi
 
 _QUARTER_PI = math.pi / 4.0
@@ -42,6 +44,7 @@ _LN2_1 = float.fromhex('0x1.62e42fee00000p-1')
 _LN2_2 = float.fromhex('0x1.a39ef35793c76p-33')
 
 
+@inlined
 def sine_cosine(angle: float) -> tuple[float, float]:
     """Return sine and cosine of an angle [rad], to about one unit in the last place.
 
@@ -50,23 +53,31 @@ def sine_cosine(angle: float) -> tuple[float, float]:
     2^20 rad, which a double resolves coarsely, are first reduced by the double nearest to 2 pi.
     Infinite angles give NaN.
     """
-    if -_QUARTER_PI <= angle <= _QUARTER_PI:
-        quarters, x = 0, angle
-    else:
-        size = abs(angle)
-        if not size < _MAX_ANGLE:
-            if size - size != 0.0:
-                return math.nan, math.nan
-            size %= TWO_PI
-        quarters = math.floor(size * _TWO_OVER_PI + 0.5)
-        x = ((size - quarters * _HALF_PI_1) - quarters * _HALF_PI_2) - quarters * _HALF_PI_3
-        if angle < 0.0:
-            quarters, x = -quarters, -x
+    quarters, x = 0, angle
+    if not -_QUARTER_PI <= angle <= _QUARTER_PI:
+        quarters, x = _reduced(angle)
     z = x * x
     sine = x + x * (z * (_S3 + z * (_S5 + z * (_S7 + z * (_S9 + z * (_S11 + z * _S13))))))
     cosine = math.sqrt(1.0 - sine * sine)
     if quarters == 0:
         return sine, cosine
+    return _turned(sine, cosine, quarters)
+
+
+def _reduced(angle: float) -> tuple[int, float]:
+    """Return the quarters of a turn that are nearest to an angle [rad], and the rest."""
+    size = abs(angle)
+    if not size < _MAX_ANGLE:
+        if size - size != 0.0:
+            return 0, math.nan
+        size %= TWO_PI
+    quarters = math.floor(size * _TWO_OVER_PI + 0.5)
+    x = ((size - quarters * _HALF_PI_1) - quarters * _HALF_PI_2) - quarters * _HALF_PI_3
+    return (-quarters, -x) if angle < 0.0 else (quarters, x)
+
+
+def _turned(sine: float, cosine: float, quarters: int) -> tuple[float, float]:
+    """Return sine and cosine of an angle that is larger by quarters of a turn."""
     quadrant = quarters % 4
     if quadrant == 0:
         return sine, cosine
@@ -78,15 +89,37 @@ def sine_cosine(angle: float) -> tuple[float, float]:
 
 
 def sines_cosines(angles: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return :func:`sine_cosine` of each angle, with the same bits; shape (2, n)."""
+    """Return :func:`sine_cosine` of each angle, with the same bits; shape (2, ...)."""
     is_small = np.abs(angles) <= _QUARTER_PI
-    x = np.where(is_small, angles, 0.0)
+    is_turned = not is_small.all()
+    quarters, x = _all_reduced(angles, is_small) if is_turned else (angles, angles)
     z = x * x
     sines = x + x * (z * (_S3 + z * (_S5 + z * (_S7 + z * (_S9 + z * (_S11 + z * _S13))))))
-    found = np.array([sines, np.sqrt(1.0 - sines * sines)])
-    for number in np.flatnonzero(~is_small):
-        found[:, number] = sine_cosine(float(angles[number]))
-    return found
+    cosines = np.sqrt(1.0 - sines * sines)
+    if is_turned:
+        quadrant = quarters % 4.0
+        is_odd = (quadrant == 1.0) | (quadrant == 3.0)
+        sines, cosines = np.where(is_odd, cosines, sines), np.where(is_odd, sines, cosines)
+        sines = np.where(quadrant >= 2.0, -sines, sines)
+        cosines = np.where((quadrant == 1.0) | (quadrant == 2.0), -cosines, cosines)
+    return np.array([sines, cosines])
+
+
+def _all_reduced(
+    angles: NDArray[np.float64], is_small: NDArray[np.bool_]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return :func:`_reduced` of each angle; 0 and the angle itself of a small one."""
+    size = np.abs(angles)
+    with np.errstate(invalid='ignore'):
+        size = np.where(size < _MAX_ANGLE, size, size % TWO_PI)
+    quarters = np.floor(size * _TWO_OVER_PI + 0.5)
+    x = ((size - quarters * _HALF_PI_1) - quarters * _HALF_PI_2) - quarters * _HALF_PI_3
+    is_negative, is_finite = angles < 0.0, np.isfinite(size)
+    quarters, x = np.where(is_negative, -quarters, quarters), np.where(is_negative, -x, x)
+    return (
+        np.where(is_small | ~is_finite, 0.0, quarters),
+        np.where(is_small, angles, np.where(is_finite, x, math.nan)),
+    )
 
 
 def natural_log(x: float) -> float:

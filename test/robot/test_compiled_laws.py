@@ -3,7 +3,6 @@
 import math
 import random
 import struct
-from functools import partial
 
 import numpy as np
 import pytest
@@ -32,8 +31,6 @@ from ballbot_ros.robot.brick.sensors import (
 from ballbot_ros.robot.plant.integration import (
     advance_linear,
     advance_nonlinear,
-    discrete_matrices,
-    equations_of,
 )
 from ballbot_ros.robot.plant.laws import (
     add_push_forces,
@@ -149,12 +146,11 @@ def test_calibration_and_the_thresholds():
 @pytest.mark.parametrize('changes', [{}, {'ball_friction': 0.01, 'body_height': 0.25}])
 def test_the_steps_of_the_plant(model, changes):
     p = physical(**changes)
-    if model == 'linear':
-        step, advance, constants = linear_step(p, DT), advance_linear, discrete_matrices(p, DT)
-    else:
-        step, advance = nonlinear_step(p, DT), advance_nonlinear
-        constants = equations_of(p), p.alpha, DT
-    fast_step = partial(compiled(advance), *constants)
+    make_step, advance = {
+        'linear': (linear_step, advance_linear),
+        'nonlinear': (nonlinear_step, advance_nonlinear),
+    }[model]
+    step, fast_step = make_step(p, DT), make_step(p, DT, compiled(advance))
     generator = random.Random(1)
     state = fast_state = (0.0, 0.05, 0.0, 0.0)
     edges = [(0.0, -0.0, 0.0, -0.0), (0.0, 4e6, -1e9, 1e9), (1e300, 1e-300, 1e-310, 0.0)]

@@ -51,6 +51,13 @@ def test_those_of_a_column_have_the_same_bits(column):
     assert sines_cosines(np.array(column, float)).tobytes() == expected.copy().tobytes()
 
 
+def test_a_column_may_have_angles_that_are_not_finite():
+    sines, cosines = sines_cosines(np.array([[math.inf, 4.0], [math.nan, -0.0]]))
+    assert (sines[1, 1], cosines[1, 1]) == sine_cosine(0.0)
+    assert (sines[0, 1], cosines[0, 1]) == sine_cosine(4.0)
+    assert np.isnan([sines[:, 0], cosines[:, 0]]).all()
+
+
 @given(angles)
 def test_they_lie_on_the_unit_circle(angle):
     sine, cosine = sine_cosine(angle)

@@ -38,7 +38,7 @@ ALLOWED_NUMPY = {
     # whole numbers
     'argmax', 'argmin', 'isfinite', 'unravel_index',
     # one number by one, in their order
-    'abs', 'cumsum', 'diff', 'isnan', 'maximum', 'sqrt',
+    'abs', 'cumsum', 'diff', 'floor', 'isnan', 'maximum', 'sqrt',
 }  # fmt: skip
 # Not on the way to a duty: messages that are read afterwards.
 READING = {'pitch_angles'}

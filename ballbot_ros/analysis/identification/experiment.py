@@ -49,8 +49,7 @@ def for_arrays(function: Callable[..., Any]) -> Callable[..., Any]:
     """Return a function on numbers as one on arrays, together with the functions that it calls.
 
     It must not branch on its arguments other than by `min`, `max` and `sine_cosine`, nor assign to
-    them in place. The sines are numpy's: results can differ from those on numbers in the last
-    place.
+    them in place. The results are those of the function on numbers, bit for bit.
     """
     assert isinstance(function, FunctionType)
     names = set(function.__code__.co_names)
@@ -59,15 +58,11 @@ def for_arrays(function: Callable[..., Any]) -> Callable[..., Any]:
         if name not in names:
             continue
         if value is arithmetic.sine_cosine:
-            replaced[name] = _sine_cosine
+            replaced[name] = arithmetic.sines_cosines
         elif isinstance(value, FunctionType) and value.__module__.startswith('ballbot_ros'):
             replaced[name] = for_arrays(value)
     replaced.update((name, each) for name, each in _BUILTINS.items() if name in names)
     return FunctionType(function.__code__, {**function.__globals__, **replaced}, function.__name__)
-
-
-def _sine_cosine(angle: Floats) -> tuple[Floats, Floats]:
-    return np.sin(angle), np.cos(angle)
 
 
 _BUILTINS: dict[str, Callable[..., Any]] = {'min': np.minimum, 'max': np.maximum}

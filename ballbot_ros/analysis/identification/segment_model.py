@@ -18,19 +18,25 @@ from ballbot_ros.analysis.identification.experiment import (
     for_arrays,
 )
 from ballbot_ros.analysis.identification.segments import Segments, segment_length
+from ballbot_ros.engine.compilation import can_compile, compiled_and_kept
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.robot.plant import integration, laws
 from ballbot_ros.robot.plant import laws as actuator
-from ballbot_ros.robot.plant.integration import discrete_matrices, equations_of
+from ballbot_ros.robot.plant.integration import (
+    advance_nonlinear,
+    discrete_matrices,
+    equations_of,
+)
 from ballbot_ros.robot.plant.laws import effective_duty
 from ballbot_ros.robot.plant.model import PhysicalParameters
 
 _PLANES = (0, 1)
 _DUTIES = range(-100, 101)
 _NO_FORCES = (0.0,) * 8
+_AT_REST = (0.0,) * 4
 
 _advance_linear = for_arrays(integration.advance_linear)
-_advance_nonlinear = for_arrays(integration.advance_nonlinear)
+_advance_nonlinear = for_arrays(advance_nonlinear)
 _max_voltage = for_arrays(actuator.max_voltage)
 _motor_current = for_arrays(actuator.motor_current)
 _shaft_angle = for_arrays(laws.shaft_angle)
@@ -157,7 +163,7 @@ class SegmentModel:
         planes = unknowns[:, :, :-1].reshape(*unknowns.shape[:2], 2, self._plane_unknowns)
         # Unknowns by number, each of shape (plane, v, s).
         state_and_offset = np.ascontiguousarray(np.moveaxis(planes, (3, 2), (0, 1)))
-        state = tuple(state_and_offset[:_STATES])
+        state = state_and_offset[:_STATES]
         contact = segments.contact.T[:, np.newaxis]
         shaft = lanes.wheel(state) + half_play * contact
         open_circuit = unknowns[:, :, -1]
@@ -213,7 +219,7 @@ class _Motion(NamedTuple):
 
     Attributes
     ----------
-    state : tuple of ndarray
+    state : ndarray, shape (4, 2, v, s)
         theta, psi [rad], theta_dot, psi_dot [rad/s].
     shaft : ndarray
         Angle of the motor shaft [rad].
@@ -223,7 +229,7 @@ class _Motion(NamedTuple):
         Its voltage [V].
     """
 
-    state: tuple[Floats, ...]
+    state: Floats
     shaft: Floats
     estimate: Floats
     battery: Floats
@@ -239,7 +245,7 @@ class _KnownDuties:
     """
 
     def __init__(
-        self, segments: Segments, lanes: _Lanes, state: tuple[Floats, ...], open_circuit: Floats
+        self, segments: Segments, lanes: _Lanes, state: Floats, open_circuit: Floats
     ) -> None:
         assert segments.duty is not None
         assert segments.duty_before is not None
@@ -248,7 +254,7 @@ class _KnownDuties:
         voltage = lanes.voltage(before, open_circuit)
         self.battery = lanes.battery(open_circuit, before, voltage, state)
 
-    def voltage(self, step: int, state: tuple[Floats, ...]) -> Floats:
+    def voltage(self, step: int, state: Floats) -> Floats:
         """Return the motor voltages [V] in a step, which begins with this state."""
         duty = self._duty[:, step].T
         voltage = self._lanes.voltage(duty, self.battery)
@@ -265,7 +271,7 @@ class _UnknownVoltages:
     def __init__(self, voltages: Floats, battery: Floats, steps_per_reading: int) -> None:
         self._voltages, self.battery, self._steps = voltages, battery, steps_per_reading
 
-    def voltage(self, step: int, state: tuple[Floats, ...]) -> Floats:
+    def voltage(self, step: int, state: Floats) -> Floats:
         """Return the motor voltages [V] in a step."""
         last = len(self._voltages) - 1
         position = min(max(0.0, (step + 0.5) / self._steps - 0.5), float(last))
@@ -292,31 +298,30 @@ class _Lanes:
         self._effective = np.array(
             [[effective_duty(duty, each.dead_zone) / 100.0 for duty in _DUTIES] for each in plants]
         )
-        self.advance: Callable[[tuple[Floats, ...], Floats], tuple[Floats, ...]]
+        self.advance: Callable[[Floats, Floats], Floats]
         if common.plant_model == 'linear':
             matrices = _columns([discrete_matrices(each, step_s)[0] for each in physical])
-            self.advance = lambda state, voltage: _advance_linear(
-                matrices, _NO_FORCES, state, voltage, 0.0, 0.0
+            self.advance = lambda state, voltage: np.array(
+                _advance_linear(matrices, _NO_FORCES, state, voltage, 0.0, 0.0)
             )
         else:
-            equations = _columns([equations_of(each) for each in physical])
-            alpha = _column([each.alpha for each in physical])
-            self.advance = lambda state, voltage: _advance_nonlinear(
-                equations, alpha, step_s, state, voltage, 0.0, 0.0
-            )
+            constants = np.array([(*equations_of(each), each.alpha) for each in physical])
+            advance = advance_arrays
+            if can_compile():
+                advance = compiled_and_kept(advance_segments)
+            self.advance = lambda state, voltage: advance(constants, step_s, state, voltage)
 
-    def wheel(self, state: tuple[Floats, ...]) -> Floats:
+    def wheel(self, state: Floats) -> Floats:
         """Return the angle of the wheel [rad]."""
         return np.asarray(self._ratio * (state[0] - state[1]))
 
     def voltage(self, duty: Any, battery: Floats) -> Floats:
         """Return the motor voltages [V] of duties, shape (2, s)."""
         full = _max_voltage(battery, *self._voltage_law)
-        return np.asarray(np.moveaxis(self._effective[:, duty - _DUTIES[0]], 1, 0) * full)
+        effective = np.moveaxis(self._effective[:, duty - _DUTIES[0]], 1, 0)
+        return np.ascontiguousarray(effective * full)
 
-    def battery(
-        self, open_circuit: Floats, duty: Any, voltage: Floats, state: tuple[Floats, ...]
-    ) -> Floats:
+    def battery(self, open_circuit: Floats, duty: Any, voltage: Floats, state: Floats) -> Floats:
         """Return the battery voltage [V], shape (v, s), under the currents of duties, (2, s)."""
         if not self._battery_resistance:
             return open_circuit
@@ -339,6 +344,50 @@ class _Lanes:
             ChannelQuantity.ESTIMATED_PITCH: motion.estimate,
         }
         return np.asarray(np.degrees(angles[quantity]))
+
+
+def advance_segments(constants: Floats, dt: float, state: Floats, voltage: Floats) -> Floats:
+    """Return the state of segments `dt` seconds later, by the nonlinear model.
+
+    It is for the compiler; :func:`advance_arrays` does the same without one.
+
+    Parameters
+    ----------
+    constants : ndarray, shape (v, 11)
+        The equations of each variant, and alpha.
+    state : ndarray, shape (4, 2, v, s)
+    voltage : ndarray, shape (2, v, s)
+    """
+    after = np.empty(state.shape)
+    for variant in range(len(constants)):
+        m11, m22, coupling, drive, det, det_1, det_2, weight, beta, fs, alpha = constants[variant]
+        equations = m11, m22, coupling, drive, det, det_1, det_2, weight, beta, fs
+        for segment in range(state.shape[3]):
+            theta_x, theta_y = state[0, :, variant, segment]
+            psi_x, psi_y = state[1, :, variant, segment]
+            theta_dot_x, theta_dot_y = state[2, :, variant, segment]
+            psi_dot_x, psi_dot_y = state[3, :, variant, segment]
+            voltage_x, voltage_y = voltage[:, variant, segment]
+            planes = advance_nonlinear(
+                equations, alpha, dt,
+                (theta_x, psi_x, theta_dot_x, psi_dot_x),
+                (theta_y, psi_y, theta_dot_y, psi_dot_y),
+                voltage_x, voltage_y, 0.0, 0.0, 0.0, 0.0,
+            )  # fmt: skip
+            for plane in range(2):
+                for number in range(_STATES):
+                    after[number, plane, variant, segment] = planes[plane][number]
+    return after
+
+
+def advance_arrays(constants: Floats, dt: float, state: Floats, voltage: Floats) -> Floats:
+    """Return what :func:`advance_segments` returns, with the same bits."""
+    *equations, alpha = constants.T[:, :, np.newaxis]
+    # The arrays have both planes; the second one of the function stays at rest.
+    planes = _advance_nonlinear(
+        equations, alpha, dt, state, _AT_REST, voltage, 0.0, 0.0, 0.0, 0.0, 0.0
+    )
+    return np.array(planes[0])
 
 
 def _column(values: Sequence[float]) -> Floats:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.robot.arithmetic import sine_cosine
+from ballbot_ros.robot.compiler_hints import inlined
 from ballbot_ros.robot.plant.model import (
     PhysicalParameters,
     drive_friction,
@@ -182,16 +183,24 @@ def advance_linear(
     )
 
 
+@inlined
 def advance_nonlinear(
     equations: Equations,
     alpha: float,
     dt: float,
-    state: PlaneState,
-    voltage: float,
-    force_theta: float,
-    force_psi: float,
-) -> PlaneState:
-    """Return the state of a plane `dt` seconds later, by the nonlinear model (3.11)-(3.12).
+    x: PlaneState,
+    y: PlaneState,
+    voltage_x: float,
+    voltage_y: float,
+    force_theta_x: float,
+    force_psi_x: float,
+    force_theta_y: float,
+    force_psi_y: float,
+) -> tuple[PlaneState, PlaneState]:
+    """Return the states of both planes `dt` seconds later, by the nonlinear model (3.11)-(3.12).
+
+    The planes do not depend on each other. They are advanced stage by stage, so that a processor
+    works on both at the same time: one after the other takes a quarter longer.
 
     Parameters
     ----------
@@ -201,34 +210,51 @@ def advance_nonlinear(
         Torque of the motor per voltage [N·m/V] (3.19).
     dt : float
         Length of the step [s].
-    state : tuple of float
+    x, y : tuple of float
         theta, psi [rad], theta_dot, psi_dot [rad/s].
-    voltage : float
-        Motor voltage [V].
-    force_theta, force_psi : float
+    voltage_x, voltage_y : float
+        Motor voltages [V].
+    force_theta_x, force_psi_x, force_theta_y, force_psi_y : float
         Generalised forces [N·m].
     """
     half, sixth = dt / 2.0, dt / 6.0
-    theta, psi, theta_dot, psi_dot = state
-    motor = alpha * voltage
+    theta_x, psi_x, w1_x, r1_x = x
+    theta_y, psi_y, w1_y, r1_y = y
+    motor_x, motor_y = alpha * voltage_x, alpha * voltage_y
     # Not in place: they can be arrays.
-    force_theta = force_theta + motor
-    force_psi = force_psi - motor
-    a1, c1 = accelerations(equations, psi, theta_dot, psi_dot, force_theta, force_psi)
-    w2, r2 = theta_dot + half * a1, psi_dot + half * c1
-    a2, c2 = accelerations(equations, psi + half * psi_dot, w2, r2, force_theta, force_psi)
-    w3, r3 = theta_dot + half * a2, psi_dot + half * c2
-    a3, c3 = accelerations(equations, psi + half * r2, w3, r3, force_theta, force_psi)
-    w4, r4 = theta_dot + dt * a3, psi_dot + dt * c3
-    a4, c4 = accelerations(equations, psi + dt * r3, w4, r4, force_theta, force_psi)
+    ft_x, fp_x = force_theta_x + motor_x, force_psi_x - motor_x
+    ft_y, fp_y = force_theta_y + motor_y, force_psi_y - motor_y
+    a1_x, c1_x = accelerations(equations, psi_x, w1_x, r1_x, ft_x, fp_x)
+    a1_y, c1_y = accelerations(equations, psi_y, w1_y, r1_y, ft_y, fp_y)
+    w2_x, r2_x = w1_x + half * a1_x, r1_x + half * c1_x
+    w2_y, r2_y = w1_y + half * a1_y, r1_y + half * c1_y
+    a2_x, c2_x = accelerations(equations, psi_x + half * r1_x, w2_x, r2_x, ft_x, fp_x)
+    a2_y, c2_y = accelerations(equations, psi_y + half * r1_y, w2_y, r2_y, ft_y, fp_y)
+    w3_x, r3_x = w1_x + half * a2_x, r1_x + half * c2_x
+    w3_y, r3_y = w1_y + half * a2_y, r1_y + half * c2_y
+    a3_x, c3_x = accelerations(equations, psi_x + half * r2_x, w3_x, r3_x, ft_x, fp_x)
+    a3_y, c3_y = accelerations(equations, psi_y + half * r2_y, w3_y, r3_y, ft_y, fp_y)
+    w4_x, r4_x = w1_x + dt * a3_x, r1_x + dt * c3_x
+    w4_y, r4_y = w1_y + dt * a3_y, r1_y + dt * c3_y
+    a4_x, c4_x = accelerations(equations, psi_x + dt * r3_x, w4_x, r4_x, ft_x, fp_x)
+    a4_y, c4_y = accelerations(equations, psi_y + dt * r3_y, w4_y, r4_y, ft_y, fp_y)
     return (
-        theta + sixth * (theta_dot + 2.0 * (w2 + w3) + w4),
-        psi + sixth * (psi_dot + 2.0 * (r2 + r3) + r4),
-        theta_dot + sixth * (a1 + 2.0 * (a2 + a3) + a4),
-        psi_dot + sixth * (c1 + 2.0 * (c2 + c3) + c4),
+        (
+            theta_x + sixth * (w1_x + 2.0 * (w2_x + w3_x) + w4_x),
+            psi_x + sixth * (r1_x + 2.0 * (r2_x + r3_x) + r4_x),
+            w1_x + sixth * (a1_x + 2.0 * (a2_x + a3_x) + a4_x),
+            r1_x + sixth * (c1_x + 2.0 * (c2_x + c3_x) + c4_x),
+        ),
+        (
+            theta_y + sixth * (w1_y + 2.0 * (w2_y + w3_y) + w4_y),
+            psi_y + sixth * (r1_y + 2.0 * (r2_y + r3_y) + r4_y),
+            w1_y + sixth * (a1_y + 2.0 * (a2_y + a3_y) + a4_y),
+            r1_y + sixth * (c1_y + 2.0 * (c2_y + c3_y) + c4_y),
+        ),
     )
 
 
+@inlined
 def accelerations(
     equations: Equations,
     psi: float,

@@ -5,6 +5,8 @@ import pytest
 from parts import physical
 
 from ballbot_ros.analysis.identification.experiment import for_arrays
+from ballbot_ros.analysis.identification.segment_model import advance_arrays, advance_segments
+from ballbot_ros.engine.compilation import compiled
 from ballbot_ros.robot.plant.integration import (
     advance_linear,
     advance_nonlinear,
@@ -28,7 +30,8 @@ def linear(random, shape):
 
 
 def nonlinear(random, shape):
-    return *NONLINEAR, states(random, shape), 4.0 * random.normal(size=shape), 0.02, -0.01
+    planes = states(random, shape), states(random, shape)
+    return *NONLINEAR, *planes, *4.0 * random.normal(size=(2, *shape)), 0.02, -0.01, 0.0, 0.03
 
 
 def current(random, shape):
@@ -67,10 +70,25 @@ def test_arrays_give_what_numbers_give(function, arguments):
     found = np.array(for_arrays(function)(*values))
     for index in np.ndindex(shape):
         expected = function(*number(values, index))
-        np.testing.assert_allclose(found[(..., *index)], expected, rtol=1e-12, atol=0.0)
+        assert found[(..., *index)].tobytes() == np.array(expected).tobytes()
 
 
 def test_the_function_on_numbers_stays_as_it_is():
     for_arrays(advance_nonlinear)
-    state = advance_nonlinear(*NONLINEAR, (0.0, 0.1, 1.0, 0.5), 2.0, *NO_FORCE)
-    assert all(type(each) is float for each in state)
+    planes = advance_nonlinear(*NONLINEAR, *2 * [(0.0, 0.1, 1.0, 0.5)], 2.0, 1.0, *2 * NO_FORCE)
+    assert all(type(each) is float for plane in planes for each in plane)
+
+
+def test_compiled_segments_move_as_arrays_do():
+    random = np.random.default_rng(3)
+    robots = [physical(), physical(body_height=0.15, ball_friction=0.001)]
+    constants = np.array([(*equations_of(each), each.alpha) for each in robots])
+    state, voltage = np.array(states(random, (2, 2, 30))), 4.0 * random.normal(size=(2, 2, 30))
+    state[:, :, 1, 0] = np.inf
+    with np.errstate(invalid='ignore'):
+        expected = advance_arrays(constants, DT, state, voltage)
+        each = advance_segments(constants, DT, state, voltage)
+    np.testing.assert_array_equal(each, expected)
+    pytest.importorskip('numba')
+    found = compiled(advance_segments)(constants, DT, state, voltage)
+    np.testing.assert_array_equal(found, expected)

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from laws import given
 from parts import linear_step, mass_matrix_at, nonlinear_step, physical
 
+from ballbot_ros.robot.plant.integration import advance_nonlinear, equations_of
 from ballbot_ros.robot.plant.model import state_space
 
 LOSSLESS = {'back_emf_constant': 0.0, 'motor_friction': 0.0}
@@ -55,6 +56,16 @@ def test_linear_step_is_the_same_in_parts(state, voltage, force_theta, force_psi
     whole = linear_step(p, 4e-3)(state, voltage, force_theta, force_psi)
     split = run(linear_step(p, 4e-3 / parts), state, parts, voltage, force_theta, force_psi)[-1]
     np.testing.assert_allclose(split, whole, rtol=1e-10, atol=1e-11)
+
+
+@given(states, states, numbers, numbers, st.tuples(numbers, numbers), st.tuples(numbers, numbers))
+def test_each_plane_moves_as_if_it_were_alone(x, y, voltage_x, voltage_y, forces_x, forces_y):
+    p = physical()
+    together = advance_nonlinear(
+        equations_of(p), p.alpha, 1e-3, x, y, voltage_x, voltage_y, *forces_x, *forces_y
+    )
+    alone = nonlinear_step(p, 1e-3)
+    assert together == (alone(x, voltage_x, *forces_x), alone(y, voltage_y, *forces_y))
 
 
 @pytest.mark.parametrize('make', STEPPERS)
