@@ -38,6 +38,7 @@ from ballbot_ros.parameters.parameter import (
 )
 from ballbot_ros.parameters.parameter_set import (
     ALL_NODES,
+    COMMON_PERIOD_NS,
     CONTROLLER,
     DRIVER_PERIODS_NS,
     DRIVERS,
@@ -65,7 +66,7 @@ from ballbot_ros.parameters.parameter_set import (
 from ballbot_ros.parameters.plant import PlantParameters
 
 __all__ = [
-    'ALL_NODES',
+    'ALL_NODES', 'COMMON_PERIOD_NS',
     'CONTROLLER',
     'DEVICES',
     'DOCUMENTS_PROGRAM',

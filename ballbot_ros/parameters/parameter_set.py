@@ -6,6 +6,7 @@ The ROS declarations, the validation of parameter files, ``config/ballbot.yaml``
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping
 from typing import TypeVar
 
@@ -65,6 +66,9 @@ DRIVER_PERIODS_NS = {
     cls.node: cls.period_ns for cls in PARTICIPANTS if issubclass(cls, DriverParameters)
 }
 """Sampling period of each driver in sim time [ns]."""
+
+COMMON_PERIOD_NS = math.lcm(*DRIVER_PERIODS_NS.values())
+"""At its multiples, every driver has a sample [ns]."""
 
 DRIVERS = tuple(DRIVER_PERIODS_NS)
 """The participants that answer the plant's true state."""
