@@ -11,9 +11,7 @@ from ballbot_ros.errors import WorldError
 from ballbot_ros.parameters import (
     CONTROLLER,
     PLANT,
-    ControllerParameters,
-    EncoderParameters,
-    GyroParameters,
+    ROBOT_CLASSES,
     ParameterSet,
     PlantParameters,
     SonarParameters,
@@ -38,9 +36,7 @@ def drawn_run(seed, duration=1.0):
     """
     draw, parameters = random.Random(seed), ParameterSet()
     wild, spread = seed % 2, 0.03 if seed % 4 == 0 else 0.3
-    for cls in (
-        PlantParameters, GyroParameters, EncoderParameters, SonarParameters, ControllerParameters,
-    ):  # fmt: skip
+    for cls in ROBOT_CLASSES:
         for name, row in parameters_of(cls.node).items():
             if name not in LEFT_ALONE and not parameters.is_set(cls.node, name):
                 value = drawn_value(draw, row, wild, spread)

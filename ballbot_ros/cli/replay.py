@@ -20,6 +20,7 @@ from ballbot_ros.cli.options import RECORDING
 from ballbot_ros.cli.progress import Progress
 from ballbot_ros.files import temporary_folder
 from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.robot.brick.brick import DeviceInputs
 
 
 def replay_recording(
@@ -92,17 +93,15 @@ def _print_controllers(console: Console, controllers: Sequence[ReplayedControlle
 
 def _table(ticks: Sequence[ReplayedTick], stamp_ns: int) -> Table:
     table = Table(title='recorded inputs and resulting duties', title_justify='left')
-    for heading in ('sim time', 'gyro', 'motors', 'sonar', 'battery', 'sticks', 'duty'):
+    for heading in ('sim time', *DeviceInputs._fields, 'duty'):
         table.add_column(heading, justify='right')
     for tick in ticks:
-        inputs = tick.inputs
-        values = (
-            inputs.gyro, inputs.revolutions, inputs.sonar_cm, inputs.battery_mv, inputs.sticks,
-            tick.outputs.duty,
-        )  # fmt: skip
         table.add_row(
             f'{tick.stamp_ns * 1e-9:.3f} s',
-            *('' if value is None else str(value).strip('()') for value in values),
+            *(
+                '' if value is None else str(value).strip('()')
+                for value in (*tick.inputs, tick.outputs.duty)
+            ),
             style='bold' if tick.stamp_ns == stamp_ns else '',
         )
     return table

@@ -33,13 +33,7 @@ from ballbot_ros.engine.run import (
     sample,
 )
 from ballbot_ros.engine.scenario.scenario import signal_value
-from ballbot_ros.parameters import (
-    ControllerParameters,
-    EncoderParameters,
-    GyroParameters,
-    PlantParameters,
-    SonarParameters,
-)
+from ballbot_ros.parameters import DEVICES, ControllerParameters, PlantParameters
 from ballbot_ros.parameters.timing import FIRST_TICK_NS, MILLISECOND_NS, SLOW_PERIOD_NS
 from ballbot_ros.robot.compiler_hints import inlined
 
@@ -115,12 +109,15 @@ def move_robot(
     return state, observer
 
 
+PARAMETERS: dict[str, Any] = {
+    'plant_parameters': PlantParameters,
+    **{cls.node.removesuffix('_driver'): cls for cls in DEVICES},
+    'settings': ControllerParameters,
+}
+"""The classes of the parameters in a row of a robot."""
+
 MOVED_ROBOT = np.dtype([
-    ('plant_parameters', row_type(PlantParameters)),
-    ('gyro', row_type(GyroParameters)),
-    ('encoder', row_type(EncoderParameters)),
-    ('sonar', row_type(SonarParameters)),
-    ('settings', row_type(ControllerParameters)),
+    *((name, row_type(cls)) for name, cls in PARAMETERS.items()),
     ('ticks', 'i8'),
     ('action', 'f8', (2,)),
     ('has_begun', '?'),

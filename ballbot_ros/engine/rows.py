@@ -24,30 +24,18 @@ from ballbot_ros.controllers.document.axis import ProgramConstants, Single
 from ballbot_ros.engine.devices import choice
 from ballbot_ros.parameters import (
     ALL_NODES,
+    ROBOT_CLASSES,
     ControllerParameters,
-    EncoderParameters,
-    GyroParameters,
     NodeParameters,
     Parameter,
     ParameterError,
     ParameterSet,
-    PlantParameters,
-    SonarParameters,
     parameters_of,
     suggest,
 )
 
 Rows = NDArray[np.void]
 """A structured array; its fields have the names of the parameters."""
-
-ROBOT_CLASSES: tuple[type[NodeParameters], ...] = (
-    PlantParameters,
-    GyroParameters,
-    EncoderParameters,
-    SonarParameters,
-    ControllerParameters,
-)
-"""The nodes whose parameters the motion of a robot depends on."""
 
 State = TypeVar('State', bound=tuple[Any, ...])
 """A named tuple of numbers."""

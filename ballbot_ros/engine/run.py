@@ -91,8 +91,7 @@ def robot_constants(plant: PlantConstants, gyro: Any, encoder: Any, sonar: Any) 
 
 def longest_age(constants: RobotConstants) -> int:
     """Return the longest dead time of all samples [steps]."""
-    _, gyro, encoder, sonar = constants
-    return max(gyro.delay + gyro.jitter, encoder.delay + encoder.jitter, sonar.delay + sonar.jitter)
+    return max(each.delay + each.jitter for each in constants[1:])
 
 
 @inlined

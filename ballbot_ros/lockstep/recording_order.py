@@ -13,7 +13,8 @@ from typing import Generic, NamedTuple, Protocol, TypeVar
 
 from ballbot_ros.lockstep.lockstep import RunIdentity, SampleHistory, SampleStatus
 from ballbot_ros.lockstep.participants import Participant
-from ballbot_ros.parameters.timing import MAX_LEAD_TICKS, SECOND_NS, SLOW_PERIOD_NS, TICK_NS
+from ballbot_ros.parameters import COMMON_PERIOD_NS
+from ballbot_ros.parameters.timing import MAX_LEAD_TICKS, SECOND_NS, TICK_NS
 
 Message = TypeVar('Message')
 """A message of a topic."""
@@ -401,7 +402,7 @@ class RecorderFlow:
             return False
         self.recorder = self._newest = recorder
         self.ack_ns = None
-        self._sync_ns = -(-now_ns // SLOW_PERIOD_NS) * SLOW_PERIOD_NS
+        self._sync_ns = -(-now_ns // COMMON_PERIOD_NS) * COMMON_PERIOD_NS
         return True
 
     def leave(self) -> None:

@@ -38,6 +38,7 @@ from ballbot_ros.parameters.parameter import (
 )
 from ballbot_ros.parameters.parameter_set import (
     ALL_NODES,
+    COMMON_PERIOD_NS,
     CONTROLLER,
     DRIVER_PERIODS_NS,
     DRIVERS,
@@ -50,6 +51,7 @@ from ballbot_ros.parameters.parameter_set import (
     PLANT,
     PLAYER,
     RECORDER,
+    ROBOT_CLASSES,
     ROLES,
     SHARED_PARAMETERS,
     SIMULATED,
@@ -65,7 +67,7 @@ from ballbot_ros.parameters.parameter_set import (
 from ballbot_ros.parameters.plant import PlantParameters
 
 __all__ = [
-    'ALL_NODES',
+    'ALL_NODES', 'COMMON_PERIOD_NS',
     'CONTROLLER',
     'DEVICES',
     'DOCUMENTS_PROGRAM',
@@ -79,7 +81,7 @@ __all__ = [
     'PATHS',
     'PLANT',
     'PLAYER',
-    'RECORDER', 'ROLES',
+    'RECORDER', 'ROBOT_CLASSES', 'ROLES',
     'SHARED_PARAMETERS',
     'SIMULATED',
     'SONAR',

@@ -6,6 +6,7 @@ The ROS declarations, the validation of parameter files, ``config/ballbot.yaml``
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping
 from typing import TypeVar
 
@@ -66,11 +67,20 @@ DRIVER_PERIODS_NS = {
 }
 """Sampling period of each driver in sim time [ns]."""
 
+COMMON_PERIOD_NS = math.lcm(*DRIVER_PERIODS_NS.values())
+"""At its multiples, every driver has a sample [ns]."""
+
 DRIVERS = tuple(DRIVER_PERIODS_NS)
 """The participants that answer the plant's true state."""
 
-_SIMULATED: tuple[type[NodeParameters], ...] = (PlantParameters, *DEVICES, ControllerParameters)
-SIMULATED = frozenset(cls.node for cls in _SIMULATED)
+ROBOT_CLASSES: tuple[type[NodeParameters], ...] = (
+    PlantParameters,
+    *DEVICES,
+    ControllerParameters,
+)
+"""The nodes whose parameters the motion of a robot depends on."""
+
+SIMULATED = frozenset(cls.node for cls in ROBOT_CLASSES)
 """Nodes whose parameters are needed to replay a run."""
 
 PLAYER = PlayerParameters.node

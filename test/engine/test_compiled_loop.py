@@ -23,13 +23,7 @@ from ballbot_ros.engine.golden import load_golden
 from ballbot_ros.engine.rows import RobotRows, program_rows, rows_of
 from ballbot_ros.engine.run import RunLog, new_robots, simulate_runs, tick_type
 from ballbot_ros.engine.scenario.reader import load_scenario, scenario_names
-from ballbot_ros.parameters import (
-    ControllerParameters,
-    EncoderParameters,
-    GyroParameters,
-    PlantParameters,
-    SonarParameters,
-)
+from ballbot_ros.parameters import DEVICES, ControllerParameters, GyroParameters, PlantParameters
 from ballbot_ros.parameters.timing import SECOND_NS, TICK_NS
 from ballbot_ros.robot.world.world import World
 
@@ -45,9 +39,7 @@ def simulate(parameters, scenario, simulate_many=None):
     ticks = round(plant.duration * SECOND_NS) // TICK_NS
     log = RunLog(np.zeros((1, ticks, 2)), np.zeros((1, ticks, 2)), np.zeros((1, ticks, 2), np.int8))
     ends = new_robots(1, rows_of([INITIAL_STATE]))
-    tables = [
-        rows[cls] for cls in (PlantParameters, GyroParameters, EncoderParameters, SonarParameters)
-    ]
+    tables = [rows[cls] for cls in (PlantParameters, *DEVICES)]
     tables.append(program_rows(rows[ControllerParameters]))
     events, nothing = events_of([scenario]), np.zeros((1, 0), tick_type(ends.dtype['program']))
     if simulate_many:  # plain Python reads the names of a row in a record array only

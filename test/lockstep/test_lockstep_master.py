@@ -32,8 +32,8 @@ from ballbot_ros.lockstep.participants import (
 )
 from ballbot_ros.lockstep.run_actions import Outcome, ParameterChange
 from ballbot_ros.lockstep.run_master import DISCOVERY_POLL_S, DISCOVERY_S
-from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, RECORDER, SONAR
-from ballbot_ros.parameters.timing import MAX_LEAD_TICKS, SLOW_PERIOD_NS, TICK_NS, next_start_ns
+from ballbot_ros.parameters import COMMON_PERIOD_NS, CONTROLLER, GYRO, PLANT, RECORDER, SONAR
+from ballbot_ros.parameters.timing import MAX_LEAD_TICKS, TICK_NS, next_start_ns
 
 START_NS = 1_000_000_000
 ENDLESS = 0.0
@@ -735,7 +735,7 @@ def test_a_recorder_may_join_while_the_plant(meanwhile, ticks):
     world.nodes[GYRO].is_hung = False
     world.wait(1.0)
     assert world.summary.outcome == 'completed'
-    first_ns = -(-stopped_ns // SLOW_PERIOD_NS) * SLOW_PERIOD_NS
+    first_ns = -(-stopped_ns // COMMON_PERIOD_NS) * COMMON_PERIOD_NS
     recorded = {stamp_ns for stamp_ns in world.nodes[RECORDER].samples if stamp_ns >= first_ns}
     assert recorded == {stamp_ns for stamp_ns in world.truths if stamp_ns >= first_ns}
 

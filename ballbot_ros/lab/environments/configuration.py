@@ -20,13 +20,11 @@ from ballbot_ros.errors import EnvironmentConfigurationError, short_repr
 from ballbot_ros.parameters import (
     CONTROLLER,
     PLANT,
+    ROBOT_CLASSES,
     ControllerParameters,
-    EncoderParameters,
-    GyroParameters,
     ParameterError,
     ParameterSet,
     PlantParameters,
-    SonarParameters,
 )
 from ballbot_ros.parameters.files import (
     Parameters,
@@ -195,19 +193,14 @@ STEPS_MS = (TICK_MS, 5 * TICK_MS)
 
 MAX_DURATION_S = 1e5
 
-CLASSES = (
-    PlantParameters, GyroParameters, EncoderParameters, SonarParameters, ControllerParameters,
-)  # fmt: skip
-"""The nodes whose parameters have an effect."""
-
 SETTINGS = ('time_start', 'k_thetadot', 'gp_max')
 """The controller's parameters that have an effect: on calibration and commands."""
 
-_NODES = {cls.node for cls in CLASSES}
+_NODES = {cls.node for cls in ROBOT_CLASSES}
 _OF_AN_EPISODE = {
     **{
         f'{cls.node}.seed': 'the seed or the options of reset'
-        for cls in CLASSES
+        for cls in ROBOT_CLASSES
         if issubclass(cls, DeviceSeed)
     },
     f'{PLANT}.start_pitch_x': 'the options of reset',
@@ -303,7 +296,7 @@ def fingerprint(parameters: ParameterSet) -> tuple[tuple[str, object], ...]:
     """Return the values of all parameters that have an effect and are the same in all episodes."""
     return tuple(
         (target, value)
-        for cls in CLASSES
+        for cls in ROBOT_CLASSES
         for name, value in parameters.of(cls).values().items()
         if (target := f'{cls.node}.{name}') not in _OF_AN_EPISODE
         and (cls is not ControllerParameters or name in SETTINGS)

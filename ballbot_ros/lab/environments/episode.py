@@ -29,6 +29,7 @@ from ballbot_ros.engine.compiled_loop import floor_of, points_of, rings_of
 from ballbot_ros.engine.devices import numbers_of
 from ballbot_ros.engine.moved_robots import (
     MOVED_ROBOT,
+    PARAMETERS,
     TrueState,
     move_robot,
     move_robots,
@@ -46,26 +47,9 @@ from ballbot_ros.engine.run import clear_rings, longest_age, robot_constants
 from ballbot_ros.lab.environments.configuration import BALANCE
 from ballbot_ros.lab.environments.setup import DEVICES as DEVICES_OBSERVED
 from ballbot_ros.lab.environments.setup import Setup, Start
-from ballbot_ros.parameters import (
-    DEVICES,
-    ControllerParameters,
-    EncoderParameters,
-    GyroParameters,
-    NodeParameters,
-    PlantParameters,
-    SonarParameters,
-)
+from ballbot_ros.parameters import DEVICES, PlantParameters
 from ballbot_ros.parameters.timing import FIRST_TICK_NS, TICK_MS
 from ballbot_ros.robot.world.world import World
-
-PARAMETERS: dict[str, type[NodeParameters]] = {
-    'plant_parameters': PlantParameters,
-    'gyro': GyroParameters,
-    'encoder': EncoderParameters,
-    'sonar': SonarParameters,
-    'settings': ControllerParameters,
-}
-"""The parameters in a row of a robot."""
 
 MANY_TICKS = 100_000
 """The interpreter makes them in a quarter of the time that compiling takes."""

@@ -32,14 +32,7 @@ from ballbot_ros.lab.studies.columns import measure_runs
 from ballbot_ros.lab.studies.events import event_part, scenarios_of
 from ballbot_ros.lab.studies.programs import Programs, programs_of, with_values
 from ballbot_ros.lab.studies.variables import DURATION
-from ballbot_ros.parameters import (
-    PLANT,
-    ControllerParameters,
-    EncoderParameters,
-    GyroParameters,
-    PlantParameters,
-    SonarParameters,
-)
+from ballbot_ros.parameters import DEVICES, PLANT, ControllerParameters, PlantParameters
 from ballbot_ros.parameters.timing import FIRST_TICK_NS, SECOND_NS, TICK_NS
 from ballbot_ros.robot.world.clearance import NO_WALLS, Walls, walls_around
 from ballbot_ros.robot.world.world import World, half_cells, is_blocked
@@ -349,8 +342,8 @@ class CompiledSimulator:
         runs, ticks, _ = log.duty.shape
         nothing = np.zeros((runs, 0), tick_type(ends.dtype['program']))
         self._run(
-            plants, rows[GyroParameters], rows[EncoderParameters], rows[SonarParameters],
-            programs, self._floor, events, rings_of(rows), log, nothing, ends, ticks,
+            plants, *(rows[each] for each in DEVICES), programs,
+            self._floor, events, rings_of(rows), log, nothing, ends, ticks,
         )  # fmt: skip
         results.ticks[:] = ends['ticks']
         results.failed[:] = ends['plant']['is_stopped']

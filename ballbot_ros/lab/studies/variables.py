@@ -12,13 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.controllers.controller_program import own_rows
-from ballbot_ros.engine.rows import ROBOT_CLASSES, robot_parameter
+from ballbot_ros.engine.rows import robot_parameter
 from ballbot_ros.engine.scenario.reader import ExpectationReader, Keys
 from ballbot_ros.errors import StudyError
 from ballbot_ros.lab.studies.events import EventPart, event_parameter, event_part, is_event
 from ballbot_ros.parameters import (
     CONTROLLER,
     PLANT,
+    ROBOT_CLASSES,
     SONAR,
     Parameter,
     ParameterSet,

@@ -14,8 +14,15 @@ from ballbot_ros.nodes.conformance.node_under_test import (
     NodeUnderTest,
     seconds_text,
 )
-from ballbot_ros.parameters import CONTROLLER, DRIVERS, RECORDER, ROLES, ParameterError
-from ballbot_ros.parameters.timing import SLOW_PERIOD_NS, TICK_NS
+from ballbot_ros.parameters import (
+    COMMON_PERIOD_NS,
+    CONTROLLER,
+    DRIVERS,
+    RECORDER,
+    ROLES,
+    ParameterError,
+)
+from ballbot_ros.parameters.timing import TICK_NS
 from ballbot_ros.recording.messages.raw import same_content, stamp_of
 from ballbot_ros.recording.messages.topics import (
     CLOCK,
@@ -36,8 +43,8 @@ SILENCE_S = 2.5
 """Silence of the plant, in which the node must not send anything: longer than the plant's own
 limit, since a pause may last as long as it likes."""
 
-FEW, SERIES, LONG = 6, 75, 400
-"""Numbers of ticks: up to the second sample of a slow device; 0.3 s; and 1.6 s, in which a
+FEW, SERIES, LONG = COMMON_PERIOD_NS // TICK_NS + 1, 75, 400
+"""Numbers of ticks: up to the second sample of the slowest driver; 0.3 s; and 1.6 s, in which a
 controller calibrates and begins to balance."""
 
 
@@ -295,7 +302,7 @@ def _check_restart(node: NodeUnderTest) -> None:
     if node.announcement().participant.instance == instance:
         raise BreachError(f'the restarted node has the same instance, {instance!r}')
     node.send_next()
-    while node.tick.stamp_ns % SLOW_PERIOD_NS:  # up to a tick that every role answers
+    while node.tick.stamp_ns % COMMON_PERIOD_NS:  # up to a tick that every role answers
         node.send_next()
     stamp_ns = node.tick.stamp_ns
     may_object = node.contract.role == CONTROLLER

@@ -103,9 +103,9 @@ class RunColumns:
             if device.period_ns == TICK_NS:
                 self._send(topic, at, encode(at, readings))
                 continue
-            send, (column,) = self._make(topic), readings
-            for stamp_ns, reading in zip(at.tolist(), column.tolist(), strict=True):
-                send(stamp_ns, encode(stamp_ns, reading))
+            send, rows = self._make(topic), zip(*(each.tolist() for each in readings), strict=True)
+            for stamp_ns, row in zip(at.tolist(), rows, strict=True):
+                send(stamp_ns, encode(stamp_ns, row if len(row) > 1 else row[0]))
         vertical, horizontal = np.asarray(inputs.vertical), np.asarray(inputs.horizontal)
         due = vertical != NO_SAMPLE
         at, sticks = stamps[due], (vertical[due], horizontal[due])

@@ -6,13 +6,12 @@ import pytest
 from laws import given, is_read_or_refused_in_one_line, refusal, yaml_texts
 
 from ballbot_ros.controllers.document.axis import ProgramConstants
-from ballbot_ros.engine.rows import ROBOT_CLASSES
 from ballbot_ros.engine.scenario.scenario import Expectation, Measure
 from ballbot_ros.errors import BallbotError, StudyError
 from ballbot_ros.lab.studies.reader import STUDY_KEYS, read_study
 from ballbot_ros.lab.studies.study import Sampling, grid_shape
 from ballbot_ros.lab.studies.variables import WITHOUT_EFFECT, Levels, LogUniform, Normal, Uniform
-from ballbot_ros.parameters import ControllerParameters, PlantParameters
+from ballbot_ros.parameters import ROBOT_CLASSES, ControllerParameters, PlantParameters
 
 HEAD = 'purpose: x\nscenario: push\nruns: 100\n'
 STICK = 'purpose: x\nscenario: square\nruns: 100\n'

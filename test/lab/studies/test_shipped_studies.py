@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from study_reruns import rerun_of
 
-from ballbot_ros.engine.rows import ROBOT_CLASSES
 from ballbot_ros.engine.scenario.reader import load_scenario
 from ballbot_ros.lab.studies.programs import with_values
 from ballbot_ros.lab.studies.reader import read_study, study_names
@@ -12,6 +11,7 @@ from ballbot_ros.lab.studies.rerun import scenario_text
 from ballbot_ros.lab.studies.runs import simulator_for
 from ballbot_ros.lab.studies.sampling import Sampler
 from ballbot_ros.lab.studies.study import Sampling
+from ballbot_ros.parameters import ROBOT_CLASSES
 
 RUNS = 24
 
