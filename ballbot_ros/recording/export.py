@@ -214,7 +214,10 @@ class _Grid:
         self._next: int | None = None
 
     def put(self, tick: int, topic: str, values: Sequence[Value | None], longest_gap: int) -> bool:
-        """Store values; return False if the row of `tick` is written or beyond `longest_gap`."""
+        """Store values; return False if the row of `tick` is written or beyond `longest_gap`.
+
+        A late message that only repeats the values held, such as a roll call, changes nothing.
+        """
         if self._newest is None:
             self._newest, self._last = tick, tick + MAX_ROWS
         if (
@@ -222,7 +225,7 @@ class _Grid:
             or abs(tick - self._newest) > longest_gap
             or (self._next is not None and tick < self._next)
         ):
-            return False
+            return tick < self._newest and self._held[topic] == values
         self._pending.setdefault(tick, {})[topic] = values
         self._newest = max(self._newest, tick)
         return True

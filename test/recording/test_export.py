@@ -156,11 +156,19 @@ def test_a_message_may_be_a_second_late(recording):
 @pytest.mark.parametrize('later_ns', [-250 * TICK_NS, -2 * 10**9, 7200 * 10**9])
 def test_stamps_out_of_order_are_an_error(recording, later_ns):
     for tick in range(800):
-        recording.add('/fast', RANGE, 10**10 + tick * TICK_NS)
+        recording.add('/fast', RANGE, 10**10 + tick * TICK_NS, range=float(tick))
     recording.add('/fast', RANGE, 10**10 + 799 * TICK_NS + later_ns)
     with pytest.raises(RecordingError, match=r'/fast at .* s is out of order'):
         export(recording, joined=True)
     assert not recording.writer.path.with_name('tables').exists()
+
+
+def test_a_late_message_may_repeat_what_the_table_has(recording):
+    recording.add('/roll_call', 'std_msgs/msg/Header', 10**10, frame_id='run')
+    for tick in range(800):
+        recording.add('/fast', RANGE, 10**10 + tick * TICK_NS, range=float(tick))
+    recording.add('/roll_call', 'std_msgs/msg/Header', 10**10, frame_id='run')
+    assert len(rows(export(recording, joined=True)['joined'])) == 800
 
 
 def test_a_topic_without_messages_has_no_table(recording):
