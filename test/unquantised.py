@@ -11,7 +11,6 @@ from collections.abc import Iterable
 from typing import Any, NamedTuple, TypeAlias, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot_ros.controllers.document import axis
 from ballbot_ros.controllers.document.axis import ProgramConstants, Single
@@ -20,10 +19,9 @@ from ballbot_ros.engine.devices import ENCODER_DEVICE, GYRO_DEVICE, AnyDevice, l
 from ballbot_ros.engine.plant import Plant
 from ballbot_ros.parameters import ControllerParameters, ParameterSet, PlantParameters
 from ballbot_ros.parameters.timing import FIRST_TICK_NS
+from ballbot_ros.robot.arithmetic import Floats
 from ballbot_ros.robot.brick.sensors import battery_mv
 from ballbot_ros.robot.plant.ground_truth import Push
-
-Floats = NDArray[np.float64]
 
 Number: TypeAlias = type[np.float64] | type[np.float32]
 """The precision of the law."""

@@ -38,6 +38,7 @@ from ballbot_ros.analysis.figure_parts import (
 from ballbot_ros.controllers.interface import OperatingState
 from ballbot_ros.engine.scenario.scenario import Segment
 from ballbot_ros.engine.trajectory import Trajectory
+from ballbot_ros.robot.arithmetic import Floats
 from ballbot_ros.robot.world.floor_map import CELL_M, LINE, WALL, FloorMap, OccupancyGrid
 
 if TYPE_CHECKING:
@@ -70,7 +71,7 @@ class Quantity:
         """Return the column name of plane ``x`` or ``y``."""
         return f'{self.name}_{plane}_{self.suffix}'
 
-    def columns(self, values: NDArray[Any]) -> dict[str, NDArray[Any]]:
+    def columns(self, values: NDArray[Any]) -> dict[str, Floats]:
         """Return the columns for values of both planes, shape (n, 2), by name."""
         return plane_columns(self.name, self.suffix, values)
 
@@ -114,9 +115,7 @@ def draw_planes(axes: Axes, quantity: Quantity, table: Table) -> None:
     draw_row(axes, quantity.panel.row(table))
 
 
-def draw_line(
-    axes: Axes, x: NDArray[Any], y: NDArray[Any], line: Line, height: float = _LINES
-) -> None:
+def draw_line(axes: Axes, x: Floats, y: Floats, line: Line, height: float = _LINES) -> None:
     """Draw a line through points, each of shape (n,), in front of earlier ones.
 
     `height` is the z-order: higher lines cover lower ones.

@@ -68,6 +68,7 @@ from ballbot_ros.recording.messages.topics import (
 )
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.schemas import typestore
+from ballbot_ros.robot.arithmetic import Floats
 from ballbot_ros.robot.brick.brick import Tone
 
 _EVENTS = (
@@ -137,9 +138,7 @@ class SampleBuffer:
         """Return whether there are samples."""
         return bool(self._epochs)
 
-    def extend(
-        self, stamps: NDArray[np.int64], values: NDArray[Any], epochs: NDArray[np.intp]
-    ) -> None:
+    def extend(self, stamps: NDArray[np.int64], values: Floats, epochs: NDArray[np.intp]) -> None:
         """Add samples: stamps (n,), values (n, width) and epochs (n,)."""
         for epoch in np.unique(epochs).tolist():
             column, numbers = self._epochs.setdefault(epoch, (array('q'), array(self._type_code)))
@@ -147,7 +146,7 @@ class SampleBuffer:
             column.frombytes(stamps[selected].tobytes())
             numbers.frombytes(values[selected].astype(self._type_code, copy=False).tobytes())
 
-    def epoch(self, number: int) -> tuple[NDArray[np.int64], NDArray[Any]]:
+    def epoch(self, number: int) -> tuple[NDArray[np.int64], Floats]:
         """Return stamps, shape (n,), and values, shape (n, width), without copying them."""
         if number not in self._epochs:
             return np.zeros(0, np.int64), np.zeros((0, self._width), self._type_code)
@@ -370,7 +369,7 @@ def _newest_log_ns(
 
 def _samples(
     recording: RecordingReader, topic: Topic, batch: Batch, rows: Rows
-) -> tuple[NDArray[np.int64], NDArray[Any]]:
+) -> tuple[NDArray[np.int64], Floats]:
     """Return the stamps [ns] and the columns of messages of a stamped topic.
 
     Their shapes are (n,) and (n, width).
@@ -389,7 +388,7 @@ def _samples(
     return stamps, values
 
 
-def _values(topic: Topic, messages: Any) -> NDArray[Any]:
+def _values(topic: Topic, messages: Any) -> Floats:
     """Return the columns of a stamped topic in a record array of messages, shape (n, width).
 
     It raises AttributeError or IndexError if the messages lack a number.

@@ -9,11 +9,11 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from io import BytesIO
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballbot_ros.engine.rows import Column
 from ballbot_ros.parameters.parameter import TextEnum
 
 if TYPE_CHECKING:
@@ -123,24 +123,22 @@ MAX_FIGURE_ROWS = 20_000
 _ROWS_PER_INTERVAL = 4
 """Minimum number of rows that become the two of an interval."""
 
-Table = Mapping[str, NDArray[Any]]
+Table = Mapping[str, Column]
 """Columns of equal length by name; the first one is the time [s]."""
 
 
-def plane_columns(name: str, unit: str, values: NDArray[Any]) -> dict[str, NDArray[Any]]:
+def plane_columns(name: str, unit: str, values: Column) -> dict[str, Column]:
     """Return the columns for values of both planes, shape (n, 2), by name."""
     return {f'{name}_x_{unit}': values[:, 0], f'{name}_y_{unit}': values[:, 1]}
 
 
-def track_columns(position: NDArray[Any]) -> dict[str, NDArray[Any]]:
+def track_columns(position: Column) -> dict[str, Column]:
     """Return the track in ``map`` [cm] for positions in the planes [m], (n, 2)."""
     x, y = position.T * 100.0
     return {'map_x_cm': x, 'map_y_cm': -y}
 
 
-def envelope(
-    time: NDArray[Any], columns: Mapping[str, NDArray[Any]], max_rows: int = MAX_FIGURE_ROWS
-) -> Table:
+def envelope(time: Column, columns: Mapping[str, Column], max_rows: int = MAX_FIGURE_ROWS) -> Table:
     """Return a table of the columns; more than `max_rows` are reduced to extremes of intervals.
 
     Each interval then has two rows, with the minimum and the maximum of each column. A line through
@@ -160,8 +158,8 @@ def envelope(
 
 
 def every_nth(
-    time: NDArray[Any],
-    columns: Mapping[str, NDArray[Any]],
+    time: Column,
+    columns: Mapping[str, Column],
     max_rows: int = MAX_FIGURE_ROWS,
 ) -> Table:
     """Return a table of the columns; many rows are reduced to every nth and the last."""
@@ -194,10 +192,8 @@ def _text(value: float | str) -> str:
 NO_ECHO_CM = 255.0
 """Where a measurement without an echo is drawn [cm]: the number that the sensor then returns."""
 
-Values = NDArray[Any]
 
-
-def _all_values(values: Values) -> Values:
+def _all_values(values: Column) -> Column:
     return values
 
 
@@ -211,7 +207,7 @@ class Role:
     name: str
     width: float = 1.4
     dash: str = '-'
-    select: Callable[[Values], Values] = _all_values
+    select: Callable[[Column], Column] = _all_values
 
 
 TRUE = Role('true', 2.2)
@@ -264,8 +260,8 @@ class DrawnCurve:
         Whether it has an entry in the page's legend.
     """
 
-    time: Values
-    values: Values
+    time: Column
+    values: Column
     line: Line
     words: str
     role: Role = TRUE

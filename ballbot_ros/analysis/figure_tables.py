@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot_ros.analysis.drawing import DUTY, PITCH, POSITION
 from ballbot_ros.analysis.figure_parts import (
@@ -35,9 +32,10 @@ from ballbot_ros.recording.messages.topics import (
     PLANT_ODOM,
     SONAR_RANGE,
 )
+from ballbot_ros.robot.arithmetic import Floats
 
 
-def _table(series: Series, name: str, unit: str, values: NDArray[Any]) -> Table:
+def _table(series: Series, name: str, unit: str, values: Floats) -> Table:
     return envelope(series.time, plane_columns(name, unit, values))
 
 

@@ -54,6 +54,7 @@ from ballbot_ros.analysis.figure_parts import (
 )
 from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.analysis.run_figures import FigureContent, track_marks
+from ballbot_ros.robot.arithmetic import Floats
 from ballbot_ros.robot.world.floor_map import FloorMap, OccupancyGrid
 
 STEPS = 65_534
@@ -84,7 +85,7 @@ class PackedNumbers:
         self._bytes = bytearray()
         self._known: dict[bytes, PackedColumn] = {}
 
-    def add(self, values: NDArray[Any]) -> PackedColumn:
+    def add(self, values: Floats) -> PackedColumn:
         """Add a column, shape (n,), and return where it is; NaN and infinity are no numbers."""
         column = np.asarray(values, float)
         key = column.tobytes()

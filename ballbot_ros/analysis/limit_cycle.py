@@ -24,6 +24,7 @@ from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.analysis.run_figures import RenderedFigure
 from ballbot_ros.parameters.timing import TICK_S
 from ballbot_ros.recording.messages.topics import CONTROLLER_STATE, MOTOR_DUTY, PLANT_IMU
+from ballbot_ros.robot.arithmetic import Floats
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -47,7 +48,7 @@ class Balancing(NamedTuple):
 
     time: NDArray[np.float64]
     duty: NDArray[Any]
-    psi: NDArray[Any]
+    psi: Floats
 
     @property
     def pitch(self) -> NDArray[np.float64]:
@@ -286,7 +287,7 @@ def _extent(wave: Samples) -> float:
     return float(high - low) / 2.0
 
 
-def _variation(values: NDArray[Any]) -> float:
+def _variation(values: Floats) -> float:
     return float(values.std() / values.mean())
 
 
@@ -314,7 +315,7 @@ _PREDICTED = (
 
 
 def power_density(
-    values: NDArray[Any], segment: int, step: float = TICK_S
+    values: Floats, segment: int, step: float = TICK_S
 ) -> tuple[NDArray[Any], NDArray[np.float64]]:
     """Return frequencies [Hz] and one-sided power density of each column, by Welch's method.
 

@@ -32,6 +32,7 @@ from ballbot_ros.controllers.design.loop_analysis import LoopAnalysis, LoopRespo
 from ballbot_ros.controllers.design.sampled_loop import FORCE, INPUTS, STICK, SampledLoop
 from ballbot_ros.parameters import ControllerParameters, ParameterSet, PlantParameters
 from ballbot_ros.parameters.timing import TICK_S
+from ballbot_ros.robot.arithmetic import Floats
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -222,7 +223,7 @@ def _ticks(time: float) -> int:
 
 def _respond(
     loop: SampledLoop, source: str, values: NDArray[np.float64]
-) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+) -> tuple[NDArray[Any], Floats, Floats]:
     """Return time [s], states and duty [%] of the closed loop for an input in each tick."""
     a, b = loop.closed()
     column = INPUTS.index(source)

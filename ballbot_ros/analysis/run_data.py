@@ -28,7 +28,6 @@ from ballbot_ros.analysis.recorded_scenario import (
     recorded_pushes,
 )
 from ballbot_ros.controllers.interface import OperatingState
-from ballbot_ros.engine.scenario.metrics import Floats
 from ballbot_ros.engine.scenario.scenario import Scenario
 from ballbot_ros.engine.trajectory import Trajectory
 from ballbot_ros.errors import RecordingError, one_line
@@ -51,6 +50,7 @@ from ballbot_ros.recording.messages.topics import (
 )
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.writer import RUN_OUTCOME
+from ballbot_ros.robot.arithmetic import Floats
 from ballbot_ros.robot.brick.brick import Tone
 from ballbot_ros.robot.world.floor_map import FloorMap, OccupancyGrid
 
@@ -79,9 +79,9 @@ class Series:
 
     stamps: Integers
     time: Floats
-    values: NDArray[Any]
+    values: Floats
 
-    def at(self, stamps: Integers) -> NDArray[Any]:
+    def at(self, stamps: Integers) -> Floats:
         """Return the values at `stamps`, shape (m, k); NaN where there is no sample."""
         if np.array_equal(stamps, self.stamps):
             return self.values

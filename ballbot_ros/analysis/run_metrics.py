@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +24,7 @@ from ballbot_ros.recording.messages.topics import (
     PLANT_JOINT_STATES,
     PLANT_ODOM,
 )
+from ballbot_ros.robot.arithmetic import Floats
 
 RUN_METRICS = MetricRegistry[RunData]()
 """Metrics of recorded runs in addition to those of expectations; NaN if the file lacks the data."""
@@ -34,7 +34,7 @@ _MEAN_ROWS = 2**13
 """Number of means computed together, which bounds the memory."""
 
 
-def estimated_position(run: RunData, stamps: NDArray[np.int64]) -> NDArray[Any]:
+def estimated_position(run: RunData, stamps: NDArray[np.int64]) -> Floats:
     """Return the position [m] estimated by the controller at `stamps`, shape (n, 2).
 
     It is NaN while the controller is not active.
@@ -43,7 +43,7 @@ def estimated_position(run: RunData, stamps: NDArray[np.int64]) -> NDArray[Any]:
     return _while_balancing(run, stamps, _position(run, state[:, [0, 2]]))
 
 
-def reference_position(run: RunData, stamps: NDArray[np.int64]) -> NDArray[Any]:
+def reference_position(run: RunData, stamps: NDArray[np.int64]) -> Floats:
     """Return the position [m] to which the controller steers at `stamps`, shape (n, 2).
 
     It is NaN while the controller is not active, and if the controller publishes no reference.
@@ -52,14 +52,14 @@ def reference_position(run: RunData, stamps: NDArray[np.int64]) -> NDArray[Any]:
     return _while_balancing(run, stamps, _position(run, state[:, 6:8]))
 
 
-def reference_speed(run: RunData, stamps: NDArray[np.int64]) -> NDArray[Any]:
+def reference_speed(run: RunData, stamps: NDArray[np.int64]) -> Floats:
     """Return the speed [m/s] that goes with :func:`reference_position`."""
     radius = run.attached.parameters.of(ControllerParameters).ball_radius
     state = run.series[CONTROLLER_STATE].at(stamps)
     return _while_balancing(run, stamps, radius * state[:, 8:10].astype(float))
 
 
-def commanded_speed(run: RunData, stamps: NDArray[np.int64]) -> NDArray[Any]:
+def commanded_speed(run: RunData, stamps: NDArray[np.int64]) -> Floats:
     """Return the speed [m/s] that the sticks, or the autonomous drive, command, shape (n, 2).
 
     The document's program follows it by a low pass, its reference; here that is undone. It is NaN
@@ -75,7 +75,7 @@ def commanded_speed(run: RunData, stamps: NDArray[np.int64]) -> NDArray[Any]:
     return np.asarray(reference / share)
 
 
-def ball_speed(run: RunData) -> NDArray[Any]:
+def ball_speed(run: RunData) -> Floats:
     """Return the true speed of the ball [m/s] from tick to tick, shape (n, 2), NaN at the first."""
     truth = run.series[PLANT_ODOM]
     speed = np.full(truth.values.shape, np.nan)
@@ -83,13 +83,13 @@ def ball_speed(run: RunData) -> NDArray[Any]:
     return speed
 
 
-def _position(run: RunData, angle: NDArray[Any]) -> NDArray[Any]:
+def _position(run: RunData, angle: Floats) -> Floats:
     """Return the position of the ball [m] for its angle [rad] since the start."""
     radius = run.attached.parameters.of(ControllerParameters).ball_radius
     return np.asarray(radius * angle + [run.plant.start_position_x, run.plant.start_position_y])
 
 
-def estimated_pitch(run: RunData, stamps: NDArray[np.int64]) -> NDArray[Any]:
+def estimated_pitch(run: RunData, stamps: NDArray[np.int64]) -> Floats:
     """Return the pitch [rad] estimated by the controller at `stamps`, shape (n, 2).
 
     It is NaN while the controller is not active.
@@ -98,14 +98,12 @@ def estimated_pitch(run: RunData, stamps: NDArray[np.int64]) -> NDArray[Any]:
     return _while_balancing(run, stamps, state[:, [1, 3]].astype(float))
 
 
-def _while_balancing(
-    run: RunData, stamps: NDArray[np.int64], believed: NDArray[Any]
-) -> NDArray[Any]:
+def _while_balancing(run: RunData, stamps: NDArray[np.int64], believed: Floats) -> Floats:
     believed[~run.balancing(seconds(stamps) - _start(run))] = np.nan
     return believed
 
 
-def pitch_error(run: RunData) -> NDArray[Any]:
+def pitch_error(run: RunData) -> Floats:
     """Return the error of the estimated pitch [rad], shape (n, 2)."""
     if not {CONTROLLER_STATE, PLANT_IMU} <= run.series.keys():
         return np.zeros((0, 2))
@@ -113,7 +111,7 @@ def pitch_error(run: RunData) -> NDArray[Any]:
     return np.asarray(estimated_pitch(run, truth.stamps) - truth.values[:, :2])
 
 
-def position_error(run: RunData) -> NDArray[Any]:
+def position_error(run: RunData) -> Floats:
     """Return the error of the estimated position [m], shape (n, 2)."""
     if not {CONTROLLER_STATE, PLANT_ODOM} <= run.series.keys():
         return np.zeros((0, 2))
@@ -121,7 +119,7 @@ def position_error(run: RunData) -> NDArray[Any]:
     return np.asarray(estimated_position(run, truth.stamps) - truth.values)
 
 
-def estimated_gyro_offset(run: RunData) -> NDArray[Any]:
+def estimated_gyro_offset(run: RunData) -> Floats:
     """Return the gyro offset [deg/s] estimated by the controller, shape (n, 2).
 
     It is the gyro reading minus the pitch rate that the controller publishes.
@@ -132,7 +130,7 @@ def estimated_gyro_offset(run: RunData) -> NDArray[Any]:
     return np.asarray(np.degrees(believed))
 
 
-def true_gyro_offset(run: RunData) -> NDArray[Any]:
+def true_gyro_offset(run: RunData) -> Floats:
     """Return the true gyro offset [deg/s], shape (n, 2).
 
     It is the reading minus the true rate, averaged over 1 s against noise and rounding.
@@ -143,7 +141,7 @@ def true_gyro_offset(run: RunData) -> NDArray[Any]:
     return np.asarray(np.degrees(offset, out=offset))
 
 
-def _smooth(values: NDArray[Any]) -> None:
+def _smooth(values: Floats) -> None:
     """Replace each row by the mean over one second around it, or less at the ends."""
     half = int(_MEAN_S * 1e9 / TICK_NS) // 2
     count = len(values)
@@ -298,6 +296,6 @@ def _read(values: Mapping[str, str], key: str) -> float:
         return math.nan
 
 
-def _rms(values: NDArray[Any]) -> float:
+def _rms(values: Floats) -> float:
     known = values[~np.isnan(values)]
     return math.sqrt(float(np.mean(np.square(known, dtype=float)))) if known.size else math.nan

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,11 +35,12 @@ from ballbot_ros.recording.messages.topics import (
     SONAR_RANGE,
     Topic,
 )
+from ballbot_ros.robot.arithmetic import Floats
 
 if TYPE_CHECKING:
     import pandas
 
-Columns = Mapping[str, NDArray[Any]]
+Columns = Mapping[str, Floats]
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,7 @@ class Signal:
 
     name: str
     unit: str
-    values: Callable[[RunData, Integers], NDArray[Any]]
+    values: Callable[[RunData, Integers], Floats]
     needs: tuple[Topic, ...]
     has_planes: bool = True
 
@@ -83,71 +84,71 @@ def signals_of(run: RunData) -> list[Signal]:
     return [signal for signal in SIGNALS if signal.is_in(run)]
 
 
-def _held(series: Series, stamps: Integers) -> NDArray[Any]:
+def _held(series: Series, stamps: Integers) -> Floats:
     """Return the newest values at `stamps`, shape (m, k); NaN before the first sample."""
     rows = np.searchsorted(series.stamps, stamps, side='right') - 1
     return np.where(rows[:, np.newaxis] < 0, np.nan, series.values[rows.clip(min=0)])
 
 
-def _pitch(run: RunData, stamps: Integers) -> NDArray[Any]:
+def _pitch(run: RunData, stamps: Integers) -> Floats:
     return np.asarray(np.degrees(run.series[PLANT_IMU].at(stamps)[:, :2]))
 
 
-def _pitch_rate(run: RunData, stamps: Integers) -> NDArray[Any]:
+def _pitch_rate(run: RunData, stamps: Integers) -> Floats:
     return np.asarray(np.degrees(run.series[PLANT_IMU].at(stamps)[:, 2:]))
 
 
-def _position(run: RunData, stamps: Integers) -> NDArray[Any]:
+def _position(run: RunData, stamps: Integers) -> Floats:
     return run.series[PLANT_ODOM].at(stamps)
 
 
-def _speed(run: RunData, stamps: Integers) -> NDArray[Any]:
+def _speed(run: RunData, stamps: Integers) -> Floats:
     return replace(run.series[PLANT_ODOM], values=ball_speed(run)).at(stamps)
 
 
-def _motor_rate(run: RunData, stamps: Integers) -> NDArray[Any]:
+def _motor_rate(run: RunData, stamps: Integers) -> Floats:
     return np.asarray(np.degrees(run.series[PLANT_JOINT_STATES].at(stamps)[:, :2]))
 
 
-def _motor_torque(run: RunData, stamps: Integers) -> NDArray[Any]:
+def _motor_torque(run: RunData, stamps: Integers) -> Floats:
     return run.series[PLANT_JOINT_STATES].at(stamps)[:, 2:]
 
 
-def _duty(run: RunData, stamps: Integers) -> NDArray[Any]:
+def _duty(run: RunData, stamps: Integers) -> Floats:
     duty = run.series[MOTOR_DUTY]
     return duty.at(stamps) if run.plant.lockstep else _held(duty, stamps)
 
 
-def _gyro(run: RunData, stamps: Integers) -> NDArray[Any]:
+def _gyro(run: RunData, stamps: Integers) -> Floats:
     return _whole_degrees(run.series[GYRO_IMU], stamps)
 
 
-def _gyro_offset(run: RunData, stamps: Integers) -> NDArray[Any]:
+def _gyro_offset(run: RunData, stamps: Integers) -> Floats:
     return replace(run.series[GYRO_IMU], values=estimated_gyro_offset(run)).at(stamps)
 
 
-def _encoder(run: RunData, stamps: Integers) -> NDArray[Any]:
+def _encoder(run: RunData, stamps: Integers) -> Floats:
     return _whole_degrees(run.series[JOINT_STATES], stamps)
 
 
-def _whole_degrees(series: Series, stamps: Integers) -> NDArray[Any]:
+def _whole_degrees(series: Series, stamps: Integers) -> Floats:
     """Return a reading of the brick, which counts in degrees."""
     return np.asarray(np.rint(np.degrees(series.at(stamps))))
 
 
-def _distance(run: RunData, stamps: Integers) -> NDArray[Any]:
+def _distance(run: RunData, stamps: Integers) -> Floats:
     return _held(run.series[SONAR_RANGE], stamps)[:, :1]
 
 
-def _battery(run: RunData, stamps: Integers) -> NDArray[Any]:
+def _battery(run: RunData, stamps: Integers) -> Floats:
     return _held(run.series[BATTERY_STATE], stamps)
 
 
-def _sticks(run: RunData, stamps: Integers) -> NDArray[Any]:
+def _sticks(run: RunData, stamps: Integers) -> Floats:
     return _held(run.series[GAMEPAD_JOY], stamps) * 100.0
 
 
-def _estimated_pitch(run: RunData, stamps: Integers) -> NDArray[Any]:
+def _estimated_pitch(run: RunData, stamps: Integers) -> Floats:
     return np.asarray(np.degrees(estimated_pitch(run, stamps)))
 
 
@@ -197,7 +198,7 @@ def frame_of(run: RunData) -> pandas.DataFrame:
             'pandas not found: install it with `pip install "ballbot_ros[pandas]"`'
         ) from None
     ticks = next(run.series[t] for t in (PLANT_IMU, PLANT_ODOM, *run.series) if t in run.series)
-    columns: dict[str, NDArray[Any]] = {}
+    columns: dict[str, Floats] = {}
     for signal in signals_of(run):
         columns |= signal.table(run, ticks.stamps)
     time = pandas.Index((ticks.stamps - run.start_ns) / SECOND_NS, name='time_s')
@@ -206,7 +207,7 @@ def frame_of(run: RunData) -> pandas.DataFrame:
     return frame
 
 
-def _states(run: RunData, ticks: Series) -> NDArray[Any]:
+def _states(run: RunData, ticks: Series) -> NDArray[np.object_]:
     """Return the operating state at each tick; None if it is unknown."""
     names = np.full(len(ticks.time), None, dtype=object)
     for each in run.states:

@@ -26,8 +26,7 @@ from ballbot_ros.recording.columns import (
 from ballbot_ros.recording.messages.column_hints import column_hints
 from ballbot_ros.recording.messages.topics import RUN, Topic
 from ballbot_ros.recording.reader import RecordingReader
-
-Floats = NDArray[np.float64]
+from ballbot_ros.robot.arithmetic import Floats
 
 
 @dataclass(frozen=True)

@@ -37,6 +37,9 @@ from ballbot_ros.parameters import (
 Rows = NDArray[np.void]
 """A structured array; its fields have the names of the parameters."""
 
+Column = NDArray[Any]
+"""A value of each of many runs: numbers, switches or words, shape (n,)."""
+
 State = TypeVar('State', bound=tuple[Any, ...])
 """A named tuple of numbers."""
 
@@ -250,9 +253,7 @@ class RobotRows:
         If a parameter is unknown or none of a robot, or a value is not allowed.
     """
 
-    def __init__(
-        self, parameters: ParameterSet, values: Mapping[str, NDArray[Any]], count: int
-    ) -> None:
+    def __init__(self, parameters: ParameterSet, values: Mapping[str, Column], count: int) -> None:
         self._tables = {
             cls.node: np.repeat(_row(parameters.of(cls)), count) for cls in ROBOT_CLASSES
         }
@@ -269,7 +270,7 @@ class RobotRows:
         part._tables = {node: table[robots] for node, table in self._tables.items()}
         return part
 
-    def _set(self, target: str, column: NDArray[Any]) -> None:
+    def _set(self, target: str, column: Column) -> None:
         parameter = robot_parameter(target)
         check_values(parameter, target, column)
         whole, element = split_element(target)
@@ -351,7 +352,7 @@ def robot_parameter(target: str) -> Parameter:
     return replace(parameter, name=f'{name}.{element + 1}', default=default)
 
 
-def check_values(parameter: Parameter, target: str, column: NDArray[Any]) -> None:
+def check_values(parameter: Parameter, target: str, column: Column) -> None:
     """Raise ParameterError if a value of a column is not allowed; the message names its run."""
     for run in _doubtful(parameter, column):
         value = column[run]
@@ -362,7 +363,7 @@ def check_values(parameter: Parameter, target: str, column: NDArray[Any]) -> Non
             raise ParameterError(f'{error} (run {run})') from None
 
 
-def _doubtful(parameter: Parameter, column: NDArray[Any]) -> Sequence[int]:
+def _doubtful(parameter: Parameter, column: Column) -> Sequence[int]:
     """Return the rows of which one is not allowed if any is."""
     is_range = column.dtype.kind in 'iuf' and not (parameter.choices or parameter.or_zero)
     if not is_range or column.ndim > 1 or not len(column):

@@ -13,11 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot_ros.robot.arithmetic import Floats
 from ballbot_ros.robot.plant.ground_truth import GroundTruth
 
 _INT8 = 0xFF
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

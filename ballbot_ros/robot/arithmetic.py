@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 
 from ballbot_ros.robot.compiler_hints import inlined
 
+Floats = NDArray[np.float64]
+
 TWO_PI = 2.0 * math.pi
 
 _QUARTER_PI = math.pi / 4.0
@@ -88,7 +90,7 @@ def _turned(sine: float, cosine: float, quarters: int) -> tuple[float, float]:
     return -cosine, sine
 
 
-def sines_cosines(angles: NDArray[np.float64]) -> NDArray[np.float64]:
+def sines_cosines(angles: Floats) -> Floats:
     """Return :func:`sine_cosine` of each angle, with the same bits; shape (2, ...)."""
     is_small = np.abs(angles) <= _QUARTER_PI
     is_turned = not is_small.all()
@@ -105,9 +107,7 @@ def sines_cosines(angles: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.array([sines, cosines])
 
 
-def _all_reduced(
-    angles: NDArray[np.float64], is_small: NDArray[np.bool_]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _all_reduced(angles: Floats, is_small: NDArray[np.bool_]) -> tuple[Floats, Floats]:
     """Return :func:`_reduced` of each angle; 0 and the angle itself of a small one."""
     size = np.abs(angles)
     with np.errstate(invalid='ignore'):

@@ -57,7 +57,8 @@ from ballbot_ros.recording.messages.topics import (
 from ballbot_ros.recording.rosbag2 import QosProfile, RecordedTopic
 from ballbot_ros.recording.schemas import encoder, new_message
 from ballbot_ros.recording.writer import RecordingWriter
-from ballbot_ros.robot.brick.odometry import DeadReckoning, Floats, Rows
+from ballbot_ros.robot.arithmetic import Floats
+from ballbot_ros.robot.brick.odometry import DeadReckoning, Rows
 from ballbot_ros.robot.plant.model import Bodies
 from ballbot_ros.robot.world.floor_map import FloorMap, floor_map_of
 from ballbot_ros.viewer.markers import floor_markers

@@ -20,11 +20,12 @@ from ballbot_ros.parameters.timing import TICK_NS, TICK_S
 from ballbot_ros.process import ProgressCallback
 from ballbot_ros.recording.messages.topics import BATTERY_STATE, PLANT_IMU, PLANT_ODOM, SONAR_RANGE
 from ballbot_ros.recording.playback import SKIP_S, PlaybackAction, faster, slower
+from ballbot_ros.robot.arithmetic import Floats
 from ballbot_ros.robot.brick.brick import Tone
 from ballbot_ros.robot.world.floor_map import FloorMap, OccupancyGrid, floor_map_of
 from ballbot_ros.viewer.overlay import Mark, MarkKind
 from ballbot_ros.viewer.robot import TRAIL_STEP, wxyz
-from ballbot_ros.viewer.snapshot import Floats, ForceEvent, Snapshot, acting_force
+from ballbot_ros.viewer.snapshot import ForceEvent, Snapshot, acting_force
 from ballbot_ros.viewer.views import RolledBall
 
 _MARKS_PER_LINE = 200

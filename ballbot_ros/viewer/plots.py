@@ -8,16 +8,14 @@ from typing import Any
 
 import numpy as np
 import viser
-from numpy.typing import NDArray
 from viser import uplot
 
 from ballbot_ros.analysis.drawing import DUTY, PITCH, POSITION
 from ballbot_ros.analysis.figure_parts import BLUE, ORANGE, envelope
 from ballbot_ros.parameters.timing import TICK_S
+from ballbot_ros.robot.arithmetic import Floats
 from ballbot_ros.viewer.playback_run import PlaybackRun
 from ballbot_ros.viewer.robot import GHOST, GHOST_LIGHT, Colour
-
-Floats = NDArray[np.float64]
 
 _DASHED, _DOTTED = (5.0, 4.0), (1.5, 3.0)
 _PLANE_COLOURS = BLUE, ORANGE

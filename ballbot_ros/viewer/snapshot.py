@@ -8,11 +8,11 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot_ros.analysis.figure_parts import plane_columns
 from ballbot_ros.controllers.interface import OperatingState
 from ballbot_ros.recording.messages.conversions import NO_CONTROLLER_STATE, ControllerState
+from ballbot_ros.robot.arithmetic import Floats
 from ballbot_ros.robot.plant.ground_truth import Pair
 from ballbot_ros.viewer.robot import TRAIL_STEP
 
@@ -81,7 +81,6 @@ class ShownRun:
         return True
 
 
-Floats = NDArray[np.float64]
 Columns = Mapping[str, Floats]
 
 WINDOW_S = 10.0

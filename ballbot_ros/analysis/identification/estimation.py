@@ -22,12 +22,12 @@ from scipy.stats import t as student
 from ballbot_ros.analysis.identification.experiment import (
     ROUNDING_DEVIATION,
     Channel,
-    Floats,
     expected_rounding,
     with_identified,
 )
 from ballbot_ros.analysis.identification.segment_model import SegmentModel
 from ballbot_ros.parameters import PlantParameters
+from ballbot_ros.robot.arithmetic import Floats
 
 ROUNDS = 3
 """Fits, each with the selection, the rounding and the deviations that the one before found."""

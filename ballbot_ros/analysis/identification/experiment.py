@@ -39,10 +39,9 @@ from ballbot_ros.recording.messages.topics import (
     Topic,
 )
 from ballbot_ros.robot import arithmetic
+from ballbot_ros.robot.arithmetic import Floats
 from ballbot_ros.robot.brick.bluetooth import LogPacket
 from ballbot_ros.robot.brick.sensors import COUNT_V, battery_mv, count_of, mean_delay
-
-Floats = NDArray[np.float64]
 
 
 def for_arrays(function: Callable[..., Any]) -> Callable[..., Any]:

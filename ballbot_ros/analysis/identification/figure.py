@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 from ballbot_ros.analysis.drawing import style_axes
 from ballbot_ros.analysis.figure_parts import BLUE, GRAY, ORANGE, WIDTH, new_figure, png_of
-from ballbot_ros.analysis.identification.experiment import Floats
 from ballbot_ros.analysis.identification.identification import (
     Identifiability,
     Identification,
     IdentifiedParameter,
 )
+from ballbot_ros.robot.arithmetic import Floats
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -17,13 +17,14 @@ from ballbot_ros.analysis.identification.estimation import (
     covariance,
     information,
 )
-from ballbot_ros.analysis.identification.experiment import GYRO, Experiment, Floats, with_identified
+from ballbot_ros.analysis.identification.experiment import GYRO, Experiment, with_identified
 from ballbot_ros.analysis.identification.segment_model import SegmentModel
 from ballbot_ros.analysis.identification.segments import Segments, cut, segment_length
 from ballbot_ros.errors import IdentificationError
 from ballbot_ros.parameters import PLANT, PlantParameters, parameters_of, suggest
 from ballbot_ros.parameters.parameter import TextEnum
 from ballbot_ros.process import ProgressCallback
+from ballbot_ros.robot.arithmetic import Floats
 
 HARD_TO_MEASURE = (
     'body_height', 'back_emf_constant', 'torque_constant', 'dead_zone', 'body_mass',

@@ -14,12 +14,12 @@ from ballbot_ros.analysis.identification.experiment import (
     Channel,
     ChannelQuantity,
     Experiment,
-    Floats,
     for_arrays,
 )
 from ballbot_ros.analysis.identification.segments import Segments, segment_length
 from ballbot_ros.engine.compilation import can_compile, compiled_and_kept
 from ballbot_ros.parameters import PlantParameters
+from ballbot_ros.robot.arithmetic import Floats
 from ballbot_ros.robot.plant import integration, laws
 from ballbot_ros.robot.plant import laws as actuator
 from ballbot_ros.robot.plant.integration import (

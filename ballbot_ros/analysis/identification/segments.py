@@ -14,9 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.analysis.identification.experiment import ENCODER, Channel, Experiment, Floats
+from ballbot_ros.analysis.identification.experiment import ENCODER, Channel, Experiment
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.parameters.timing import STEPS_PER_TICK
+from ballbot_ros.robot.arithmetic import Floats
 
 SEGMENT_TICKS = 200
 """Length of a segment: in longer ones, too much depends on its start. In shorter ones, the noise

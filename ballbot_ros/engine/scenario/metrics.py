@@ -13,6 +13,7 @@ from typing import Generic, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot_ros.robot.arithmetic import Floats
 from ballbot_ros.robot.world.clearance import Walls, clearance
 
 Measured = TypeVar('Measured')
@@ -88,8 +89,6 @@ def label(name: str) -> tuple[str, str]:
             return _FROM_THE_START.get(words, words.replace('_', ' ')), unit
     return name.replace('_', ' '), ''
 
-
-Floats = NDArray[np.float64]
 
 SETTLED_DEG = 1.0
 _SETTLED_RAD = math.radians(SETTLED_DEG)

@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 from ballbot_ros.errors import EnvironmentConfigurationError, importing_viewer, short_repr
 from ballbot_ros.lab.environments.configuration import BALANCE, DRIVE, Task
 from ballbot_ros.lab.environments.episode import EnvironmentState, new_episode
-from ballbot_ros.lab.environments.setup import DEVICES, Floats, Setup, checked_action
+from ballbot_ros.lab.environments.setup import DEVICES, Setup, checked_action
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.parameters.files import Parameters
 from ballbot_ros.parameters.timing import TICK_MS
+from ballbot_ros.robot.arithmetic import Floats
 from ballbot_ros.robot.plant.ground_truth import Pair
 
 if TYPE_CHECKING:

@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from gymnasium import spaces
 from gymnasium.error import InvalidAction
-from numpy.typing import NDArray
 
 from ballbot_ros.controllers.policy import DEVICE_NAMES, DRIVING_NAMES
 from ballbot_ros.engine.scenario.scenario import Scenario
@@ -43,6 +42,7 @@ from ballbot_ros.parameters import (
 )
 from ballbot_ros.parameters.files import Parameters, plain_value
 from ballbot_ros.parameters.timing import TICK_MS
+from ballbot_ros.robot.arithmetic import Floats
 from ballbot_ros.robot.plant.ground_truth import Pair
 from ballbot_ros.robot.world.sonar_beam import check_rays
 from ballbot_ros.robot.world.world import World
@@ -50,8 +50,6 @@ from ballbot_ros.robot.world.world import World
 DEVICES, STATE = 'devices', 'state'
 OBSERVATIONS = (DEVICES, STATE)
 MAX_SEED = 2**63 - 1
-
-Floats = NDArray[np.float64]
 
 
 class Start(NamedTuple):
@@ -308,7 +306,7 @@ def checked_action(action: Any) -> list[float]:
     return values
 
 
-def checked_actions(actions: Any, count: int) -> NDArray[Any]:
+def checked_actions(actions: Any, count: int) -> Floats:
     """Return the actions of robots as :func:`checked_action` does that of one."""
     array = _numbers(actions, (count, 2))
     if array is None or not np.isfinite(array).all():
@@ -318,7 +316,7 @@ def checked_actions(actions: Any, count: int) -> NDArray[Any]:
     return array
 
 
-def _numbers(action: Any, shape: tuple[int, ...]) -> NDArray[Any] | None:
+def _numbers(action: Any, shape: tuple[int, ...]) -> Floats | None:
     try:
         array = np.asarray(action)
     except (TypeError, ValueError, OverflowError):

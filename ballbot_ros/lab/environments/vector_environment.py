@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 from ballbot_ros.errors import EnvironmentConfigurationError, short_repr
 from ballbot_ros.lab.environments.configuration import BALANCE, DRIVE, Task
 from ballbot_ros.lab.environments.episode import MovedRobots
-from ballbot_ros.lab.environments.setup import DEVICES, Floats, Setup, checked_actions
+from ballbot_ros.lab.environments.setup import DEVICES, Setup, checked_actions
 from ballbot_ros.parameters.files import Parameters
 from ballbot_ros.parameters.timing import TICK_MS
+from ballbot_ros.robot.arithmetic import Floats
 
 Mask = NDArray[np.bool_]
 Infos = dict[str, Any]

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot_ros.analysis.drawing import style_axes
 from ballbot_ros.analysis.figure_parts import BLUE, GRAY, ORANGE, WIDTH, Table, new_figure
@@ -15,12 +14,12 @@ from ballbot_ros.lab.studies.maps import PANEL_WIDTH, set_scale
 from ballbot_ros.lab.studies.sensitivity import Sensitivity
 from ballbot_ros.lab.studies.study_data import QUANTILES, MeasureSummary, wilson_interval
 from ballbot_ros.lab.studies.survey import Axis, CellCounts, Extent, with_unit
+from ballbot_ros.robot.arithmetic import Floats
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Floats = NDArray[np.float64]
 
 HISTOGRAM_BINS = 40
 

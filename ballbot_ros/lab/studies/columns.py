@@ -8,14 +8,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot_ros.analysis.metrics import measured_window
+from ballbot_ros.engine.rows import Column
 from ballbot_ros.engine.scenario.metrics import METRICS, Motion, label, wall_clearance_m
 from ballbot_ros.engine.scenario.scenario import Expectation, Measure
 from ballbot_ros.parameters.parameter import TextEnum
-
-Floats = NDArray[np.float64]
+from ballbot_ros.robot.arithmetic import Floats
 
 
 class ColumnKind(TextEnum):
@@ -28,7 +27,7 @@ class ColumnKind(TextEnum):
     SHA256 = 'sha256'
 
     @classmethod
-    def of(cls, values: NDArray[Any]) -> ColumnKind:
+    def of(cls, values: Column) -> ColumnKind:
         """Return the kind of some values, which are no hashes."""
         kinds = {'f': cls.FLOAT, 'i': cls.INTEGER, 'u': cls.INTEGER, 'b': cls.BOOLEAN}
         return kinds.get(values.dtype.kind, cls.TEXT)

@@ -10,6 +10,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot_ros.engine.rows import Column
 from ballbot_ros.engine.scenario.reader import STICK_LIMIT, TIME_LIMIT
 from ballbot_ros.engine.scenario.scenario import (
     Scenario,
@@ -149,7 +150,7 @@ def event_parameter(name: str, part: EventPart) -> Parameter:
 def scenarios_of(
     scenario: Scenario,
     parts: Mapping[str, EventPart],
-    columns: Mapping[str, NDArray[Any]],
+    columns: Mapping[str, Column],
     durations: NDArray[np.float64],
     first: int = 0,
 ) -> list[Scenario]:

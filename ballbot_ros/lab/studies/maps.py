@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +14,12 @@ from ballbot_ros.analysis.figure_parts import ORANGE, Line, Table, new_figure
 from ballbot_ros.controllers.design.linear_model import DesignError
 from ballbot_ros.controllers.design.loop_analysis import recoverable_states
 from ballbot_ros.controllers.design.sampled_loop import SampledLoop
+from ballbot_ros.engine.rows import Column
 from ballbot_ros.lab.studies.columns import ColumnKind
 from ballbot_ros.lab.studies.programs import with_values
 from ballbot_ros.lab.studies.survey import Axis, CellCounts
 from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, EncoderParameters, ParameterSet
+from ballbot_ros.robot.arithmetic import Floats
 from ballbot_ros.robot.plant.model import PhysicalParameters
 
 if TYPE_CHECKING:
@@ -25,7 +27,6 @@ if TYPE_CHECKING:
     from matplotlib.axis import XAxis, YAxis
     from matplotlib.figure import Figure
 
-Floats = NDArray[np.float64]
 Lines = list[Floats]
 """Each (n, 2): x and y of its points."""
 
@@ -244,7 +245,7 @@ def _with_middles(axis: Floats) -> Floats:
     return result
 
 
-def usual_values(columns: Mapping[str, NDArray[Any]]) -> dict[str, object]:
+def usual_values(columns: Mapping[str, Column]) -> dict[str, object]:
     """Return a value for each variable: the median of numbers, else the most frequent one."""
     values: dict[str, object] = {}
     for name, column in columns.items():

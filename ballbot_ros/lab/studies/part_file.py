@@ -22,6 +22,7 @@ from uuid import uuid4
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot_ros.engine.rows import Column
 from ballbot_ros.errors import StudyError, one_line
 from ballbot_ros.files import read_bytes
 from ballbot_ros.lab.studies.columns import AFTER, NUMBER, SEED, TICKS, ColumnKind, ResultColumn
@@ -76,7 +77,7 @@ class PartRows:
     """
 
     seed: NDArray[np.int64]
-    varied: Sequence[NDArray[Any]]
+    varied: Sequence[Column]
     results: Results
     passed: NDArray[np.bool_]
 
@@ -277,7 +278,7 @@ _ENCODINGS: Mapping[ColumnKind, str] = {
 }
 
 
-def _repeats(column: ResultColumn, values: NDArray[Any]) -> bool:
+def _repeats(column: ResultColumn, values: Column) -> bool:
     """Return whether a dictionary saves space: values of a list or grid, and multiples of ticks."""
     if column.kind == ColumnKind.TEXT:
         return True
@@ -312,7 +313,7 @@ def _schema(arrow: Any, study: StudyRecord, part: int, summary: PartSummary) -> 
     return arrow.schema(fields, metadata=metadata)
 
 
-def _values(study: StudyRecord, rows: PartRows, numbers: range) -> dict[str, NDArray[Any]]:
+def _values(study: StudyRecord, rows: PartRows, numbers: range) -> dict[str, Column]:
     results = rows.results
     outcomes = np.where(results.failed, Outcome.FAILED.value, Outcome.COMPLETED.value)
     measured = (results.measured[:, each] for each in range(len(study.measures)))
@@ -331,7 +332,7 @@ def _values(study: StudyRecord, rows: PartRows, numbers: range) -> dict[str, NDA
     }
 
 
-def _array(arrow: Any, kind: Any, values: NDArray[Any]) -> Any:
+def _array(arrow: Any, kind: Any, values: Column) -> Any:
     if arrow.types.is_fixed_size_binary(kind):
         buffer = arrow.py_buffer(np.ascontiguousarray(values).tobytes())
         return arrow.FixedSizeBinaryArray.from_buffers(kind, len(values), [None, buffer])

@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot_ros.controllers.codegen.implementation import compose_controller
 from ballbot_ros.controllers.controller import LawController
@@ -22,6 +21,7 @@ from ballbot_ros.engine.compilation import (
 )
 from ballbot_ros.engine.law_runs import LawCode, has_law, initial_state
 from ballbot_ros.engine.rows import (
+    Column,
     RobotRows,
     Rows,
     program_rows,
@@ -35,7 +35,7 @@ from ballbot_ros.parameters.controller import MODEL, USER
 from ballbot_ros.parameters.files import assign_values, plain_values
 from ballbot_ros.run.spec import RunSpec
 
-Values = Mapping[str, NDArray[Any]]
+Values = Mapping[str, Column]
 """Values of parameters by ``node.param``, one for each run."""
 
 

@@ -22,7 +22,7 @@ from ballbot_ros.engine.compilation import (
 )
 from ballbot_ros.engine.compiled_loop import events_of, floor_of, rings_of
 from ballbot_ros.engine.law_runs import FAULTS
-from ballbot_ros.engine.rows import RobotRows, Rows, are_finite
+from ballbot_ros.engine.rows import Column, RobotRows, Rows, are_finite
 from ballbot_ros.engine.run import Events, RunLog, new_robots, tick_type
 from ballbot_ros.engine.scenario.metrics import METRICS, wall_clearance_m
 from ballbot_ros.engine.scenario.scenario import Measure, Scenario
@@ -34,6 +34,7 @@ from ballbot_ros.lab.studies.programs import Programs, programs_of, with_values
 from ballbot_ros.lab.studies.variables import DURATION
 from ballbot_ros.parameters import DEVICES, PLANT, ControllerParameters, PlantParameters
 from ballbot_ros.parameters.timing import FIRST_TICK_NS, SECOND_NS, TICK_NS
+from ballbot_ros.robot.arithmetic import Floats
 from ballbot_ros.robot.world.clearance import NO_WALLS, Walls, walls_around
 from ballbot_ros.robot.world.world import World, half_cells, is_blocked
 from ballbot_ros.run.spec import RunSpec
@@ -44,8 +45,6 @@ _LOG_BYTES = 2**20
 _BYTES_A_TICK = 34
 
 _PLACE = ('start_position_x', 'start_position_y', 'body_depth', 'body_width')
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -67,9 +66,9 @@ class Samples:
     """
 
     count: int
-    values: Mapping[str, NDArray[Any]]
+    values: Mapping[str, Column]
     scenarios: Sequence[Scenario] = ()
-    events: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    events: Mapping[str, Column] = field(default_factory=dict)
     first: int = 0
 
     def part(self, first: int, last: int) -> Samples:

@@ -6,14 +6,16 @@ import math
 import warnings
 import zlib
 from collections.abc import Mapping
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot_ros.engine.rows import Column
 from ballbot_ros.lab.studies.runs import Samples
 from ballbot_ros.lab.studies.study import Sampling, Study, grid_shape
-from ballbot_ros.lab.studies.variables import SEED, Floats, Levels
+from ballbot_ros.lab.studies.variables import SEED, Levels
+from ballbot_ros.robot.arithmetic import Floats
 from ballbot_ros.robot.random_numbers import Words, bits_53, noise_key, philox4x32
 
 _WORD = 0xFFFFFFFF
@@ -43,7 +45,7 @@ class Sampler:
             columns[SEED] = seeds_of_runs(self._study.seed, first, last)
         return self._study.samples(columns, first)
 
-    def _values(self, first: int, last: int) -> Mapping[str, NDArray[Any]]:
+    def _values(self, first: int, last: int) -> Mapping[str, Column]:
         if self._shares is None:
             return _grid_values(self._study, first, last)
         shares = self._shares.part(first, last)
@@ -146,10 +148,10 @@ def _below_one(shares: Floats) -> Floats:
     return np.asarray(np.minimum(shares, _BELOW_ONE))
 
 
-def _grid_values(study: Study, first: int, last: int) -> Mapping[str, NDArray[Any]]:
+def _grid_values(study: Study, first: int, last: int) -> Mapping[str, Column]:
     """Return all combinations of the levels; the last variable varies fastest, repeats slowest."""
     point = np.arange(first, last) % math.prod(grid_shape(study.variables))
-    columns: dict[str, NDArray[Any]] = {}
+    columns: dict[str, Column] = {}
     for each in reversed(study.variables):
         assert isinstance(each.distribution, Levels)
         point, level = np.divmod(point, len(each.distribution.levels))

@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot_ros.engine.rows import Column
 from ballbot_ros.errors import BallbotError
-
-Floats = NDArray[np.float64]
+from ballbot_ros.robot.arithmetic import Floats
 
 MAX_SAMPLE = 20_000
 """Largest number of runs that are used; the indices of more differ by less than their intervals."""
@@ -98,7 +98,7 @@ class Sensitivity:
 
 
 def analyse(
-    variables: Mapping[str, NDArray[Any]], results: Mapping[str, Floats], seed: int
+    variables: Mapping[str, Column], results: Mapping[str, Floats], seed: int
 ) -> Sensitivity:
     """Return the indices of results to variables that were drawn independently of each other.
 
@@ -158,7 +158,7 @@ def analyse(
     )
 
 
-def _spread(values: NDArray[Any], random: np.random.Generator) -> Floats:
+def _spread(values: Column, random: np.random.Generator) -> Floats:
     """Return different numbers in the order of values, but for neighbours.
 
     Both methods depend on the order only. Equal values get a random order, so that the slices of

@@ -6,11 +6,10 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
 
 import yaml
-from numpy.typing import NDArray
 
+from ballbot_ros.engine.rows import Column
 from ballbot_ros.engine.scenario.scenario import Expectation, Measure, Scenario
 from ballbot_ros.errors import printable
 from ballbot_ros.lab.studies.events import EventPart
@@ -100,7 +99,7 @@ class Study:
         """The variables that are parts of pushes and sticks."""
         return {each.name: each.part for each in self.variables if each.part is not None}
 
-    def samples(self, columns: Mapping[str, NDArray[Any]], first: int = 0) -> Samples:
+    def samples(self, columns: Mapping[str, Column], first: int = 0) -> Samples:
         """Return the samples of consecutive runs, given the values of all of :attr:`columns`.
 
         Parameters

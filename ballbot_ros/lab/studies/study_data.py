@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot_ros.engine.rows import Column
 from ballbot_ros.errors import BallbotError, StudyError
 from ballbot_ros.lab.studies.columns import (
     DUTY_SHA256,
@@ -35,6 +36,7 @@ from ballbot_ros.lab.studies.part_file import (
     read_part,
 )
 from ballbot_ros.lockstep.run_actions import Outcome
+from ballbot_ros.robot.arithmetic import Floats
 
 if TYPE_CHECKING:
     import pandas
@@ -89,8 +91,6 @@ QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 WORST_RUNS = 5
 
 _REMEDY = 'give the command of the study again, which redoes this part'
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -286,13 +286,13 @@ class StudyData:
         frame[DUTY_SHA256.name] = [each.hex() for each in frame[DUTY_SHA256.name]]
         return frame
 
-    def column(self, name: str) -> NDArray[Any]:
+    def column(self, name: str) -> Column:
         """Return the values of a column of numbers or truth values, NaN where there is none.
 
         It takes the memory of one number a run.
         """
         # Filled in place, which takes half the memory of a list of parts that is joined.
-        values: NDArray[Any] | None = None
+        values: Column | None = None
         done = 0
         for table in self.parts([name]):
             part = _numbers(table.column(name))
@@ -431,7 +431,7 @@ def _ranked(numbers: NDArray[np.int64], values: Floats) -> list[RankedRun]:
     return list(map(RankedRun, numbers.tolist(), values.tolist()))
 
 
-def _numbers(column: Any) -> NDArray[Any]:
+def _numbers(column: Any) -> Column:
     """Return a column of a table as an array; NaN where there is no value."""
     return np.asarray(column.to_numpy())
 

@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot_ros.engine.rows import Column
 from ballbot_ros.lab.studies.columns import PASSED, ColumnKind, ResultColumn
 from ballbot_ros.lab.studies.manifest import PartSummary
 from ballbot_ros.lab.studies.study_data import StudyData
-
-Floats = NDArray[np.float64]
+from ballbot_ros.robot.arithmetic import Floats
 
 MAX_LEVELS = 300
 """Largest number of different values that are shown one by one."""
@@ -37,10 +37,10 @@ class Extent:
 
     def __init__(self) -> None:
         self.low, self.high = math.inf, -math.inf
-        self.levels: NDArray[Any] | None = None
+        self.levels: Column | None = None
         self._seen = False
 
-    def add(self, values: NDArray[Any]) -> None:
+    def add(self, values: Column) -> None:
         """Take more values, of which NaN and infinite ones do not count."""
         if values.dtype.kind == 'f':
             values = values[np.isfinite(values)]
@@ -75,7 +75,7 @@ class Axis:
 
     column: ResultColumn
     edges: Floats
-    levels: NDArray[Any] | None = None
+    levels: Column | None = None
     is_log: bool = False
 
     @classmethod
@@ -134,12 +134,12 @@ class Axis:
         return np.sqrt(low * high) if self.is_log else (low + high) / 2.0
 
     @property
-    def shown(self) -> NDArray[Any]:
+    def shown(self) -> Column:
         """The words, or the middles, shape (n,)."""
         return self.levels if self.is_words and self.levels is not None else self.middles
 
     @property
-    def span(self) -> NDArray[Any]:
+    def span(self) -> Column:
         """Values that span a map: all levels of whole numbers, else both ends; words have none."""
         if self.levels is not None:
             return self.levels
@@ -158,7 +158,7 @@ class Axis:
         """Name and unit."""
         return with_unit(self.column.name, self.column.unit)
 
-    def places(self, values: NDArray[Any]) -> NDArray[np.intp]:
+    def places(self, values: Column) -> NDArray[np.intp]:
         """Return the cells of values, shape (r,)."""
         if self.levels is not None:
             return np.searchsorted(self.levels, values)
@@ -202,7 +202,7 @@ class Survey:
 
     totals: PartSummary
     extents: Mapping[str, Extent]
-    sample: Mapping[str, NDArray[Any]]
+    sample: Mapping[str, Column]
 
     @classmethod
     def of(cls, data: StudyData, size: int, random: np.random.Generator) -> Survey:
@@ -219,7 +219,7 @@ class Survey:
             chosen = np.sort(random.choice(totals.runs, size, replace=False, shuffle=False))
         columns = [*data.study.varied, *data.study.measures]
         extents = {each.name: Extent() for each in columns}
-        found: dict[str, list[NDArray[Any]]] = {each.name: [] for each in (*columns, PASSED)}
+        found: dict[str, list[Column]] = {each.name: [] for each in (*columns, PASSED)}
         done = 0
         for table in data.parts(list(found)):
             first, end = np.searchsorted(chosen, [done, done + table.num_rows])
@@ -309,7 +309,7 @@ def tally(
     return Tallies(shaped, shares, histograms)
 
 
-def _column_values(table: Any, column: ResultColumn) -> NDArray[Any]:
+def _column_values(table: Any, column: ResultColumn) -> Column:
     """Return a column of a part: numbers, NaN where there is none, or words, also for switches."""
     found = table.column(column.name)
     if column.kind is ColumnKind.TEXT:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.controllers.controller_program import own_rows
-from ballbot_ros.engine.rows import robot_parameter
+from ballbot_ros.engine.rows import Column, robot_parameter
 from ballbot_ros.engine.scenario.reader import ExpectationReader, Keys
 from ballbot_ros.errors import StudyError
 from ballbot_ros.lab.studies.events import EventPart, event_parameter, event_part, is_event
@@ -27,9 +27,8 @@ from ballbot_ros.parameters import (
     parameters_of,
     suggest,
 )
+from ballbot_ros.robot.arithmetic import Floats
 from ballbot_ros.run.spec import RunSpec
-
-Floats = NDArray[np.float64]
 
 MAX_LEVELS = 100_000
 """Largest number of values of one variable in a grid."""
@@ -42,7 +41,7 @@ class Distribution(Protocol):
     def ends(self) -> tuple[Any, Any]:
         """The smallest and the largest value."""
 
-    def values(self, shares: Floats) -> NDArray[Any]:
+    def values(self, shares: Floats) -> Column:
         """Return the values below which these shares, within [0, 1), of all values lie."""
 
 
@@ -154,12 +153,12 @@ class Levels:
         """The smallest and the largest value."""
         return min(self.levels), max(self.levels)
 
-    def values(self, shares: Floats) -> NDArray[Any]:
+    def values(self, shares: Floats) -> Column:
         """Return the values for shares within [0, 1)."""
         numbers = np.floor(shares * len(self.levels)).astype(np.int64)
         return self.at(np.minimum(numbers, len(self.levels) - 1))
 
-    def at(self, numbers: NDArray[np.int64]) -> NDArray[Any]:
+    def at(self, numbers: NDArray[np.int64]) -> Column:
         """Return the values with these numbers, from 0."""
         return np.array(self.levels)[numbers]
 

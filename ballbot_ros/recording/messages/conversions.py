@@ -37,7 +37,7 @@ from ballbot_ros.recording.messages.message_types import (
     Vector3Stamped,
     WrenchStamped,
 )
-from ballbot_ros.recording.messages.raw import Floats, MessageLayout, Messages, Stamps, elements
+from ballbot_ros.recording.messages.raw import MessageLayout, Messages, Stamps, elements
 from ballbot_ros.recording.messages.topics import (
     BATTERY_STATE,
     BLUETOOTH_TX,
@@ -57,7 +57,7 @@ from ballbot_ros.recording.messages.topics import (
     WALL_HIT,
 )
 from ballbot_ros.recording.schemas import encoder, new_message
-from ballbot_ros.robot.arithmetic import sine_cosine, sines_cosines
+from ballbot_ros.robot.arithmetic import Floats, sine_cosine, sines_cosines
 from ballbot_ros.robot.brick.bluetooth import LogPacket
 from ballbot_ros.robot.brick.brick import Tone
 from ballbot_ros.robot.brick.sensors import RADIANS_PER_DEGREE, battery_mv, quantise

@@ -22,6 +22,7 @@ from rosbags.serde import SerdeError
 
 from ballbot_ros.parameters.timing import SECOND_NS
 from ballbot_ros.recording.schemas import encoder, new_message, typestore
+from ballbot_ros.robot.arithmetic import Floats
 
 # In CDR, the first field, here a time, follows four bytes of encoding.
 _STAMP = struct.Struct('<4xiI')
@@ -84,7 +85,6 @@ _NUMPY = {'i': 'i4', 'I': 'u4', 'f': 'f4', 'd': 'f8'}
 """numpy's names of the type codes."""
 
 Stamps = NDArray[np.int64]
-Floats = NDArray[np.float64]
 Messages = NDArray[np.void]
 """Messages of equal length: structures of their bytes, shape (n,)."""
 

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.parameters.timing import SECOND_NS, TICK_NS
+from ballbot_ros.robot.arithmetic import Floats
 
 CALIBRATION_NS = SECOND_NS
 """Time from the start of a run in which the offsets of the gyros are measured [ns]."""
@@ -50,7 +51,6 @@ _ACCELERATION = 0.5
 
 _RADIANS = math.pi / 180.0
 
-Floats = NDArray[np.float64]
 Rows = NDArray[np.intp]
 
 _KEPT = WINDOW_NS // TICK_NS

@@ -12,9 +12,8 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from ballbot_ros.robot.arithmetic import Floats
 from ballbot_ros.robot.world.floor_map import CELL_M, CELLS_PER_METRE, FloorMap
-
-Floats = NDArray[np.float64]
 
 _ROUNDING = 1e-9
 """More than the rounding of positions [cells]."""
