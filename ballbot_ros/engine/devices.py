@@ -51,6 +51,7 @@ from ballbot_ros.robot.random_numbers import (
 )
 from ballbot_ros.robot.world.floor_map import CELL_M, map_point
 from ballbot_ros.robot.world.sonar_beam import nearest_echo, sides_of
+from ballbot_ros.robot.world.world import Cells
 
 
 @cache
@@ -86,46 +87,46 @@ _HALF = 32
 Numbers = tuple[float, float]
 
 
-def one_uniform_pair(key: Key, device: Any, index: int) -> Numbers:
+def one_uniform_pair(key: Key, device: np.uint64, index: int) -> Numbers:
     """Return what :func:`uniform_pair` does, without a block."""
     one, other = _bits(key, device, index)
     return uniform(one), uniform(other)
 
 
-def one_normal_pair(key: Key, device: Any, index: int) -> Numbers:
+def one_normal_pair(key: Key, device: np.uint64, index: int) -> Numbers:
     """Return what :func:`normal_pair` does, without a block."""
     one, other = _bits(key, device, index)
     return normal(one), normal(other)
 
 
 @compiled_as(one_uniform_pair)
-def uniform_pair(key: Key, device: Any, index: int) -> Numbers:
+def uniform_pair(key: Key, device: np.uint64, index: int) -> Numbers:
     """Return the two uniform numbers of sample `index` of a device, within [0, 1)."""
     return _uniform_block(key, device, index // _BLOCK)[index % _BLOCK]
 
 
 @compiled_as(one_normal_pair)
-def normal_pair(key: Key, device: Any, index: int) -> Numbers:
+def normal_pair(key: Key, device: np.uint64, index: int) -> Numbers:
     """Return the two standard normal numbers of sample `index` of a device."""
     return _normal_block(key, device, index // _BLOCK)[index % _BLOCK]
 
 
-def _bits(key: Key, device: Any, index: int) -> tuple[Any, Any]:
+def _bits(key: Key, device: np.uint64, index: int) -> tuple[Any, Any]:
     low, high = noise_bits(np.uint64(index & _WORD), np.uint64(index >> _HALF), device, key)
     return np.int64(low), np.int64(high)
 
 
 @lru_cache(_KEPT_BLOCKS)
-def _uniform_block(key: Key, device: Any, block: int) -> list[Numbers]:
+def _uniform_block(key: Key, device: np.uint64, block: int) -> list[Numbers]:
     return [(uniform(one), uniform(other)) for one, other in _bits_of_block(key, device, block)]
 
 
 @lru_cache(_KEPT_BLOCKS)
-def _normal_block(key: Key, device: Any, block: int) -> list[Numbers]:
+def _normal_block(key: Key, device: np.uint64, block: int) -> list[Numbers]:
     return [(normal(one), normal(other)) for one, other in _bits_of_block(key, device, block)]
 
 
-def _bits_of_block(key: Key, device: Any, block: int) -> list[tuple[int, int]]:
+def _bits_of_block(key: Key, device: np.uint64, block: int) -> list[tuple[int, int]]:
     first = block * _BLOCK
     low = np.arange(first & _WORD, (first & _WORD) + _BLOCK, dtype=np.uint64)
     one, other = noise_bits(low, np.uint64(first >> _HALF), device, key)
@@ -225,7 +226,7 @@ def read_encoder(angle_x: float, angle_y: float) -> tuple[int, int]:
     return encoder_reading(angle_x), encoder_reading(angle_y)
 
 
-def read_sonar(constants: SonarConstants, x: float, y: float, sides: Any, stamp_ns: int) -> int:
+def read_sonar(constants: SonarConstants, x: float, y: float, sides: Cells, stamp_ns: int) -> int:
     """Return the reading [cm] for a position of the ball [m]; 255 for no echo.
 
     `sides` is as in :func:`distance_ahead`.
@@ -233,7 +234,7 @@ def read_sonar(constants: SonarConstants, x: float, y: float, sides: Any, stamp_
     return echo(constants, distance_ahead(constants, x, y, sides), stamp_ns)
 
 
-def distance_ahead(constants: SonarConstants, x: float, y: float, sides: Any) -> float:
+def distance_ahead(constants: SonarConstants, x: float, y: float, sides: Cells) -> float:
     """Return the distance [m] from the sensor to the nearest wall, inf if there is none.
 
     Parameters
@@ -262,7 +263,7 @@ def echo(constants: SonarConstants, distance_m: float, stamp_ns: int) -> int:
 
 
 def sample_age(
-    delay: int, jitter: int, key: Key, device: Any, period_ns: int, stamp_ns: int
+    delay: int, jitter: int, key: Key, device: np.uint64, period_ns: int, stamp_ns: int
 ) -> int:
     """Return the age [steps] of a sample: that of the newest measurement which has arrived by then.
 

@@ -16,14 +16,16 @@ from ballbot_ros.controllers.policy import (
     percent,
 )
 from ballbot_ros.engine.plant_tick import (
+    Ints,
     PlantConstants,
     PlantState,
+    Reals,
     initial_state,
     plant_constants,
     plant_tick,
     position,
 )
-from ballbot_ros.engine.rows import row_functions, row_type
+from ballbot_ros.engine.rows import Rows, row_functions, row_type
 from ballbot_ros.engine.run import (
     FloorTables,
     Rings,
@@ -35,7 +37,9 @@ from ballbot_ros.engine.run import (
 from ballbot_ros.engine.scenario.scenario import signal_value
 from ballbot_ros.parameters import DEVICES, ControllerParameters, PlantParameters
 from ballbot_ros.parameters.timing import FIRST_TICK_NS, MILLISECOND_NS, SLOW_PERIOD_NS
+from ballbot_ros.robot.arithmetic import Floats
 from ballbot_ros.robot.compiler_hints import inlined
+from ballbot_ros.robot.world.world import Cells
 
 TrueState = tuple[float, float, float, float, float, float, float, float, float]
 """Position from the start [m], velocity [m/s], pitch [rad] and its rate [rad/s] of planes x and y,
@@ -70,10 +74,10 @@ def move_robot(
     horizontal_times: Any,
     horizontal_values: Any,
     effects_ns: Any,
-    waiting_duties: Any,
+    waiting_duties: Ints,
     steps: Any,
-    sides: Any,
-    walls_before: Any,
+    sides: Cells,
+    walls_before: Cells,
 ) -> tuple[PlantState, ObserverState]:
     """Return the states after some ticks under a duty; a wall hit ends them.
 
@@ -142,7 +146,7 @@ read_observer, write_observer = row_functions(ObserverState)
 
 
 def move_robots(
-    floor: FloorTables, vertical: Any, horizontal: Any, rings: Rings, robots: Any
+    floor: FloorTables, vertical: Floats, horizontal: Floats, rings: Rings, robots: Rows
 ) -> None:
     """Move robots, each for its number of ticks.
 
@@ -166,13 +170,13 @@ def move_robots(
 
 
 def move_row(
-    sides: Any,
-    walls_before: Any,
-    vertical: Any,
-    horizontal: Any,
-    effects_ns: Any,
-    waiting_duties: Any,
-    steps: Any,
+    sides: Cells,
+    walls_before: Cells,
+    vertical: Floats,
+    horizontal: Floats,
+    effects_ns: Ints,
+    waiting_duties: Ints,
+    steps: Reals,
     robot: Any,
 ) -> None:
     """Move one of the robots of :func:`move_robots`."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 from ballbot_ros.engine.devices import choice, uniform_pair
 from ballbot_ros.parameters import PlantParameters
@@ -39,7 +39,24 @@ from ballbot_ros.robot.plant.laws import (
 )
 from ballbot_ros.robot.plant.model import MassMatrix, gear_ratio, mass_matrix, torque_per_volt
 from ballbot_ros.robot.random_numbers import Key, device_number, noise_key
-from ballbot_ros.robot.world.world import Footprint, half_cells, is_blocked
+from ballbot_ros.robot.world.world import Cells, Footprint, half_cells, is_blocked
+
+
+class Ints(Protocol):
+    """Whole numbers in a buffer, a list or an array, shape (n,)."""
+
+    def __len__(self) -> int: ...
+    def __getitem__(self, at: int, /) -> int: ...
+    def __setitem__(self, at: int, value: int, /) -> None: ...
+
+
+class Reals(Protocol):
+    """Real numbers in a buffer, a list or an array, shape (n,)."""
+
+    def __len__(self) -> int: ...
+    def __getitem__(self, at: int, /) -> float: ...
+    def __setitem__(self, at: int, value: float, /) -> None: ...
+
 
 STEP_S = STEP_NS * 1e-9
 NEVER_NS = 2**62
@@ -199,13 +216,13 @@ def plant_tick(
     state: PlantState,
     duty_x: int,
     duty_y: int,
-    push_times: Any,
-    push_forces: Any,
-    effects_ns: Any,
-    waiting_duties: Any,
-    steps: Any,
-    sides: Any,
-    walls_before: Any,
+    push_times: Ints,
+    push_forces: Reals,
+    effects_ns: Ints,
+    waiting_duties: Ints,
+    steps: Reals,
+    sides: Cells,
+    walls_before: Cells,
 ) -> PlantState:
     """Return the state 4 ms later, under duties [%] commanded now.
 
@@ -343,7 +360,7 @@ def stopped_planes(
     )  # fmt: skip
 
 
-def without_expired(push_times: Any, push_forces: Any, pushes: int, time_ns: int) -> int:
+def without_expired(push_times: Ints, push_forces: Reals, pushes: int, time_ns: int) -> int:
     """Remove the pushes that have ended from their buffers; return how many remain.
 
     The order of the others stays: their forces are added in it.
@@ -364,8 +381,8 @@ def without_expired(push_times: Any, push_forces: Any, pushes: int, time_ns: int
 
 
 def forces_of(
-    push_times: Any,
-    push_forces: Any,
+    push_times: Ints,
+    push_forces: Reals,
     pushes: int,
     time_ns: int,
     plane: int,
@@ -385,7 +402,7 @@ def forces_of(
 
 
 def note_duty(
-    effects_ns: Any, waiting_duties: Any, now_ns: int, delay_ns: int, duty_x: int, duty_y: int
+    effects_ns: Ints, waiting_duties: Ints, now_ns: int, delay_ns: int, duty_x: int, duty_y: int
 ) -> None:
     """Note a duty [%] that takes effect after its dead time."""
     at = now_ns // TICK_NS % len(effects_ns)
@@ -393,7 +410,7 @@ def note_duty(
     waiting_duties[2 * at], waiting_duties[2 * at + 1] = duty_x, duty_y
 
 
-def duty_at(effects_ns: Any, waiting_duties: Any, now_ns: int) -> tuple[int, int]:
+def duty_at(effects_ns: Ints, waiting_duties: Ints, now_ns: int) -> tuple[int, int]:
     """Return the duty [%] that acts: the newest one that has taken effect, or none."""
     count = len(effects_ns)
     newest = now_ns // TICK_NS

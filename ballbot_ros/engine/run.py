@@ -11,6 +11,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ballbot_ros.controllers.document.axis import LCD_MS
 from ballbot_ros.controllers.document.program import (
@@ -42,8 +43,10 @@ from ballbot_ros.engine.devices import (
 from ballbot_ros.engine.plant_tick import (
     NEVER_NS,
     STEP_VALUES,
+    Ints,
     PlantConstants,
     PlantState,
+    Reals,
     initial_state,
     motor_angles,
     plant_constants,
@@ -62,9 +65,12 @@ from ballbot_ros.parameters.timing import (
     TICK_MS,
     TICK_NS,
 )
+from ballbot_ros.robot.arithmetic import Floats
 from ballbot_ros.robot.brick.brick import NO_SAMPLE, UINT32_MASK, Inputs
 from ballbot_ros.robot.brick.sensors import battery_mv
 from ballbot_ros.robot.compiler_hints import inlined
+from ballbot_ros.robot.random_numbers import Key
+from ballbot_ros.robot.world.world import Cells
 
 
 class RobotConstants(NamedTuple):
@@ -100,8 +106,8 @@ def sample(
     state: PlantState,
     vertical: int,
     horizontal: int,
-    steps: Any,
-    sides: Any,
+    steps: Reals,
+    sides: Cells,
 ) -> Inputs:
     """Return the samples that are due in a state.
 
@@ -145,14 +151,20 @@ def sample(
 
 
 def kept_step(
-    delay: int, jitter: int, key: Any, device: Any, period_ns: int, stamp_ns: int, steps: Any
+    delay: int,
+    jitter: int,
+    key: Key,
+    device: np.uint64,
+    period_ns: int,
+    stamp_ns: int,
+    steps: Reals,
 ) -> int:
     """Return where the step that a sample measures is in the ring of the kept ones."""
     age = sample_age(delay, jitter, key, device, period_ns, stamp_ns)
     return (stamp_ns // STEP_NS - age) % (len(steps) // STEP_VALUES) * STEP_VALUES
 
 
-def clear_rings(constants: PlantConstants, effects_ns: Any, steps: Any) -> None:
+def clear_rings(constants: PlantConstants, effects_ns: Ints, steps: Reals) -> None:
     """Let no duty be waiting, and all kept steps be those of a robot at rest at its start."""
     for each in range(len(effects_ns)):
         effects_ns[each] = NEVER_NS
@@ -205,9 +217,9 @@ class Rings(NamedTuple):
     :func:`~ballbot_ros.engine.plant_tick.plant_tick` with these names are a row.
     """
 
-    effects_ns: Any
-    waiting_duties: Any
-    steps: Any
+    effects_ns: NDArray[np.int64]
+    waiting_duties: NDArray[np.int64]
+    steps: Floats
 
 
 class RunLog(NamedTuple):
@@ -313,17 +325,17 @@ def program_step(
 
 
 def simulate_runs(
-    plants: Any,
-    gyros: Any,
-    encoders: Any,
-    sonars: Any,
-    programs: Any,
+    plants: Rows,
+    gyros: Rows,
+    encoders: Rows,
+    sonars: Rows,
+    programs: Rows,
     floor: FloorTables,
     events: Events,
     rings: Rings,
     log: RunLog,
-    traces: Any,
-    robots: Any,
+    traces: Rows,
+    robots: Rows,
     most: int,
 ) -> None:
     """Run robots under a control program, each to its end or for some ticks.
@@ -365,19 +377,19 @@ def simulate_run(
     encoder: Any,
     sonar: Any,
     program: Any,
-    sides: Any,
-    walls_before: Any,
-    push_times: Any,
-    push_forces: Any,
+    sides: Cells,
+    walls_before: Cells,
+    push_times: Ints,
+    push_forces: Reals,
     vertical_points: Any,
     horizontal_points: Any,
-    effects_ns: Any,
-    waiting_duties: Any,
-    steps: Any,
-    positions: Any,
-    pitches: Any,
-    duties: Any,
-    trace: Any,
+    effects_ns: Ints,
+    waiting_duties: Ints,
+    steps: Reals,
+    positions: Floats,
+    pitches: Floats,
+    duties: NDArray[np.int8],
+    trace: Rows,
     robot: Any,
     most: int,
 ) -> None:

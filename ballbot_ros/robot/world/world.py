@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,18 @@ from ballbot_ros.robot.plant.ground_truth import Pair
 from ballbot_ros.robot.world.clearance import Walls, clearance, walls_around
 from ballbot_ros.robot.world.floor_map import CELL_M, CELLS_PER_METRE, FloorMap, load_map, map_point
 from ballbot_ros.robot.world.sonar_beam import wall_distance
+
+
+class Cells(Protocol):
+    """A table of the cells of a map, an array or its memory, shape (rows, columns)."""
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Rows and columns."""
+        ...
+
+    def __len__(self) -> int: ...
+    def __getitem__(self, at: tuple[int, int], /) -> int: ...
 
 
 class Footprint(NamedTuple):
@@ -30,8 +42,8 @@ class Footprint(NamedTuple):
         Half of the body's depth and width.
     """
 
-    sides: Any
-    walls_before: Any
+    sides: Cells
+    walls_before: Cells
     half_u: float
     half_v: float
 
@@ -86,7 +98,9 @@ class World:
         sides = wall_distance(floor_map)
         self.footprint = Footprint(sides, sums, self._half_u, self._half_v)
         # Memory views give their elements faster than arrays do.
-        self._footprint = self.footprint._replace(sides=sides.data, walls_before=sums.data)
+        self._footprint = self.footprint._replace(
+            sides=cast(Cells, sides.data), walls_before=cast(Cells, sums.data)
+        )
         self._points = {
             f'{end} {side}': (along * self._half_u, across * self._half_v)
             for end, along in (('front', 1.0), ('rear', -1.0))
