@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +31,7 @@ from ballbot_ros.engine.run import (
     simulate_runs,
     tick_type,
 )
-from ballbot_ros.engine.scenario.scenario import Scenario, StickSignal
+from ballbot_ros.engine.scenario.scenario import Scenario
 from ballbot_ros.parameters import (
     DEVICES,
     ControllerParameters,
@@ -43,11 +43,14 @@ from ballbot_ros.parameters import (
 )
 from ballbot_ros.parameters.timing import FIRST_TICK_NS
 from ballbot_ros.robot.brick.brick import Inputs
-from ballbot_ros.robot.plant.ground_truth import GroundTruth
+from ballbot_ros.robot.plant.ground_truth import GroundTruth, Push
 from ballbot_ros.robot.world.world import World
 
 MIN_TICKS = 25_000
 """The interpreter makes fewer ticks in the time in which compiled code is loaded."""
+
+_ENDLESS_S = 1e9
+"""Longer than any run; who calls the loop counts its ticks."""
 
 _asked = Counter[str]()
 """The number of ticks of this process's runs."""
@@ -77,6 +80,26 @@ def compile_runs() -> None:
     program = ControlProgram(parameters.of(ControllerParameters))
     loop = ClosedLoop(parameters, program=program)
     CompiledLoop(loop, program, parameters, Scenario()).advance(1)
+
+
+class StickPoints(Protocol):
+    """A stick's signal."""
+
+    @property
+    def points(self) -> tuple[Sequence[float], Sequence[float]]:
+        """Times [s] and values, for :func:`~ballbot_ros.engine.scenario.scenario.signal_value`."""
+
+
+class EventSource(Protocol):
+    """Sticks and pushes of a run, from a scenario or a recording."""
+
+    @property
+    def vertical(self) -> StickPoints: ...  # noqa: D102
+    @property
+    def horizontal(self) -> StickPoints: ...  # noqa: D102
+
+    def pushes_from(self, start_ns: int) -> Sequence[Push]:
+        """Return the pushes of a run that begins at sim time `start_ns`."""
 
 
 class TickColumns(NamedTuple):
@@ -110,7 +133,7 @@ class CompiledLoop:
     program : ControlProgram
         Its program.
     parameters : ParameterSet
-    scenario : Scenario
+    events : Scenario or EventSource
         Its sticks and pushes.
 
     Attributes
@@ -128,15 +151,16 @@ class CompiledLoop:
         loop: ClosedLoop,
         program: ControlProgram,
         parameters: ParameterSet,
-        scenario: Scenario,
+        events: EventSource,
     ) -> None:
         self._plant, self.program = loop.plant, program
         self._run = compiled_and_kept(simulate_runs)
         rows = RobotRows(parameters, {}, 1)
+        rows[PlantParameters]['duration'] = _ENDLESS_S
         self._tables = (
             rows[PlantParameters], rows[GyroParameters], rows[EncoderParameters],
             rows[SonarParameters], program_rows(rows[ControllerParameters]),
-            floor_of(loop.world), events_of([scenario]),
+            floor_of(loop.world), events_of([events]),
         )  # fmt: skip
         self._rings = rings_of(rows)
         self._robots = new_robots(1, rows_of([program.state]))
@@ -209,9 +233,9 @@ def rings_of(rows: RobotRows) -> Rings:
     )
 
 
-def events_of(scenarios: Sequence[Scenario]) -> Events:
-    """Return pushes and sticks for the compiled code; the first axis is that of the scenarios."""
-    pushes = [each.pushes_from(FIRST_TICK_NS) for each in scenarios]
+def events_of(sources: Sequence[EventSource]) -> Events:
+    """Return pushes and sticks for the compiled code; the first axis is that of the sources."""
+    pushes = [each.pushes_from(FIRST_TICK_NS) for each in sources]
     most = max(map(len, pushes))
     # What is missing begins and ends at time 0, before the run.
     times, forces = np.zeros((len(pushes), most, 2), np.int64), np.zeros((len(pushes), most, 4))
@@ -222,12 +246,12 @@ def events_of(scenarios: Sequence[Scenario]) -> Events:
     return Events(
         times.reshape(len(pushes), 2 * most),
         forces.reshape(len(pushes), 4 * most),
-        points_of([each.vertical for each in scenarios]),
-        points_of([each.horizontal for each in scenarios]),
+        points_of([each.vertical for each in sources]),
+        points_of([each.horizontal for each in sources]),
     )
 
 
-def points_of(signals: Sequence[StickSignal]) -> NDArray[np.float64]:
+def points_of(signals: Sequence[StickPoints]) -> NDArray[np.float64]:
     """Return the points of stick signals as in :class:`~ballbot_ros.engine.run.Events`."""
     points = [np.transpose(each.points) for each in signals]
     table = np.zeros((len(points), max(map(len, points)), 2))

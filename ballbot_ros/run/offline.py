@@ -16,7 +16,7 @@ from ballbot_ros.controllers.document.program import ControlProgram
 from ballbot_ros.engine.closed_loop import ClosedLoop
 from ballbot_ros.engine.compiled_loop import CompiledLoop, compile_for_the_next_time, pays
 from ballbot_ros.engine.pacer import Pacer
-from ballbot_ros.engine.trajectory import TrajectoryLog
+from ballbot_ros.engine.trajectory import Engine, TrajectoryLog
 from ballbot_ros.errors import ControllerError, RecordingError, one_line
 from ballbot_ros.lockstep.run_actions import Outcome, RunSummary
 from ballbot_ros.parameters import CONTROLLER, ControllerParameters
@@ -28,7 +28,7 @@ from ballbot_ros.recording.reader import AttachedFile
 from ballbot_ros.recording.rosbag2 import media_type
 from ballbot_ros.run.graph import attachments_of, public_parameters, versions
 from ballbot_ros.run.observer import RunObserver
-from ballbot_ros.run.result import Engine, RunResult
+from ballbot_ros.run.result import RunResult
 from ballbot_ros.run.simulated_recording import SimulatedRecording
 from ballbot_ros.run.spec import RunSpec
 from ballbot_ros.run.tick_timer import TickTimer

@@ -12,6 +12,7 @@ pytest.importorskip('numba')
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.engine import compiled_loop
 from ballbot_ros.engine.compilation import is_kept
+from ballbot_ros.engine.trajectory import Engine
 from ballbot_ros.lockstep.run_actions import Outcome
 from ballbot_ros.parameters import ParameterSet
 from ballbot_ros.parameters.parameter_set import ALL_NODES
@@ -19,7 +20,6 @@ from ballbot_ros.run import offline
 from ballbot_ros.run.observer import LogObserver
 from ballbot_ros.run.offline import run_offline
 from ballbot_ros.run.requirements import Processes
-from ballbot_ros.run.result import Engine
 from ballbot_ros.run.spec import RunOptions, RunSpec
 
 
