@@ -6,6 +6,7 @@ import math
 from bisect import bisect_right
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import groupby, repeat
@@ -23,10 +24,10 @@ from ballbot_ros.analysis.recorded_runs import (
 )
 from ballbot_ros.analysis.recorded_scenario import PushPairs
 from ballbot_ros.controllers.codegen.implementation import implementation_for
-from ballbot_ros.controllers.document.program import ControlProgram
 from ballbot_ros.controllers.loading import public_reference
 from ballbot_ros.engine.closed_loop import ClosedLoop
 from ballbot_ros.engine.compiled_loop import CompiledLoop, pays
+from ballbot_ros.engine.law_runs import FAULTS
 from ballbot_ros.engine.trajectory import Engine
 from ballbot_ros.errors import BallbotError, RecordingError
 from ballbot_ros.parameters import (
@@ -463,7 +464,7 @@ class _Robot:
         self._source = inputs.only_source or ''
         is_plain = start_ns == FIRST_TICK_NS and not samples and not inputs.retunings
         is_plain = is_plain and inputs.only_source is not None
-        if is_plain and isinstance(program, ControlProgram) and pays(inputs.ticks):
+        if is_plain and pays(inputs.ticks, program):
             self._compiled = CompiledLoop(self._loop, program, parameters, inputs)
             self._columns = RunColumns(
                 self._messages, make, lambda topic: partial(all_replayed, topic), parameters
@@ -473,11 +474,12 @@ class _Robot:
         """Make the ticks up to a stamp [ns], as :func:`replay_run` does."""
         loop, inputs = self._loop, self._inputs
         if self._compiled and loop.plant.time_ns <= last_ns:
-            ticks = (last_ns - loop.plant.time_ns) // TICK_NS + 1
-            log, columns = self._compiled.trace(ticks)
-            done = len(log.duty)
+            ticks, done = (last_ns - loop.plant.time_ns) // TICK_NS + 1, 0
+            with suppress(*FAULTS):  # of a law; the interpreter tells them
+                log, columns = self._compiled.trace(ticks)
+                done = len(log.duty)
             if done:
-                self._columns.ticks(columns, self._compiled.program, self._source)
+                self._columns.ticks(columns, loop.program, self._source)
             if done < ticks:
                 self._compiled = None  # which ends a run at a wall hit
             yield from repeat(Engine.COMPILED, done)
