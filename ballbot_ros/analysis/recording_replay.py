@@ -34,6 +34,7 @@ from ballbot_ros.controllers.codegen.implementation import missing_tool_for, req
 from ballbot_ros.controllers.controller_program import own_rows
 from ballbot_ros.controllers.loading import public_reference
 from ballbot_ros.engine.compiled_loop import compile_for_the_next_time
+from ballbot_ros.engine.law_runs import has_law
 from ballbot_ros.engine.trajectory import Engine
 from ballbot_ros.errors import BallbotError, ControllerError, RecordingError, printable
 from ballbot_ros.files import OUR_PACKAGE, write_temporary
@@ -163,6 +164,7 @@ class RecordingReplay:
         if controller in DOCUMENTS_PROGRAM:
             require_implementation(controller)
         self.controller_in_robot: ReplayResult | None = None
+        self._are_functions = True
         self._scratch, self._trusts_code = scratch, trust_attached_code
         chosen = {id(job): self._choose(job, controller) for job in self._begun}
         self.controllers = [chosen[id(job)] for job in self._jobs]
@@ -227,6 +229,7 @@ class RecordingReplay:
             loaded = load_attached(identity, reader.path, files, self._scratch)
         else:
             loaded = find_recorded(identity, reader.path, requested)
+        self._are_functions &= loaded.code.is_ours and has_law(loaded.cls)
         job.parameters.set(CONTROLLER, 'implementation', loaded.code.reference)
         job.parameters.declare_own(loaded.cls.__name__, own_rows(loaded))
         reference = identity.reference
@@ -270,7 +273,7 @@ class RecordingReplay:
         result = self._compare('robot', self._begun, comparator, self._robot_ticks, update)
         compile_for_the_next_time()
         if result.difference is None:
-            if not foreign and self._gets_all_samples():
+            if not foreign and self._robot_shows_controller():
                 messages = comparator.compared(CONTROLLER_TOPICS)
                 self.controller_in_robot = replace(result, subject='controller', messages=messages)
             return result
@@ -280,16 +283,16 @@ class RecordingReplay:
             return result
         return replace(result, context=self._context(begun[-1], result.difference.stamp_ns))
 
-    def _gets_all_samples(self) -> bool:
-        """Return whether each tick of the robot needs recorded samples for the controller.
+    def _robot_shows_controller(self) -> bool:
+        """Return whether an identical robot implies an identical controller.
 
-        If the robot's messages are those recorded, so are the samples that the controller gets in
-        it. The document's program, which depends on nothing else, then gives the same.
+        The samples that the controller gets in it are those recorded. The document's program, or a
+        law of this package, depends on nothing else.
         """
         return (
-            self._recording.reader.complete
+            self._are_functions
+            and self._recording.reader.complete
             and len(self._jobs) == len(self._begun)
-            and {job.implementation for job in self._jobs} <= set(DOCUMENTS_PROGRAM)
             and INPUT_READERS.keys() <= set(self._recording.topics.by_name.values())
         )
 
