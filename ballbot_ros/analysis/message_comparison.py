@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 import struct
-from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import fields, is_dataclass
 from typing import Any, NamedTuple
 
@@ -40,86 +39,147 @@ class MessageComparator:
 
     def __init__(self, topics: Iterable[Topic]) -> None:
         self._topics = {topic: _Pairs(topic) for topic in topics}
-        self._first: dict[Topic, MessageDifference] = {}
-        self.compared = 0
 
     def add_recorded(self, topic: Topic, stamp_ns: int, data: bytes, epoch: int = 0) -> None:
         """Add a recorded message."""
-        if pairs := self._topics.get(topic):
-            pairs.recorded.append(_Message(epoch, stamp_ns, data))
-            self._compare(topic, pairs)
+        self.add_all_recorded(topic, (stamp_ns,), (data,), epoch)
 
     def add_replayed(self, topic: Topic, stamp_ns: int, data: bytes, epoch: int = 0) -> None:
         """Add a replayed message."""
-        if pairs := self._topics.get(topic):
-            pairs.replayed.append(_Message(epoch, stamp_ns, data))
-            self._compare(topic, pairs)
+        self.add_all_replayed(topic, (stamp_ns,), (data,), epoch)
 
-    def _compare(self, topic: Topic, pairs: _Pairs) -> None:
-        if not (pairs.recorded and pairs.replayed):
-            return
-        recorded, replayed = pairs.recorded.popleft(), pairs.replayed.popleft()
-        self.compared += 1
-        if topic in self._first or recorded.data == replayed.data:
-            return
-        if pairs.is_stamped and recorded.moment != replayed.moment:
-            is_extra = recorded.moment < replayed.moment
-            earlier, text = (recorded, _EXTRA) if is_extra else (replayed, _MISSING)
-            self._first[topic] = earlier.difference(topic, text)
-        # Compare the content, since padding bytes may differ.
-        elif what := pairs.difference(recorded.data, replayed.data):
-            self._first[topic] = replayed.difference(topic, what)
+    def add_all_recorded(
+        self, topic: Topic, stamps_ns: Sequence[int], data: Sequence[bytes], epoch: int = 0
+    ) -> None:
+        """Add recorded messages of a topic."""
+        if pairs := self._topics.get(topic):
+            pairs.recorded.extend(epoch, stamps_ns, data)
+            pairs.compare_many()
+
+    def add_all_replayed(
+        self, topic: Topic, stamps_ns: Sequence[int], data: Sequence[bytes], epoch: int = 0
+    ) -> None:
+        """Add replayed messages of a topic."""
+        if pairs := self._topics.get(topic):
+            pairs.replayed.extend(epoch, stamps_ns, data)
+            pairs.compare_many()
+
+    def compared(self, topics: Iterable[Topic] | None = None) -> int:
+        """Return the number of compared messages, of all topics or of some."""
+        pairs = (each for topic, each in self._topics.items() if topics is None or topic in topics)
+        return sum(each.compare() for each in pairs)
 
     def first_difference(self, *, complete: bool) -> MessageDifference | None:
         """Return the earliest difference; within one tick, the first in causal order.
 
         If the recording claims to be `complete`, a message without a counterpart is a difference.
         """
-        found = dict(self._first)
-        if complete:
-            for topic, pairs in self._topics.items():
-                for waiting, text in ((pairs.recorded, _EXTRA), (pairs.replayed, _MISSING)):
-                    if waiting and topic not in found:
-                        found[topic] = waiting[0].difference(topic, text)
-        order = list(self._topics)
-        first = min(
-            found,
-            key=lambda topic: (found[topic].epoch, found[topic].stamp_ns, order.index(topic)),
-            default=None,
-        )
-        return None if first is None else found[first]
+        found = []
+        for order, pairs in enumerate(self._topics.values()):
+            pairs.compare()
+            if first := pairs.first or (pairs.unpaired() if complete else None):
+                found.append((first.epoch, first.stamp_ns, order, first))
+        return min(found)[-1] if found else None
 
 
-class _Message(NamedTuple):
-    """A message with the epoch and the stamp [ns] of its tick."""
+_MANY = 256
+"""Number of messages to compare at once: lists of bytes are compared much faster than messages."""
 
-    epoch: int
-    stamp_ns: int
-    data: bytes
 
-    @property
-    def moment(self) -> tuple[int, int]:
-        return self.epoch, self.stamp_ns
+class _Messages:
+    """Messages of a topic that wait for their counterparts.
 
-    def difference(self, topic: Topic, what: str) -> MessageDifference:
-        return MessageDifference(self.stamp_ns, topic.name, what, self.epoch)
+    Attributes
+    ----------
+    stamps_ns, data : list
+        Stamps of the ticks [ns], and messages.
+    """
+
+    def __init__(self) -> None:
+        self.stamps_ns: list[int] = []
+        self.data: list[bytes] = []
+        self._epochs: list[int] = []
+
+    def __len__(self) -> int:
+        """Return the number of messages."""
+        return len(self.data)
+
+    def extend(self, epoch: int, stamps_ns: Sequence[int], data: Sequence[bytes]) -> None:
+        self.stamps_ns += stamps_ns
+        self.data += data
+        self._epochs += [epoch] * len(data)
+
+    def moment(self, at: int) -> tuple[int, int]:
+        """Return epoch and stamp [ns] of a message."""
+        return self._epochs[at], self.stamps_ns[at]
+
+    def difference(self, at: int, topic: Topic, what: str) -> MessageDifference:
+        return MessageDifference(self.stamps_ns[at], topic.name, what, self._epochs[at])
+
+    def drop(self, count: int) -> None:
+        del self.stamps_ns[:count], self.data[:count], self._epochs[:count]
 
 
 class _Pairs:
-    """Messages of a topic that wait for their counterparts."""
+    """The messages of a topic.
+
+    Attributes
+    ----------
+    recorded, replayed : _Messages
+        Those not compared yet.
+    first : MessageDifference or None
+        The first difference of those compared.
+    """
 
     def __init__(self, topic: Topic) -> None:
-        self.recorded: deque[_Message] = deque()
-        self.replayed: deque[_Message] = deque()
-        self.is_stamped = has_stamp(topic.type_name)
-        self._type = topic.type_name
+        self.recorded, self.replayed = _Messages(), _Messages()
+        self.first: MessageDifference | None = None
+        self._topic, self._compared = topic, 0
+        self._is_stamped = has_stamp(topic.type_name)
         self._decode = decoder(topic.type_name)
 
-    def difference(self, recorded: bytes, replayed: bytes) -> str:
+    def compare_many(self) -> None:
+        """Compare what has its counterpart, if it is much."""
+        if len(self.recorded.data) >= _MANY and len(self.replayed.data) >= _MANY:
+            self.compare()
+
+    def compare(self) -> int:
+        """Compare what has its counterpart; return the number of all compared messages."""
+        recorded, replayed = self.recorded, self.replayed
+        count = min(len(recorded), len(replayed))
+        if self.first is None and recorded.data[:count] != replayed.data[:count]:
+            differences = map(self._difference, range(count))
+            self.first = next(filter(None, differences), None)
+        self._compared += count
+        recorded.drop(count)
+        replayed.drop(count)
+        return self._compared
+
+    def unpaired(self) -> MessageDifference | None:
+        """Return the first message without a counterpart, after :meth:`compare`."""
+        for waiting, text in ((self.recorded, _EXTRA), (self.replayed, _MISSING)):
+            if len(waiting):
+                return waiting.difference(0, self._topic, text)
+        return None
+
+    def _difference(self, at: int) -> MessageDifference | None:
+        """Return the difference of a pair, if any."""
+        recorded, replayed = self.recorded, self.replayed
+        if recorded.data[at] == replayed.data[at]:
+            return None
+        if self._is_stamped and recorded.moment(at) != replayed.moment(at):
+            is_extra = recorded.moment(at) < replayed.moment(at)
+            earlier, text = (recorded, _EXTRA) if is_extra else (replayed, _MISSING)
+            return earlier.difference(at, self._topic, text)
+        # Compare the content, since padding bytes may differ.
+        what = self._what(recorded.data[at], replayed.data[at])
+        return replayed.difference(at, self._topic, what) if what else None
+
+    def _what(self, recorded: bytes, replayed: bytes) -> str:
         try:
             message = self._decode(recorded)
         except ValueError as error:
-            return f'the recorded message is not a valid {self._type}: {error}'
+            return f'the recorded message is not a valid {self._topic.type_name}: {error}'
         return first_difference(message, self._decode(replayed))
 
 

@@ -384,6 +384,15 @@ def messages_by_epoch(
             yield EpochMessage(epoch, topics.by_name[raw.topic], raw)
 
 
+class MessageBlock(NamedTuple):
+    """Messages of a topic in an epoch of a recording, in file order, and their log times [ns]."""
+
+    epoch: int
+    topic: Topic
+    stamps_ns: list[int]
+    data: list[bytes]
+
+
 @dataclass(frozen=True)
 class RobotRecording:
     """A recording of the robot, with its topics and its number of epochs, at least 1."""
@@ -403,6 +412,26 @@ class RobotRecording:
         for each in messages_by_epoch(self.reader, self.topics, finder, wanted):
             if each.raw.stamp_ns >= start_ns:
                 yield each
+
+    def blocks(
+        self, wanted: Collection[Topic], start_ns: int, last_ns: int
+    ) -> Iterator[MessageBlock]:
+        """Iterate over the messages with log times [ns] from `start_ns` to `last_ns`.
+
+        Those of a part of the file come topic by topic, which takes less time.
+        """
+        if self.epochs > 1:
+            for epoch, topic, raw in self.messages(wanted, start_ns):
+                if raw.stamp_ns <= last_ns:
+                    yield MessageBlock(epoch, topic, [raw.stamp_ns], [raw.data])
+            return
+        names = {name: topic for name, topic in self.topics.by_name.items() if topic in wanted}
+        for batch in self.reader.batches(names, start_ns):
+            for name, rows in batch.rows().items():
+                rows = rows[batch.log_ns[rows] <= last_ns]
+                if len(rows):
+                    log_ns = batch.log_ns[rows].tolist()
+                    yield MessageBlock(0, names[name], log_ns, batch.contents(rows))
 
 
 class AnnouncedParameters:

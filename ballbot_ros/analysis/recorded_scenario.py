@@ -96,9 +96,8 @@ class RecordedAttachments:
         )
 
 
-def read_attachments(recording: RecordingReader) -> RecordedAttachments:
+def read_attachments(files: Mapping[str, AttachedFile]) -> RecordedAttachments:
     """Read the attachments; a missing or unreadable one becomes a notice, not an error."""
-    files = recording.attachments()
     attached = RecordedAttachments(files=files)
     # Write the attachments to files for their readers, whose errors name file and line.
     with temporary_folder() as folder:
@@ -271,7 +270,7 @@ def outside_pushes_in(reader: RecordingReader, runs_ns: Sequence[int]) -> list[R
     pairs = PushPairs()
     for _, _, message in reader.messages([name]):
         pairs.add(message)
-    scenario = read_attachments(reader).scenario or Scenario()
+    scenario = read_attachments(reader.attachments()).scenario or Scenario()
     found: list[RecordedPush] = []
     for start_ns, next_ns in pairwise([*sorted(runs_ns), END_OF_TIME_NS]):
         acted = [push for push in pairs.pushes if start_ns <= push.start_ns < next_ns]

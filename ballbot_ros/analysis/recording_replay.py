@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
@@ -32,7 +33,9 @@ from ballbot_ros.analysis.replay import (
 from ballbot_ros.controllers.codegen.implementation import missing_tool_for, require_implementation
 from ballbot_ros.controllers.controller_program import own_rows
 from ballbot_ros.controllers.loading import public_reference
-from ballbot_ros.engine.closed_loop import Tick
+from ballbot_ros.engine.compiled_loop import compile_for_the_next_time
+from ballbot_ros.engine.law_runs import has_law
+from ballbot_ros.engine.trajectory import Engine
 from ballbot_ros.errors import BallbotError, ControllerError, RecordingError, printable
 from ballbot_ros.files import OUR_PACKAGE, write_temporary
 from ballbot_ros.lockstep.participants import Participant
@@ -48,7 +51,7 @@ from ballbot_ros.parameters import (
 )
 from ballbot_ros.parameters.files import assign, read_parameter_file
 from ballbot_ros.parameters.timing import SECOND_NS, TICK_NS, TICK_S
-from ballbot_ros.recording.messages.devices import DEVICE_MESSAGES
+from ballbot_ros.recording.messages.devices import DEVICE_MESSAGES, INPUT_READERS
 from ballbot_ros.recording.messages.topics import PARTICIPANTS, Topic
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.rosbag2 import CONTROLLER_INFO, PARAMETERS
@@ -73,6 +76,7 @@ class ReplayResult:
 
     It has the numbers of compared ticks and messages, and the first difference, if any. `context`
     has the ticks around a difference of the robot: recorded inputs, and the controller's outputs.
+    The engine is the interpreter if it made any tick.
     """
 
     subject: str
@@ -80,6 +84,7 @@ class ReplayResult:
     messages: int
     difference: MessageDifference | None
     context: Sequence[ReplayedTick] = ()
+    engine: Engine = Engine.INTERPRETED
 
 
 class _Job(NamedTuple):
@@ -118,6 +123,8 @@ class RecordingReplay:
         One for each run that has a tick with a duty.
     duration : float
         Sim time of these runs [s].
+    controller_in_robot : ReplayResult or None
+        Result of the controller that follows from that of the robot; None if it has to be replayed.
 
     Raises
     ------
@@ -156,6 +163,8 @@ class RecordingReplay:
                 )
         if controller in DOCUMENTS_PROGRAM:
             require_implementation(controller)
+        self.controller_in_robot: ReplayResult | None = None
+        self._are_functions = True
         self._scratch, self._trusts_code = scratch, trust_attached_code
         chosen = {id(job): self._choose(job, controller) for job in self._begun}
         self.controllers = [chosen[id(job)] for job in self._jobs]
@@ -220,6 +229,7 @@ class RecordingReplay:
             loaded = load_attached(identity, reader.path, files, self._scratch)
         else:
             loaded = find_recorded(identity, reader.path, requested)
+        self._are_functions &= loaded.code.is_ours and has_law(loaded.cls)
         job.parameters.set(CONTROLLER, 'implementation', loaded.code.reference)
         job.parameters.declare_own(loaded.cls.__name__, own_rows(loaded))
         reference = identity.reference
@@ -246,22 +256,45 @@ class RecordingReplay:
 
     def replay_controller(self, update: ReportTime) -> ReplayResult:
         """Run the controller on the recorded samples; compare its messages."""
-        return self._compare(
-            'controller', self._jobs, CONTROLLER_TOPICS, self._controller_ticks, update
-        )
+
+        def replay(job: _Job, comparator: MessageComparator) -> Iterator[Engine]:
+            return (Engine.INTERPRETED for _ in self._controller_ticks(job, comparator))
+
+        comparator = self._comparator(CONTROLLER_TOPICS)
+        return self._compare('controller', self._jobs, comparator, replay, update)
 
     def replay_robot(self, update: ReportTime) -> ReplayResult:
-        """Run the whole robot; compare all messages."""
+        """Run the whole robot; compare all messages.
+
+        If they are identical, `controller_in_robot` may have the result of the controller, too.
+        """
         foreign = {each.role for job in self._begun for each in self._foreign_drivers(job)}
-        topics = [topic for topic in ALL_TOPICS if topic.publisher not in foreign]
-        result = self._compare('robot', self._begun, topics, self._robot_ticks, update)
+        comparator = self._comparator(each for each in ALL_TOPICS if each.publisher not in foreign)
+        result = self._compare('robot', self._begun, comparator, self._robot_ticks, update)
+        compile_for_the_next_time()
         if result.difference is None:
+            if not foreign and self._robot_shows_controller():
+                messages = comparator.compared(CONTROLLER_TOPICS)
+                self.controller_in_robot = replace(result, subject='controller', messages=messages)
             return result
         # Show the last run that had begun by then; it may have ended before the difference.
         begun = [job for job in self._begun if job.has_begun_before(result.difference)]
         if not begun:
             return result
         return replace(result, context=self._context(begun[-1], result.difference.stamp_ns))
+
+    def _robot_shows_controller(self) -> bool:
+        """Return whether an identical robot implies an identical controller.
+
+        The samples that the controller gets in it are those recorded. The document's program, or a
+        law of this package, depends on nothing else.
+        """
+        return (
+            self._are_functions
+            and self._recording.reader.complete
+            and len(self._jobs) == len(self._begun)
+            and INPUT_READERS.keys() <= set(self._recording.topics.by_name.values())
+        )
 
     def replay_with(self, assignments: Sequence[str], update: ReportTime) -> list[Divergence]:
         """Compare the duties of another controller with the recorded ones, run by run.
@@ -315,28 +348,34 @@ class RecordingReplay:
         comparator = comparator or MessageComparator(())
         return replay_controller(self._recording, job.inputs, job.parameters, comparator)
 
-    def _robot_ticks(self, job: _Job, comparator: MessageComparator) -> Iterator[Tick]:
+    def _robot_ticks(self, job: _Job, comparator: MessageComparator) -> Iterator[Engine]:
         foreign = [each.role for each in self._foreign_drivers(job)]
         devices = [each for each in DEVICE_MESSAGES if each.sample.publisher in foreign]
         return replay_run(self._recording, job.inputs, job.parameters, comparator, devices)
+
+    def _comparator(self, topics: Iterable[Topic]) -> MessageComparator:
+        recorded = self._recording.topics.by_name.values()
+        return MessageComparator([topic for topic in topics if topic in recorded])
 
     def _compare(
         self,
         subject: str,
         jobs: Sequence[_Job],
-        topics: Sequence[Topic],
-        replay: Callable[[_Job, MessageComparator], Iterator[object]],
+        comparator: MessageComparator,
+        replay: Callable[[_Job, MessageComparator], Iterator[Engine]],
         update: ReportTime,
     ) -> ReplayResult:
-        recorded = self._recording.topics.by_name.values()
-        comparator = MessageComparator([topic for topic in topics if topic in recorded])
-        ticks = 0
-        for _ in chain.from_iterable(replay(job, comparator) for job in jobs):
-            ticks += 1
-            update(ticks * TICK_NS / SECOND_NS)
+        engines = Counter[Engine]()
+        for engine in chain.from_iterable(replay(job, comparator) for job in jobs):
+            engines[engine] += 1
+            update(engines.total() * TICK_NS / SECOND_NS)
         compare_events(self._recording, [job.inputs for job in jobs], comparator)
         difference = comparator.first_difference(complete=self._recording.reader.complete)
-        return ReplayResult(subject, ticks, comparator.compared, difference)
+        is_compiled = set(+engines) == {Engine.COMPILED}
+        return ReplayResult(
+            subject, engines.total(), comparator.compared(), difference,
+            engine=Engine.COMPILED if is_compiled else Engine.INTERPRETED,
+        )  # fmt: skip
 
     def _context(self, job: _Job, stamp_ns: int) -> list[ReplayedTick]:
         """Return the recorded inputs around a tick, and the controller's outputs for them."""

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_right
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import groupby
+from itertools import groupby, repeat
 from operator import attrgetter
 from typing import Any, NamedTuple
 
@@ -24,7 +25,10 @@ from ballbot_ros.analysis.recorded_runs import (
 from ballbot_ros.analysis.recorded_scenario import PushPairs
 from ballbot_ros.controllers.codegen.implementation import implementation_for
 from ballbot_ros.controllers.loading import public_reference
-from ballbot_ros.engine.closed_loop import ClosedLoop, Tick
+from ballbot_ros.engine.closed_loop import ClosedLoop
+from ballbot_ros.engine.compiled_loop import CompiledLoop, pays
+from ballbot_ros.engine.law_runs import FAULTS
+from ballbot_ros.engine.trajectory import Engine
 from ballbot_ros.errors import BallbotError, RecordingError
 from ballbot_ros.parameters import (
     CONTROLLER,
@@ -33,17 +37,23 @@ from ballbot_ros.parameters import (
     ParameterSet,
     Value,
 )
-from ballbot_ros.parameters.timing import MILLISECOND_NS, TICK_NS
+from ballbot_ros.parameters.timing import FIRST_TICK_NS, MILLISECOND_NS, SLOW_PERIOD_NS, TICK_NS
 from ballbot_ros.recording.batch import RawMessage
-from ballbot_ros.recording.messages.conversions import decode_sticks, is_stop, stamp_ns
+from ballbot_ros.recording.messages.conversions import (
+    decode_real_duty,
+    decode_sticks,
+    is_stop,
+    stamp_ns,
+)
 from ballbot_ros.recording.messages.devices import (
     DEVICE_MESSAGES,
     INPUT_READERS,
     AnyDeviceMessages,
     device_inputs,
 )
-from ballbot_ros.recording.messages.raw import stamp_of
-from ballbot_ros.recording.messages.run_messages import ControllerMessages, RunMessages
+from ballbot_ros.recording.messages.raw import Messages, Stamps, stamp_of
+from ballbot_ros.recording.messages.run_columns import RunColumns
+from ballbot_ros.recording.messages.run_messages import ControllerMessages, RunMessages, Send
 from ballbot_ros.recording.messages.run_reports import decode_parameter_event
 from ballbot_ros.recording.messages.topics import (
     ACCEPTED_PUSH,
@@ -68,10 +78,17 @@ from ballbot_ros.recording.messages.topics import (
     Topic,
 )
 from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.robot.brick.bluetooth import NEUTRAL
 from ballbot_ros.robot.brick.brick import DeviceInputs, DeviceOutputs
 from ballbot_ros.robot.plant.ground_truth import Push
 
 _DECODED = {RUN, GAMEPAD_JOY, ACCEPTED_PUSH, MOTOR_DUTY, PARAMETER_EVENTS, *INPUT_READERS}
+
+
+class RecordedStick(NamedTuple):
+    """A stick's signal; `points` has the times [s] of its samples and their values, and an end."""
+
+    points: tuple[Sequence[float], Sequence[float]]
 
 
 @dataclass(frozen=True)
@@ -104,13 +121,36 @@ class RunInputs:
     retunings: Mapping[int, Mapping[str, Value]]
 
     @property
+    def only_source(self) -> str | None:
+        """The input in command, '' if there was none; None if there were several."""
+        found = {*self.sources.values()} or {''}
+        return found.pop() if len(found) == 1 else None
+
+    @property
     def ticks(self) -> int:
         """Number of ticks with a duty."""
         return max(0, (self.last_ns - self.run.start_ns) // TICK_NS + 1)
 
     def sticks_at(self, time: float) -> tuple[int, int]:
         """Return the sticks at `time` [s] from the start of the run."""
-        return self.sticks.get(self.run.start_ns + round(time * 1e9), (0, 0))
+        return self.sticks.get(self.run.start_ns + round(time * 1e9), NEUTRAL)
+
+    @property
+    def vertical(self) -> RecordedStick:
+        """The vertical stick."""
+        return self._stick(0)
+
+    @property
+    def horizontal(self) -> RecordedStick:
+        """The horizontal stick."""
+        return self._stick(1)
+
+    def _stick(self, number: int) -> RecordedStick:
+        start_ns = self.run.start_ns
+        stamps_ns = range(start_ns, self.last_ns + 1, SLOW_PERIOD_NS)
+        values = [float(self.sticks.get(each, NEUTRAL)[number]) for each in stamps_ns]
+        times = [(each - start_ns) * 1e-9 for each in stamps_ns]
+        return RecordedStick(([*times, math.inf], [*values, 0.0]))
 
     def pushes_from(self, start_ns: int) -> Sequence[Push]:
         """Return the pushes of a run that begins at sim time `start_ns`."""
@@ -136,19 +176,25 @@ class RecordedInputs:
         return next(stamps, None) == run.start_ns
 
 
-@contextmanager
-def _recording_error_context(reader: RecordingReader, what: str, stamp_ns: int) -> Iterator[None]:
-    """Add the place in the recording to errors about unusable values.
+class _RecordingErrorContext(NamedTuple):
+    """Adds the place in the recording to errors about unusable values.
 
-    Raises
-    ------
-    RecordingError
-        If a value is not finite, out of the device's range, or missing.
+    It raises RecordingError if a value is not finite, out of the device's range, or missing. It is
+    entered several times in a tick, and faster than a generator.
     """
-    try:
-        yield
-    except (BallbotError, IndexError, OverflowError, ValueError) as error:
-        raise RecordingError(f'{reader.path}: {what} at {stamp_ns} ns: {error}') from None
+
+    reader: RecordingReader
+    what: str
+    stamp_ns: int
+
+    def __enter__(self) -> None:
+        """Begin to use values."""
+
+    def __exit__(self, cls: object, error: BaseException | None, trace: object) -> None:
+        """Add the place to an error."""
+        if isinstance(error, BallbotError | IndexError | OverflowError | ValueError):
+            place = f'{self.reader.path}: {self.what} at {self.stamp_ns} ns'
+            raise RecordingError(f'{place}: {error}') from None
 
 
 def read_inputs(reader: RecordingReader) -> RecordedInputs:
@@ -197,18 +243,20 @@ class _EpochInputs:
 
     def add(self, reader: RecordingReader, topic: Topic, raw: RawMessage) -> None:
         if topic is PARAMETER_EVENTS:
-            with _recording_error_context(reader, raw.topic, raw.stamp_ns):
+            with _RecordingErrorContext(reader, raw.topic, raw.stamp_ns):
                 values = self.retunings.setdefault(stamp_of(raw.data), {})
                 values.update(decode_parameter_event(raw.data))
             return
+        if topic is MOTOR_DUTY:
+            with _RecordingErrorContext(reader, raw.topic, raw.stamp_ns):
+                x, y = decode_real_duty(raw.data)
+                self.duties[stamp_of(raw.data)] = int(x), int(y)
+            return
         message = reader.decode(raw)
         if topic is GAMEPAD_JOY:
-            with _recording_error_context(reader, raw.topic, raw.stamp_ns):
+            with _RecordingErrorContext(reader, raw.topic, raw.stamp_ns):
                 self.sticks[stamp_ns(message)] = decode_sticks(raw.data)
             self.sources[stamp_ns(message)] = message.header.frame_id
-        elif topic is MOTOR_DUTY:
-            with _recording_error_context(reader, raw.topic, raw.stamp_ns):
-                self.duties[stamp_ns(message)] = int(message.vector.x), int(message.vector.y)
         else:
             self.pushes.add(message)
 
@@ -255,6 +303,8 @@ class ReplayedTick(NamedTuple):
 EVENTS = (WALL_HIT, OPERATING_STATE, BLUETOOTH_TX, LCD)
 """Topics without stamps: only the order of their messages shows which run they belong to."""
 
+STAMPED_TOPICS = [topic for topic in ALL_TOPICS if topic not in EVENTS]
+
 
 class _RetunedProgram:
     """A controller's program, whose parameters change at the ticks at which they have changed.
@@ -282,7 +332,7 @@ class _RetunedProgram:
         values = self._retunings.get(now_ns)
         if not values:
             return
-        with _recording_error_context(self._reader, PARAMETER_EVENTS.name, now_ns):
+        with _RecordingErrorContext(self._reader, PARAMETER_EVENTS.name, now_ns):
             for name, value in values.items():
                 self._parameters.set(CONTROLLER, name, value)
             parameters = self._parameters.of(ControllerParameters)
@@ -325,7 +375,7 @@ def replay_controller(
         comparator.add_recorded(topic, raw.stamp_ns, raw.data, run.epoch)
         if topic not in INPUT_READERS:
             continue
-        with _recording_error_context(reader, raw.topic, raw.stamp_ns):
+        with _RecordingErrorContext(reader, raw.topic, raw.stamp_ns):
             samples[topic][raw.stamp_ns] = INPUT_READERS[topic](raw.data)
         while now <= inputs.last_ns and all(
             now in samples[due] for due in INPUT_READERS if now % due.period_ns == 0
@@ -333,7 +383,7 @@ def replay_controller(
             readings = device_inputs(lambda each: samples[each].pop(now, None))  # noqa: B023
             elapsed = now - run.start_ns
             retuned.repeat(now)
-            with _recording_error_context(reader, 'the inputs', now):
+            with _RecordingErrorContext(reader, 'the inputs', now):
                 outputs = program.tick(elapsed // MILLISECOND_NS, now // MILLISECOND_NS, readings)
                 messages.tick(now, outputs, program)
             yield ReplayedTick(now, readings, outputs)
@@ -346,7 +396,7 @@ def replay_run(
     parameters: ParameterSet,
     comparator: MessageComparator,
     recorded_devices: Iterable[AnyDeviceMessages] = (),
-) -> Iterator[Tick]:
+) -> Iterator[Engine]:
     """Run the whole robot with its parameters, recorded sticks and pushes; compare all messages.
 
     Parameters
@@ -356,33 +406,88 @@ def replay_run(
 
     Yields
     ------
-    Tick
-        Each tick of the closed loop.
+    Engine
+        What has computed a tick of the closed loop; one for each.
     """
-    run = inputs.run
     samples = {
         each.device.field: _samples(recording, inputs, each.sample) for each in recorded_devices
     }
+    robot = _Robot(recording, inputs, parameters, comparator, samples)
+    for epoch, topic, stamps_ns, data in recording.blocks(
+        STAMPED_TOPICS, inputs.run.start_ns, inputs.last_ns
+    ):
+        if epoch == inputs.run.epoch:
+            comparator.add_all_recorded(topic, stamps_ns, data, epoch)
+            # Do not run ahead of the recording, so that few messages wait for their counterparts.
+            if topic is CLOCK:
+                yield from robot.run_to(max(stamps_ns))
 
-    def replayed(topic: Topic, stamp_ns: int, data: bytes) -> None:
-        # Leave out stamped messages after the last tick with a duty: a push may end later, and in
-        # a run without a duty only events are compared.
-        if stamp_ns <= inputs.last_ns or topic in EVENTS:
-            comparator.add_replayed(topic, stamp_ns, data, run.epoch)
 
-    messages = RunMessages(lambda topic: partial(replayed, topic), parameters)
-    retuned = _RetunedProgram(recording, inputs, parameters, messages)
-    loop = ClosedLoop(parameters, inputs, run.start_ns, retuned.program, samples)
-    messages.begin(run.start_ns, loop.world, loop.pushes)
-    for topic, raw in _messages(recording, inputs):
-        comparator.add_recorded(topic, raw.stamp_ns, raw.data, run.epoch)
-        # Do not run ahead of the recording, so that few messages wait for their counterparts.
-        while topic is CLOCK and loop.plant.time_ns <= raw.stamp_ns:
-            retuned.repeat(loop.plant.time_ns)
-            tick = loop.tick()
-            source = inputs.sources.get(tick.truth.stamp_ns, '')
-            messages.tick(tick, loop.program, source)
-            yield tick
+class _Robot:
+    """The robot of a recorded run, which compares its messages.
+
+    Parameters
+    ----------
+    samples : mapping of str to mapping of int to object
+        As those of :class:`~ballbot_ros.engine.closed_loop.ClosedLoop`.
+    """
+
+    def __init__(
+        self,
+        recording: RobotRecording,
+        inputs: RunInputs,
+        parameters: ParameterSet,
+        comparator: MessageComparator,
+        samples: Mapping[str, Mapping[int, Any]],
+    ) -> None:
+        self._inputs = inputs
+        start_ns, epoch = inputs.run.start_ns, inputs.run.epoch
+
+        def replayed(topic: Topic, stamp_ns: int, data: bytes) -> None:
+            # Leave out stamped messages after the last tick with a duty: a push may end later, and
+            # in a run without a duty only events are compared.
+            if stamp_ns <= inputs.last_ns or topic in EVENTS:
+                comparator.add_replayed(topic, stamp_ns, data, epoch)
+
+        def all_replayed(topic: Topic, stamps_ns: Stamps, messages: Messages) -> None:
+            comparator.add_all_replayed(topic, stamps_ns.tolist(), messages.tolist(), epoch)
+
+        def make(topic: Topic) -> Send:
+            return partial(replayed, topic)
+
+        self._messages = RunMessages(make, parameters)
+        self._retuned = _RetunedProgram(recording, inputs, parameters, self._messages)
+        program = self._retuned.program
+        self._loop = ClosedLoop(parameters, inputs, start_ns, program, samples)
+        self._messages.begin(start_ns, self._loop.world, self._loop.pushes)
+        self._compiled: CompiledLoop | None = None
+        self._source = inputs.only_source or ''
+        is_plain = start_ns == FIRST_TICK_NS and not samples and not inputs.retunings
+        is_plain = is_plain and inputs.only_source is not None
+        if is_plain and pays(inputs.ticks, program):
+            self._compiled = CompiledLoop(self._loop, program, parameters, inputs)
+            self._columns = RunColumns(
+                self._messages, make, lambda topic: partial(all_replayed, topic), parameters
+            )
+
+    def run_to(self, last_ns: int) -> Iterator[Engine]:
+        """Make the ticks up to a stamp [ns], as :func:`replay_run` does."""
+        loop, inputs = self._loop, self._inputs
+        if self._compiled and loop.plant.time_ns <= last_ns:
+            ticks, done = (last_ns - loop.plant.time_ns) // TICK_NS + 1, 0
+            with suppress(*FAULTS):  # of a law; the interpreter tells them
+                log, columns = self._compiled.trace(ticks)
+                done = len(log.duty)
+            if done:
+                self._columns.ticks(columns, loop.program, self._source)
+            if done < ticks:
+                self._compiled = None  # which ends a run at a wall hit
+            yield from repeat(Engine.COMPILED, done)
+        while loop.plant.time_ns <= last_ns:
+            now_ns = loop.plant.time_ns
+            self._retuned.repeat(now_ns)
+            self._messages.tick(loop.tick(), loop.program, inputs.sources.get(now_ns, ''))
+            yield Engine.INTERPRETED
 
 
 def _samples(recording: RobotRecording, inputs: RunInputs, topic: Topic) -> dict[int, Any]:
@@ -390,7 +495,7 @@ def _samples(recording: RobotRecording, inputs: RunInputs, topic: Topic) -> dict
     readings = {}
     for epoch, _, raw in recording.messages([topic], inputs.run.start_ns):
         if epoch == inputs.run.epoch and raw.stamp_ns <= inputs.last_ns:
-            with _recording_error_context(recording.reader, raw.topic, raw.stamp_ns):
+            with _RecordingErrorContext(recording.reader, raw.topic, raw.stamp_ns):
                 readings[raw.stamp_ns] = INPUT_READERS[topic](raw.data)
     return readings
 
@@ -407,7 +512,6 @@ def compare_events(
 
 def _messages(recording: RobotRecording, inputs: RunInputs) -> Iterator[tuple[Topic, RawMessage]]:
     """Iterate over the stamped messages of a run."""
-    stamped = [topic for topic in ALL_TOPICS if topic not in EVENTS]
-    for epoch, topic, raw in recording.messages(stamped, inputs.run.start_ns):
+    for epoch, topic, raw in recording.messages(STAMPED_TOPICS, inputs.run.start_ns):
         if epoch == inputs.run.epoch and raw.stamp_ns <= inputs.last_ns:
             yield topic, raw

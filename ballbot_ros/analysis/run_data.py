@@ -248,7 +248,7 @@ def read_run(
         If the file can't be read, is not a recording of a ballbot, or has no such run.
     """
     with RecordingReader(path) as recording:
-        attached = read_attachments(recording)
+        attached = read_attachments(recording.attachments())
         extraction = extract(recording, progress)
         damage = recording.damage
         outcome = recording.metadata().get(RUN_OUTCOME, {})

@@ -112,6 +112,7 @@ class IdentifyOutput:
             'recordings': [_recording_json(each) for each in found.experiments],
             'checks': [_recording_json(each) for each in found.checks],
             'warnings': self.warnings,
+            'engine': found.engine.value,
             'correlation': {
                 'names': [row.name for row in found.estimated],
                 'matrix': [[_finite(value) for value in row] for row in found.correlation.tolist()],

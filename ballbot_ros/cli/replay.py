@@ -48,10 +48,12 @@ def replay_recording(
             print_divergences = _print_divergences_json if as_json else _print_divergences
             print_divergences(divergences, replay.controllers)
             return 0
-        with Progress('controller', replay.duration) as progress:
-            of_controller = replay.replay_controller(progress.update)
         with Progress('robot', replay.duration) as progress:
             of_robot = replay.replay_robot(progress.update)
+        of_controller = replay.controller_in_robot
+        if of_controller is None:
+            with Progress('controller', replay.duration) as progress:
+                of_controller = replay.replay_controller(progress.update)
         results = (of_controller, of_robot)
         (_print_json if as_json else print_results)(results, replay.controllers)
         if reader.damage:
@@ -128,6 +130,7 @@ def _plain(result: ReplayResult) -> dict[str, object]:
     difference = result.difference
     return {
         'what': result.subject,
+        'engine': result.engine.value,
         'identical': difference is None,
         'ticks': result.ticks,
         'messages': result.messages,

@@ -242,6 +242,9 @@ class ControllerProgram:
 
     Attributes
     ----------
+    loaded : LoadedController
+    controller : Controller
+        The instance of the class that runs.
     x, y : Estimates
         Of the planes.
     operating_state : OperatingState
@@ -261,7 +264,7 @@ class ControllerProgram:
         settings: ControllerParameters,
         times: TickTimes,
     ) -> None:
-        self._loaded = loaded
+        self.loaded = loaded
         self._name = loaded.cls.__name__
         self.times = times
         times.reset()
@@ -272,10 +275,10 @@ class ControllerProgram:
         self._task = ''
         self._readings = NO_READINGS
         try:
-            self._controller: Controller[Any] = loaded.cls(parameters, model, settings)
-            self._brick: Brick = self._controller._brick
+            self.controller: Controller[Any] = loaded.cls(parameters, model, settings)
+            self._brick: Brick = self.controller._brick
             self._methods = {
-                name: getattr(self._controller, name) for name, _, _ in loaded.tasks if name != IDLE
+                name: getattr(self.controller, name) for name, _, _ in loaded.tasks if name != IDLE
             }
             self._take_state()
         except BaseException as error:
@@ -289,13 +292,13 @@ class ControllerProgram:
         """Let the controller take over the values of the next tick."""
         settings = self._glide.tick()
         try:
-            self._user = user_parameters(self._loaded, settings)
+            self._user = user_parameters(self.loaded, settings)
         except ControllerError:
             if not self._glide.is_moving:
                 raise
             # Its class does not allow every value on the way.
         try:
-            self._controller.retune(self._user, settings)
+            self.controller.retune(self._user, settings)
         except BaseException as error:
             at = f'{self._name}.retune at {elapsed_ms / SECOND_MS:.3f} s'
             raise self._error(error, at) from None
@@ -342,12 +345,12 @@ class ControllerProgram:
                 raise ControllerError('not the duties of two motors') from None
             return whole_number(x, -MAX_DUTY, MAX_DUTY), whole_number(y, -MAX_DUTY, MAX_DUTY)
         except ControllerError as error:
-            line = line_of(method) or self._loaded.code.public
+            line = line_of(method) or self.loaded.code.public
             raise InvalidAnswerError(f'{line}: returned {short_repr(answer)}: {error}') from None
 
     def _take_state(self) -> None:
         """Take over what is published; refuse what can't be."""
-        controller = self._controller
+        controller = self.controller
         self.x = self._estimates('x', controller.x)
         self.y = self._estimates('y', controller.y)
         self.operating_state = controller.operating_state
@@ -368,14 +371,14 @@ class ControllerProgram:
         return Estimates(**values)
 
     def _refuse(self, name: str, value: object, wanted: str) -> NoReturn:
-        place = f'{self._loaded.code.public}: {self._name}.{name}'
+        place = f'{self.loaded.code.public}: {self._name}.{name}'
         raise InvalidAnswerError(f'{place}: {short_repr(value)} is not {wanted}')
 
     def _error(self, error: BaseException, where: str) -> ControllerError:
         """Return an error of the user's code, with its file and line."""
         if isinstance(error, InvalidAnswerError):
             return ControllerError(f'{error} ({where})')
-        return ControllerError(f'{self._loaded.code.describe(error)} ({where})')
+        return ControllerError(f'{self.loaded.code.describe(error)} ({where})')
 
 
 def running_tick(frame: FrameType | None) -> FrameType | None:

@@ -48,7 +48,7 @@ NO_BACKGROUND = 'BALLBOT_NO_BACKGROUND'
 
 _functions: dict[Function, Any] = {}
 _kept_functions: dict[tuple[Function, str], Function] = {}
-_in_background: set[Function] = set()
+_in_background: set[str] = set()
 
 
 def compiled(function: Function) -> Function:
@@ -159,25 +159,27 @@ def has_kept_code(name: str = '*') -> bool:
     return folder is not None and any(folder.rglob(f'*.{name}-*.nbi'))
 
 
-def compile_in_background(function: Function, compiles: Callable[[], None]) -> None:
-    """Let a process of the lowest priority compile a function for the next time, unless it is kept.
+def compile_in_background(kept: str, compiles: Callable[..., None], *arguments: str) -> None:
+    """Let a process of the lowest priority compile code for the next time, unless it is kept.
 
-    It goes on when this one has ended. Each process starts at most one for a function.
+    It goes on when this one has ended. Each process starts at most one for the same code.
 
     Parameters
     ----------
+    kept : str
+        Name of the code, as for :func:`has_kept_code`.
     compiles : callable
-        A function at the top of a module that does it.
+        A function at the top of a module that does it with the `arguments`.
     """
-    if not can_compile() or NO_BACKGROUND in os.environ or _folder() is None or is_kept(function):
+    if not can_compile() or NO_BACKGROUND in os.environ or _folder() is None or has_kept_code(kept):
         return
-    if function in _in_background:
+    if kept in _in_background:
         return
-    _in_background.add(function)
+    _in_background.add(kept)
     module, name = compiles.__module__, compiles.__name__
     idle = 'import os; os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))'
     nothing = [(os.POSIX_SPAWN_OPEN, number, os.devnull, os.O_RDWR, 0) for number in range(3)]
-    words = [sys.executable, '-c', f'{idle}; import {module}; {module}.{name}()']
+    words = [sys.executable, '-c', f'{idle}; import {module}; {module}.{name}(*{arguments!r})']
     with suppress(OSError):  # nothing depends on it: the system may have no room for a process
         os.posix_spawn(sys.executable, words, os.environ, file_actions=nothing, setsid=True)
 

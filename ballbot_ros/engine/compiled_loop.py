@@ -1,27 +1,40 @@
-"""Runs of the document's program by compiled code, and the tables that it works on."""
+"""Single runs by compiled code, and the tables that it works on."""
 
 from __future__ import annotations
 
 import math
 from collections import Counter
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot_ros.controllers.codegen.implementation import compose_controller, implementation_for
+from ballbot_ros.controllers.controller import LawController
+from ballbot_ros.controllers.controller_program import ControllerProgram
 from ballbot_ros.controllers.document.program import ControlProgram, ProgramState
+from ballbot_ros.controllers.interface import Program
 from ballbot_ros.engine.closed_loop import ClosedLoop
 from ballbot_ros.engine.compilation import (
     can_compile,
     compile_in_background,
     compiled_and_kept,
-    is_kept,
+    has_kept_code,
     is_loaded,
 )
+from ballbot_ros.engine.law_runs import LawCode, has_law, initial_state
 from ballbot_ros.engine.plant import SavedPlant
 from ballbot_ros.engine.plant_tick import STEP_VALUES, PlantState, waiting_count
-from ballbot_ros.engine.rows import RobotRows, Rows, columns_of, program_rows, rows_of, state_of
+from ballbot_ros.engine.rows import (
+    RobotRows,
+    Rows,
+    are_finite,
+    columns_of,
+    program_rows,
+    rows_of,
+    state_of,
+)
 from ballbot_ros.engine.run import (
     Events,
     FloorTables,
@@ -31,8 +44,9 @@ from ballbot_ros.engine.run import (
     simulate_runs,
     tick_type,
 )
-from ballbot_ros.engine.scenario.scenario import Scenario, StickSignal
+from ballbot_ros.engine.scenario.scenario import Scenario
 from ballbot_ros.parameters import (
+    CONTROLLER,
     DEVICES,
     ControllerParameters,
     EncoderParameters,
@@ -43,40 +57,90 @@ from ballbot_ros.parameters import (
 )
 from ballbot_ros.parameters.timing import FIRST_TICK_NS
 from ballbot_ros.robot.brick.brick import Inputs
-from ballbot_ros.robot.plant.ground_truth import GroundTruth
+from ballbot_ros.robot.plant.ground_truth import GroundTruth, Push
 from ballbot_ros.robot.world.world import World
 
 MIN_TICKS = 25_000
 """The interpreter makes fewer ticks in the time in which compiled code is loaded."""
 
+_ENDLESS_S = 1e9
+"""Longer than any run; who calls the loop counts its ticks."""
+
+_DOCUMENTS = 'python'
+
 _asked = Counter[str]()
-"""The number of ticks of this process's runs."""
+"""The number of ticks of this process's runs, by the name of their controller."""
+
+_missing: dict[str, str] = {}
+"""Code that would have paid, by its name on disk, and the name of its controller."""
 
 
-def pays(ticks: int) -> bool:
-    """Return whether to make a run of the document's program by compiled code.
+def pays(ticks: int, program: Program) -> bool:
+    """Return whether to make a run of a program by compiled code.
 
-    The code must be there: in this process or, once the runs are worth loading it, on disk.
+    The program is that of the document, or a law of this package. A user's law stays interpreted:
+    nothing could end compiled code that does not return, and each change of a law would compile it
+    again. The code must be there: in this process or, once the runs are worth loading it, on disk.
     """
-    if not can_compile():
+    law = own_law(program)
+    if not can_compile() or not (law or isinstance(program, ControlProgram)):
         return False
-    _asked['ticks'] += ticks
-    is_worth_loading = _asked['ticks'] >= MIN_TICKS
-    return is_loaded(simulate_runs) or (is_worth_loading and is_kept(simulate_runs))
+    name = f'{type(law).__module__}:{type(law).__qualname__}' if law else _DOCUMENTS
+    _asked[name] += ticks
+    if law is None and is_loaded(simulate_runs):
+        return True
+    if _asked[name] < MIN_TICKS:
+        return False
+    kept = LawCode(law).kept if law else simulate_runs.__qualname__
+    if not has_kept_code(kept):
+        _missing[kept] = name
+        return False
+    return True
+
+
+def own_law(program: Program) -> LawController[Any] | None:
+    """Return the controller of a program if it is a law of this package."""
+    if isinstance(program, ControllerProgram) and program.loaded.code.is_ours:
+        controller = program.controller
+        if isinstance(controller, LawController) and has_law(type(controller)):
+            return controller
+    return None
 
 
 def compile_for_the_next_time() -> None:
-    """Let the code be compiled in the background if the runs so far would have been worth it."""
-    if _asked['ticks'] >= MIN_TICKS:
-        compile_in_background(simulate_runs, compile_runs)
+    """Let the code be compiled in the background that the runs so far would have been worth."""
+    for kept, name in _missing.items():
+        compile_in_background(kept, compile_runs, name)
 
 
-def compile_runs() -> None:
-    """Compile the code of runs, and keep it."""
+def compile_runs(implementation: str = _DOCUMENTS) -> None:
+    """Compile the code of runs of a controller, by its name, and keep it."""
     parameters = ParameterSet()
-    program = ControlProgram(parameters.of(ControllerParameters))
+    parameters.set(CONTROLLER, 'implementation', implementation)
+    loaded = compose_controller(parameters)
+    program = implementation_for(parameters.of(ControllerParameters), loaded).make()
     loop = ClosedLoop(parameters, program=program)
     CompiledLoop(loop, program, parameters, Scenario()).advance(1)
+
+
+class StickPoints(Protocol):
+    """A stick's signal."""
+
+    @property
+    def points(self) -> tuple[Sequence[float], Sequence[float]]:
+        """Times [s] and values, for :func:`~ballbot_ros.engine.scenario.scenario.signal_value`."""
+
+
+class EventSource(Protocol):
+    """Sticks and pushes of a run, from a scenario or a recording."""
+
+    @property
+    def vertical(self) -> StickPoints: ...  # noqa: D102
+    @property
+    def horizontal(self) -> StickPoints: ...  # noqa: D102
+
+    def pushes_from(self, start_ns: int) -> Sequence[Push]:
+        """Return the pushes of a run that begins at sim time `start_ns`."""
 
 
 class TickColumns(NamedTuple):
@@ -91,7 +155,8 @@ class TickColumns(NamedTuple):
     inputs : Inputs
         The samples.
     program : rows
-        The states of the program after each tick.
+        The states of the program after each tick: of the document's, or
+        :class:`~ballbot_ros.engine.law_runs.LawState`.
     """
 
     truth: GroundTruth
@@ -101,21 +166,22 @@ class TickColumns(NamedTuple):
 
 
 class CompiledLoop:
-    """Moves a closed loop of the document's program by compiled code, from its first tick on.
+    """Moves a closed loop by compiled code, from its first tick on.
 
     Parameters
     ----------
     loop : ClosedLoop
         A loop that nothing else moves.
-    program : ControlProgram
-        Its program.
+    program : Program
+        Its program; :func:`pays` says which it may be. A law does not follow: it stays as it was
+        before the first tick, unless who uses the loop lets it make the ticks, too.
     parameters : ParameterSet
-    scenario : Scenario
+    events : Scenario or EventSource
         Its sticks and pushes.
 
     Attributes
     ----------
-    program : ControlProgram
+    program : Program
 
     Raises
     ------
@@ -126,23 +192,33 @@ class CompiledLoop:
     def __init__(
         self,
         loop: ClosedLoop,
-        program: ControlProgram,
+        program: Program,
         parameters: ParameterSet,
-        scenario: Scenario,
+        events: EventSource,
     ) -> None:
         self._plant, self.program = loop.plant, program
-        self._run = compiled_and_kept(simulate_runs)
         rows = RobotRows(parameters, {}, 1)
+        rows[PlantParameters]['duration'] = _ENDLESS_S
+        if law := own_law(program):
+            self._run = LawCode(law).compile()
+            programs, state = rows_of([law.in_force]), rows_of([initial_state(law)])
+        else:
+            assert isinstance(program, ControlProgram)
+            self._run = compiled_and_kept(simulate_runs)
+            programs, state = program_rows(rows[ControllerParameters]), rows_of([program.state])
         self._tables = (
             rows[PlantParameters], rows[GyroParameters], rows[EncoderParameters],
-            rows[SonarParameters], program_rows(rows[ControllerParameters]),
-            floor_of(loop.world), events_of([scenario]),
+            rows[SonarParameters], programs,
+            floor_of(loop.world), events_of([events]),
         )  # fmt: skip
         self._rings = rings_of(rows)
-        self._robots = new_robots(1, rows_of([program.state]))
+        self._robots = new_robots(1, state)
 
     def advance(self, ticks: int) -> RunLog:
-        """Make up to some ticks, fewer if the run ends; return what they were."""
+        """Make up to some ticks, fewer if the run ends; return what they were.
+
+        It raises one of FAULTS if a law fails in them; the loop then is as it was before them.
+        """
         log, _ = self._advance(ticks, 0)
         return log
 
@@ -166,6 +242,8 @@ class CompiledLoop:
         before = int(self._robots['ticks'][0])
         self._run(*self._tables, self._rings, log, traces, self._robots, ticks)
         done = int(self._robots['ticks'][0]) - before
+        if not are_finite(self._robots['program'])[0]:
+            raise ArithmeticError('the state of a law is not finite')
         self._update_loop()
         return RunLog(*(each[0, :done] for each in log)), traces[0, :done]
 
@@ -182,7 +260,8 @@ class CompiledLoop:
                 *(tuple(each[0].tolist()) for each in self._rings),
             )
         )
-        self.program.state = state_of(ProgramState, robot['program'])
+        if isinstance(self.program, ControlProgram):
+            self.program.state = state_of(ProgramState, robot['program'])
 
 
 def floor_of(world: World | None) -> FloorTables:
@@ -209,9 +288,9 @@ def rings_of(rows: RobotRows) -> Rings:
     )
 
 
-def events_of(scenarios: Sequence[Scenario]) -> Events:
-    """Return pushes and sticks for the compiled code; the first axis is that of the scenarios."""
-    pushes = [each.pushes_from(FIRST_TICK_NS) for each in scenarios]
+def events_of(sources: Sequence[EventSource]) -> Events:
+    """Return pushes and sticks for the compiled code; the first axis is that of the sources."""
+    pushes = [each.pushes_from(FIRST_TICK_NS) for each in sources]
     most = max(map(len, pushes))
     # What is missing begins and ends at time 0, before the run.
     times, forces = np.zeros((len(pushes), most, 2), np.int64), np.zeros((len(pushes), most, 4))
@@ -222,12 +301,12 @@ def events_of(scenarios: Sequence[Scenario]) -> Events:
     return Events(
         times.reshape(len(pushes), 2 * most),
         forces.reshape(len(pushes), 4 * most),
-        points_of([each.vertical for each in scenarios]),
-        points_of([each.horizontal for each in scenarios]),
+        points_of([each.vertical for each in sources]),
+        points_of([each.horizontal for each in sources]),
     )
 
 
-def points_of(signals: Sequence[StickSignal]) -> NDArray[np.float64]:
+def points_of(signals: Sequence[StickPoints]) -> NDArray[np.float64]:
     """Return the points of stick signals as in :class:`~ballbot_ros.engine.run.Events`."""
     points = [np.transpose(each.points) for each in signals]
     table = np.zeros((len(points), max(map(len, points)), 2))

@@ -119,9 +119,14 @@ class LawCode:
             self._name = f'{self._law.__name__}_{functions_sha256(self._law)[:16]}_{kinds[:16]}'
 
     @property
+    def kept(self) -> str:
+        """Name of the code on disk."""
+        return f'{simulate_runs.__qualname__}_{self._name}'
+
+    @property
     def is_kept(self) -> bool:
         """Whether the code is on disk."""
-        return not self._obstacle and has_kept_code(f'{simulate_runs.__qualname__}_{self._name}')
+        return not self._obstacle and has_kept_code(self.kept)
 
     def fits(self, constants: Iterable[Any], states: Iterable[LawState]) -> bool:
         """Return whether it is the code for all of these constants and states."""

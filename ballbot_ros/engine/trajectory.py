@@ -13,10 +13,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot_ros.parameters.parameter import TextEnum
 from ballbot_ros.robot.arithmetic import Floats
 from ballbot_ros.robot.plant.ground_truth import GroundTruth
 
 _INT8 = 0xFF
+
+
+class Engine(TextEnum):
+    """What computes the ticks of a run, with the same bits."""
+
+    INTERPRETED = 'interpreted'
+    COMPILED = 'compiled'
 
 
 @dataclass(frozen=True)

@@ -145,6 +145,11 @@ class Batch:
         alike = found.view(np.uint8).reshape(len(rows), -1) == np.frombuffer(content, np.uint8)
         return np.asarray(fits & alike.all(axis=1))
 
+    def contents(self, rows: Rows) -> list[bytes]:
+        """Return the content of messages."""
+        spans = zip(self.starts[rows].tolist(), self.ends[rows].tolist(), strict=True)
+        return [self.data[start:end] for start, end in spans]
+
     def message(self, row: int) -> RawMessage:
         """Return a message."""
         return next(self.select(np.array([row])).messages())

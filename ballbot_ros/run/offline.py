@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 
 from ballbot_ros.analysis.extraction import MessageCollector
-from ballbot_ros.analysis.recorded_scenario import RecordedAttachments
+from ballbot_ros.analysis.recorded_scenario import RecordedAttachments, read_attachments
 from ballbot_ros.analysis.run_data import RunData, run_data
 from ballbot_ros.controllers.codegen.implementation import implementation_for
-from ballbot_ros.controllers.document.program import ControlProgram
 from ballbot_ros.engine.closed_loop import ClosedLoop
 from ballbot_ros.engine.compiled_loop import CompiledLoop, compile_for_the_next_time, pays
+from ballbot_ros.engine.law_runs import FAULTS
 from ballbot_ros.engine.pacer import Pacer
-from ballbot_ros.engine.trajectory import TrajectoryLog
+from ballbot_ros.engine.trajectory import Engine, TrajectoryLog
 from ballbot_ros.errors import ControllerError, RecordingError, one_line
 from ballbot_ros.lockstep.run_actions import Outcome, RunSummary
 from ballbot_ros.parameters import CONTROLLER, ControllerParameters
@@ -28,7 +28,7 @@ from ballbot_ros.recording.reader import AttachedFile
 from ballbot_ros.recording.rosbag2 import media_type
 from ballbot_ros.run.graph import attachments_of, public_parameters, versions
 from ballbot_ros.run.observer import RunObserver
-from ballbot_ros.run.result import Engine, RunResult
+from ballbot_ros.run.result import RunResult
 from ballbot_ros.run.simulated_recording import SimulatedRecording
 from ballbot_ros.run.spec import RunSpec
 from ballbot_ros.run.tick_timer import TickTimer
@@ -80,12 +80,12 @@ class _OfflineRun:
         self._implementation = implementation_for(
             spec.parameters.of(ControllerParameters), spec.controller
         )
-        self._loop = ClosedLoop(spec.parameters, spec.scenario, program=self._implementation.make())
+        self._begin()
         self._plant_parameters = spec.plant
         self._ticks = round(spec.plant.duration * SECOND_NS) // TICK_NS
         self._compiled: CompiledLoop | None = None
         program, is_paced = self._loop.program, spec.plant.real_time_factor > 0.0
-        if isinstance(program, ControlProgram) and not is_paced and pays(self._ticks):
+        if not is_paced and pays(self._ticks, program):
             self._compiled = CompiledLoop(self._loop, program, spec.parameters, spec.scenario)
         self._stop = stop
         self._pacer = Pacer()
@@ -99,8 +99,12 @@ class _OfflineRun:
                 recording, self._attachments, spec.parameters, collect
             )
             self._writer.begin(FIRST_TICK_NS, self._loop.world, self._loop.pushes)
-        self.log = TrajectoryLog()
         self._begun = time.monotonic()
+
+    def _begin(self) -> None:
+        spec = self._spec
+        self._loop = ClosedLoop(spec.parameters, spec.scenario, program=self._implementation.make())
+        self.log = TrajectoryLog()
 
     @property
     def engine(self) -> Engine:
@@ -126,16 +130,24 @@ class _OfflineRun:
                 self._advance(self._compiled)
             else:
                 self._tick()
+            plant = self._loop.plant
             observer.update(self.log.ticks * TICK_NS / SECOND_NS)
 
     def _advance(self, loop: CompiledLoop) -> None:
         begun_ns = self._loop.plant.time_ns
         left = self._ticks - self.log.ticks
+        try:
+            if self._writer:
+                part, ticks = loop.trace(min(_RECORDED_TICKS_AT_ONCE, left))
+            else:
+                part = loop.advance(min(_TICKS_AT_ONCE, left))
+        except FAULTS:  # of a law; the interpreter tells them
+            self._compiled = None
+            if not self._writer:
+                self._begin()  # since the law has not made the ticks so far
+            return
         if self._writer:
-            part, ticks = loop.trace(min(_RECORDED_TICKS_AT_ONCE, left))
             self._writer.add_all(ticks, loop.program)
-        else:
-            part = loop.advance(min(_TICKS_AT_ONCE, left))
         stamps_ns = begun_ns + TICK_NS * np.arange(len(part.duty))
         self.log.extend(stamps_ns, part.position, part.psi, part.duty)
 
@@ -182,18 +194,23 @@ class _OfflineRun:
         self._writer.close(summary)
         if self._collector is None or not self.log.ticks:
             return None
+        extraction = self._collector.extraction(self._writer.names)
+        failure = one_line(summary.reason)
+        return run_data(self._recording, extraction, self._attached(), failure=failure)
+
+    def _attached(self) -> RecordedAttachments:
+        """Return the content of the attachments; to read them takes 10 ms."""
+        files = {
+            name: AttachedFile(media_type(name), data) for name, data in self._attachments.items()
+        }
+        if self._spec.controller:  # with parameters of its own, which are read without its class
+            return replace(read_attachments(files), scenario=self._spec.scenario)
         world = self._loop.world
-        attached = RecordedAttachments(
+        return RecordedAttachments(
             scenario=self._spec.scenario,
             parameters=public_parameters(self._spec, self._attachments),
             has_parameters=True,
             versions=dict(versions()),
             floor_map=world.map if world else None,
-            files={
-                name: AttachedFile(media_type(name), data)
-                for name, data in self._attachments.items()
-            },
+            files=files,
         )
-        extraction = self._collector.extraction(self._writer.names)
-        failure = one_line(summary.reason)
-        return run_data(self._recording, extraction, attached, failure=failure)

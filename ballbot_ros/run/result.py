@@ -10,9 +10,8 @@ from typing import Any, NamedTuple
 from ballbot_ros.analysis.metrics import Judgement, Verdict
 from ballbot_ros.analysis.recorded_scenario import RecordedPush, external_push
 from ballbot_ros.analysis.run_data import RunData
-from ballbot_ros.engine.trajectory import Trajectory
+from ballbot_ros.engine.trajectory import Engine, Trajectory
 from ballbot_ros.lockstep.run_actions import Outcome, ParameterChange, changes_text
-from ballbot_ros.parameters.parameter import TextEnum
 
 
 class RoundTrip(NamedTuple):
@@ -21,13 +20,6 @@ class RoundTrip(NamedTuple):
     p50: float
     p99: float
     max: float
-
-
-class Engine(TextEnum):
-    """What computes the ticks of a run, with the same bits."""
-
-    INTERPRETED = 'interpreted'
-    COMPILED = 'compiled'
 
 
 @dataclass(frozen=True)

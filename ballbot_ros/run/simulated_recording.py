@@ -9,7 +9,6 @@ from typing import Any, cast
 
 import numpy as np
 
-from ballbot_ros.controllers.document.program import ControlProgram
 from ballbot_ros.controllers.interface import Program
 from ballbot_ros.engine.closed_loop import Tick
 from ballbot_ros.engine.compiled_loop import TickColumns
@@ -161,7 +160,7 @@ class SimulatedRecording:
         )
         self._flush(truth.stamp_ns)
 
-    def add_all(self, ticks: TickColumns, program: ControlProgram) -> None:
+    def add_all(self, ticks: TickColumns, program: Program) -> None:
         """Write the messages of many ticks."""
         truth, inputs, stamps = ticks.truth, ticks.inputs, np.asarray(ticks.truth.stamp_ns)
         self._columns.ticks(ticks, program)

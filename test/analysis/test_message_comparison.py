@@ -30,7 +30,7 @@ def compared(recorded, replayed):
 def test_equal_messages_are_identical_in_any_interleaving():
     comparator = compared([1, 2, 3], [1, 2, 3])
     assert comparator.first_difference(complete=True) is None
-    assert comparator.compared == 3
+    assert comparator.compared() == 3
 
 
 def test_the_first_difference_has_its_tick_field_and_values():

@@ -1,7 +1,5 @@
 """What attachments may name."""
 
-from types import SimpleNamespace
-
 import pytest
 
 from ballbot_ros.analysis.recorded_scenario import read_attachments
@@ -20,7 +18,7 @@ OWN_MAP = {
 def test_a_scenario_has_the_attached_map_and_reads_no_other_file(text):
     def read(**files):
         attached = {name: AttachedFile('', data) for name, data in files.items()}
-        return read_attachments(SimpleNamespace(attachments=lambda: attached))
+        return read_attachments(attached)
 
     scenario = {'scenario.yaml': text.encode()}
     assert read(**scenario, **{'map.png': read_map_file('track')}).scenario is not None

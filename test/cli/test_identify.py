@@ -284,7 +284,7 @@ def test_json_has_what_the_tables_have():
     checks = [experiment('other.mcap', 2.0, 2.0)]
     output = IdentifyOutput(identification(row, checks=checks))
     found = output.as_json()
-    assert set(found) == {'parameters', 'recordings', 'checks', 'warnings', 'correlation'}
+    assert set(found) == {'parameters', 'recordings', 'checks', 'warnings', 'engine', 'correlation'}
     told = found['parameters']['dead_zone']
     names = ('verdict', 'start', 'value', 'recorded', 'unit')
     assert [told[name] for name in names] == ['identified', row.start, 4.0, 4.05, '%']

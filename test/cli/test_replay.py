@@ -1,5 +1,6 @@
 """`ballbot replay`: identical, or the first difference."""
 
+import dataclasses
 import json
 import math
 import struct
@@ -13,10 +14,11 @@ from recordings import copy_recording
 
 from ballbot_ros.analysis.message_comparison import MessageDifference
 from ballbot_ros.analysis.recorded_controller import ReplayedController
-from ballbot_ros.analysis.recording_replay import ReplayResult
+from ballbot_ros.analysis.recording_replay import RecordingReplay, ReplayResult
 from ballbot_ros.analysis.replay import read_inputs
 from ballbot_ros.cli.replay import print_results, replay_recording
 from ballbot_ros.controllers.codegen.implementation import missing_tool_for
+from ballbot_ros.engine import compiled_loop
 from ballbot_ros.engine.scenario.reader import scenario_names
 from ballbot_ros.errors import RecordingError
 from ballbot_ros.recording.messages.conversions import fill_header, fill_time
@@ -92,6 +94,90 @@ def test_a_run_of_the_graph_is_identical(tmp_path):
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout.count('identical, 500 ticks') == 2
     assert done.stderr == ''
+
+
+def replayed_by_both(recording, monkeypatch):
+    """Replay by compiled code and by the interpreter; return both results and their engines."""
+    monkeypatch.setattr(compiled_loop, 'has_kept_code', lambda name: True)
+    results = []
+    for least in (0, math.inf):
+        monkeypatch.setattr(compiled_loop, 'MIN_TICKS', least)
+        monkeypatch.setattr(compiled_loop, 'is_loaded', lambda function: False)
+        done = replay(recording, '--json')
+        found = json.loads(done.stdout)
+        engines = [each.pop('engine') for each in found]
+        results.append((engines, done.returncode, found))
+    return results
+
+
+@pytest.mark.parametrize(
+    ('scenario', 'words'),
+    [
+        ('push', ['plant_sim.duration=5']),
+        ('hardware_forward_backward', ['plant_sim.duration=6', 'gyro_driver.delay=3']),
+        ('remote_wall', ['plant_sim.on_wall_hit=stop']),
+        ('push', ['plant_sim.duration=5', 'controller.implementation=pid']),
+    ],
+)
+def test_compiled_and_interpreted_replays_have_the_same_result(
+    tmp_path, monkeypatch, scenario, words
+):
+    pytest.importorskip('numba')
+    recording = graph.record(tmp_path, scenario, *(f'--set={each}' for each in words))[0]
+    compiled, interpreted = replayed_by_both(recording, monkeypatch)
+    assert compiled == (['compiled'] * 2, 0, interpreted[2])
+    assert interpreted[:2] == (['interpreted'] * 2, 0)
+
+
+def test_they_tell_the_same_difference(push, two_plants, tmp_path, monkeypatch):
+    pytest.importorskip('numba')
+
+    def change(topic, stamp, data):
+        if (topic, stamp) == ('/gyro', 2_104_000_000):
+            return data[:-184] + struct.pack('<d', math.radians(640.0)) + data[-176:]
+        return None if (topic, stamp) == ('/bluetooth/tx', 3_004_000_000) else data
+
+    cut = tmp_path / 'cut.mcap'
+    cut.write_bytes(Path(push).read_bytes()[:-100_000])
+    for path, status in ((copy(push, tmp_path / 'changed.mcap', change), 1), (cut, 0)):
+        compiled, interpreted = replayed_by_both(path, monkeypatch)
+        # What the controller does with these samples has to be replayed.
+        assert compiled == (['interpreted', 'compiled'], status, interpreted[2]), path
+    compiled, interpreted = replayed_by_both(two_plants(), monkeypatch)
+    assert compiled[1:] == (0, interpreted[2])
+
+
+def test_changed_parameters_and_several_inputs_are_interpreted(push, tmp_path, monkeypatch):
+    pytest.importorskip('numba')
+
+    def change(topic, stamp, data):
+        is_other = topic == '/gamepad' and stamp > 3_000_000_000
+        return data.replace(b'scenario', b'operator') if is_other else data
+
+    several = copy(push, tmp_path / 'several.mcap', change)
+    tuned = retuned(push, tmp_path / 'tuned.mcap', {3_204_000_000: {'dst_thr': 31}})
+    for path in (several, tuned):
+        compiled, _ = replayed_by_both(path, monkeypatch)
+        assert compiled[:2] == (['interpreted'] * 2, 0), path
+
+
+def test_an_identical_robot_has_an_identical_controller(push, tmp_path):
+    file = tmp_path / 'mine.py'
+    file.write_text('from ballbot_ros.controllers.pid import PID\nclass Mine(PID): pass\n')
+    short = '--set=plant_sim.duration=2'
+    by_pid, own = (
+        graph.record(tmp_path / name, 'push', short, f'--controller={controller}')[0]
+        for name, controller in (('pid', 'pid'), ('own', f'{file}:Mine'))
+    )
+    for path, controller in ((push, None), (by_pid, None), (own, f'{file}:Mine')):
+        with RecordingReader(path) as reader:
+            replay = RecordingReplay(reader, tmp_path, controller)
+            robot = replay.replay_robot(lambda time: None)
+            alone = replay.replay_controller(lambda time: None)
+            follows = dataclasses.replace(alone, engine=robot.engine)
+            assert robot.difference is None
+            # A user's class may depend on more than the samples.
+            assert replay.controller_in_robot == (None if path == own else follows)
 
 
 @pytest.mark.parametrize(

@@ -119,6 +119,7 @@ def test_the_files_of_a_run_again_are_the_run(command, results, tmp_path):
     _, text, _ = command('run', folder / 'tried_5.yaml', *words)
     _, again, _ = command('study', 'rerun', results, 5, '--processes', 'none', '--json')
     assert json.loads(text)['duty_sha256'] == json.loads(again)['duty_sha256']
+    assert json.loads(again)['engine'] in ('interpreted', 'compiled')
     assert (results / 'reruns/5_2').is_dir()
 
 

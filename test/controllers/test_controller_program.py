@@ -52,7 +52,7 @@ def test_each_tick_has_the_newest_readings(make):
     program.tick(4, START_MS + 4, quiet._replace(sticks=(5, 6)))
     program.tick(8, START_MS + 8, quiet._replace(sonar_cm=40))
     program.tick(104, START_MS + 104, quiet._replace(sonar_cm=-1))
-    readings = program._controller.all
+    readings = program.controller.all
     assert [each.elapsed_ms for each in readings] == [0, 4, 8, 104]
     assert [each.gyro for each in readings] == [(600, 600), (1, 2), (1, 2), (1, 2)]
     assert [each.battery_mv for each in readings] == [8003] * 4
@@ -182,7 +182,7 @@ def test_tasks_run_by_priority_when_they_are_due(make):
         )
     )
     outputs = run(program, 6)
-    assert program._controller.ran == [
+    assert program.controller.ran == [
         (0, 'high'), (0, 'middle'), (0, 'low'), (4, 'middle'), (8, 'high'), (8, 'middle'),
         (12, 'middle'), (16, 'high'), (16, 'middle'), (20, 'middle'), (20, 'low'),
     ]  # fmt: skip

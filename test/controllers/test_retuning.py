@@ -298,7 +298,7 @@ def test_values_that_a_program_could_not_take_over_are_refused(own, values, prob
 def test_an_error_while_it_takes_them_over_names_the_line(own):
     robot = Robot(own, devices())
     robot.program.retune(robot.parameters.with_values({'user.gain': 45.0}))
-    while robot.program._controller.parameters.gain < 39.7:
+    while robot.program.controller.parameters.gain < 39.7:
         robot.tick(devices())
     with pytest.raises(ControllerError) as caught:
         robot.tick(devices())

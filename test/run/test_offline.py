@@ -3,6 +3,7 @@
 import dataclasses
 import signal
 from collections import Counter
+from itertools import count
 
 import numpy as np
 import pytest
@@ -10,16 +11,18 @@ import pytest
 pytest.importorskip('numba')
 
 from ballbot_ros.analysis.run_data import read_run
+from ballbot_ros.controllers.codegen.implementation import implementation_for
+from ballbot_ros.controllers.document.program import ControlProgram
 from ballbot_ros.engine import compiled_loop
-from ballbot_ros.engine.compilation import is_kept
+from ballbot_ros.engine.compilation import has_kept_code
+from ballbot_ros.engine.trajectory import Engine
 from ballbot_ros.lockstep.run_actions import Outcome
-from ballbot_ros.parameters import ParameterSet
+from ballbot_ros.parameters import ControllerParameters, ParameterSet
 from ballbot_ros.parameters.parameter_set import ALL_NODES
 from ballbot_ros.run import offline
 from ballbot_ros.run.observer import LogObserver
 from ballbot_ros.run.offline import run_offline
 from ballbot_ros.run.requirements import Processes
-from ballbot_ros.run.result import Engine
 from ballbot_ros.run.spec import RunOptions, RunSpec
 
 
@@ -27,7 +30,7 @@ from ballbot_ros.run.spec import RunOptions, RunSpec
 def always(monkeypatch):
     """Use compiled code for runs of any length."""
     monkeypatch.setattr(compiled_loop, 'MIN_TICKS', 0)
-    monkeypatch.setattr(compiled_loop, 'is_kept', lambda function: True)
+    monkeypatch.setattr(compiled_loop, 'has_kept_code', lambda name: True)
 
 
 def spec_of(name, *words, **options):
@@ -57,6 +60,8 @@ RUNS = (
     ('push', 'plant_sim.seed=3', 'gyro_driver.delay=3'),
     ('hardware_autonomous', 'plant_sim.duration=8'),
     ('remote_wall', 'plant_sim.on_wall_hit=stop', 'controller.dst_thr=1'),
+    ('push', 'controller.implementation=pid', 'plant_sim.duration=6'),
+    ('hardware_autonomous', 'controller.implementation=drift_filter', 'plant_sim.duration=8'),
 )
 
 
@@ -66,7 +71,7 @@ def test_compiled_and_interpreted_runs_have_the_same_result(words, always, monke
     spec = spec_of(*words)
     fast = run(spec)
     assert fast.engine is Engine.COMPILED
-    monkeypatch.setattr(offline, 'pays', lambda ticks: False)
+    monkeypatch.setattr(offline, 'pays', lambda ticks, program: False)
     slow = run(spec)
     assert slow.engine is Engine.INTERPRETED
     assert_same(fast, slow)
@@ -79,7 +84,7 @@ def test_their_recordings_have_the_same_bytes(words, always, tmp_path, monkeypat
     fast = run(spec, path)
     compiled = path.read_bytes()
     path.unlink()
-    monkeypatch.setattr(offline, 'pays', lambda ticks: False)
+    monkeypatch.setattr(offline, 'pays', lambda ticks, program: False)
     assert_same(fast, run(spec, path))
     assert path.read_bytes() == compiled
 
@@ -119,23 +124,59 @@ def plain(content, name=''):
     }
 
 
-def test_paced_and_other_runs_are_interpreted(always):
+@pytest.mark.parametrize('first_fault', [0, 2])
+def test_the_interpreter_repeats_what_a_law_fails_in(always, tmp_path, monkeypatch, first_fault):
+    monkeypatch.setattr(offline, '_TICKS_AT_ONCE', 150)
+    monkeypatch.setattr(offline, '_RECORDED_TICKS_AT_ONCE', 150)
+    spec = spec_of('push', 'plant_sim.duration=4', controller='pid')
+    path, parts, make = tmp_path / 'run.mcap', iter(()), compiled_loop.CompiledLoop._advance
+
+    def advance(loop, ticks, traced):
+        if next(parts) == first_fault:
+            raise ValueError('no duty')
+        return make(loop, ticks, traced)
+
+    monkeypatch.setattr(compiled_loop.CompiledLoop, '_advance', advance)
+    found = []
+    for recording in (None, path):
+        parts = count()
+        found.append(run(spec, recording))
+        assert found[-1].engine is Engine.INTERPRETED
+    data = path.read_bytes()
+    path.unlink()
+    monkeypatch.setattr(offline, 'pays', lambda ticks, program: False)
+    for each in found:
+        assert_same(each, run(spec))
+    run(spec, path)
+    assert path.read_bytes() == data
+
+
+def test_paced_and_users_runs_are_interpreted(always, tmp_path):
     words = ('stationary', 'plant_sim.duration=0.1')
     assert run(spec_of(*words, real_time_factor=20.0)).engine is Engine.INTERPRETED
-    assert run(spec_of(*words, controller='pid')).engine is Engine.INTERPRETED
+    file = tmp_path / 'mine.py'
+    file.write_text('from ballbot_ros.controllers.pid import PID\nclass Mine(PID): pass\n')
+    own = spec_of(*words, controller=f'{file}:Mine')
+    assert run(own).engine is Engine.INTERPRETED
 
 
 def test_few_ticks_do_not_load_compiled_code(monkeypatch):
     monkeypatch.setattr(compiled_loop, 'is_loaded', lambda function: False)
-    monkeypatch.setattr(compiled_loop, 'is_kept', lambda function: True)
+    monkeypatch.setattr(compiled_loop, 'has_kept_code', lambda name: True)
     monkeypatch.setattr(compiled_loop, '_asked', Counter())
+    monkeypatch.setattr(compiled_loop, '_missing', {})
     most = compiled_loop.MIN_TICKS
-    assert not compiled_loop.pays(most - 1)
-    assert compiled_loop.pays(1)
-    monkeypatch.setattr(compiled_loop, 'is_kept', lambda function: False)
-    assert not compiled_loop.pays(most)
+    parameters = spec_of('stationary', controller='pid').parameters.of(ControllerParameters)
+    law = implementation_for(parameters).make()
+    documents = ControlProgram(ControllerParameters())
+    for program in (documents, law):
+        assert not compiled_loop.pays(most - 1, program)
+        assert compiled_loop.pays(1, program)
+    monkeypatch.setattr(compiled_loop, 'has_kept_code', lambda name: False)
+    for program in (documents, law):
+        assert not compiled_loop.pays(most, program)
     monkeypatch.setattr(compiled_loop, 'is_loaded', lambda function: True)
-    assert compiled_loop.pays(1)
+    assert compiled_loop.pays(1, documents)
 
 
 def test_runs_that_would_have_been_worth_it_let_the_code_be_compiled(monkeypatch):
@@ -143,17 +184,22 @@ def test_runs_that_would_have_been_worth_it_let_the_code_be_compiled(monkeypatch
     with monkeypatch.context() as patch:
         patch.setattr(compiled_loop, 'compile_in_background', lambda *what: started.append(what))
         patch.setattr(compiled_loop, '_asked', Counter())
+        patch.setattr(compiled_loop, '_missing', {})
         patch.setattr(compiled_loop, 'is_loaded', lambda function: False)
-        patch.setattr(compiled_loop, 'is_kept', lambda function: False)
+        patch.setattr(compiled_loop, 'has_kept_code', lambda name: False)
         patch.setattr(compiled_loop, 'MIN_TICKS', 50)
-        spec = spec_of('stationary', 'plant_sim.duration=0.1')
-        assert run(spec).engine is Engine.INTERPRETED
-        run(spec_of('stationary', 'plant_sim.duration=9', controller='pid'))
+        words = ('stationary', 'plant_sim.duration=0.1')
+        for controller in (None, 'pid'):
+            assert run(spec_of(*words, controller=controller)).engine is Engine.INTERPRETED
         assert not started
-        run(spec)
-    assert started == [(compiled_loop.simulate_runs, compiled_loop.compile_runs)]
-    compiled_loop.compile_runs()
-    assert is_kept(compiled_loop.simulate_runs)
+        run(spec_of(*words))
+        run(spec_of(*words, controller='pid'))
+    codes = {kept: compiles for kept, *compiles in started}
+    names = ('python', 'ballbot_ros.controllers.pid:PID')
+    assert [*codes.values()] == [[compiled_loop.compile_runs, name] for name in names]
+    for kept, (compiles, name) in codes.items():
+        compiles(name)
+        assert has_kept_code(kept)
 
 
 def test_a_signal_ends_a_long_compiled_run(always):

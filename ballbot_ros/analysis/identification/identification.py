@@ -18,8 +18,9 @@ from ballbot_ros.analysis.identification.estimation import (
     information,
 )
 from ballbot_ros.analysis.identification.experiment import GYRO, Experiment, with_identified
-from ballbot_ros.analysis.identification.segment_model import SegmentModel
+from ballbot_ros.analysis.identification.segment_model import SegmentModel, engine_of
 from ballbot_ros.analysis.identification.segments import Segments, cut, segment_length
+from ballbot_ros.engine.trajectory import Engine
 from ballbot_ros.errors import IdentificationError
 from ballbot_ros.parameters import PLANT, PlantParameters, parameters_of, suggest
 from ballbot_ros.parameters.parameter import TextEnum
@@ -161,12 +162,15 @@ class Identification:
         Those that they were checked with.
     correlation : ndarray, shape (p, p)
         Between the errors of the estimates.
+    engine : Engine
+        What moved the segments.
     """
 
     parameters: tuple[IdentifiedParameter, ...]
     experiments: tuple[ExperimentSummary, ...]
     checks: tuple[ExperimentSummary, ...]
     correlation: Floats
+    engine: Engine = Engine.INTERPRETED
 
     @property
     def estimated(self) -> tuple[IdentifiedParameter, ...]:
@@ -250,6 +254,7 @@ def identify(
         ),
         checks=tuple(_summary(cut(each), begin, values) for each in checks),
         correlation=found.correlation,
+        engine=engine_of(plant),
     )
 
 

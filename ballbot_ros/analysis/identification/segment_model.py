@@ -18,6 +18,7 @@ from ballbot_ros.analysis.identification.experiment import (
 )
 from ballbot_ros.analysis.identification.segments import Segments, segment_length
 from ballbot_ros.engine.compilation import can_compile, compiled_and_kept
+from ballbot_ros.engine.trajectory import Engine
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.robot.arithmetic import Floats
 from ballbot_ros.robot.plant import integration, laws
@@ -307,7 +308,7 @@ class _Lanes:
         else:
             constants = np.array([(*equations_of(each), each.alpha) for each in physical])
             advance = advance_arrays
-            if can_compile():
+            if engine_of(common) is Engine.COMPILED:
                 advance = compiled_and_kept(advance_segments)
             self.advance = lambda state, voltage: advance(constants, step_s, state, voltage)
 
@@ -344,6 +345,12 @@ class _Lanes:
             ChannelQuantity.ESTIMATED_PITCH: motion.estimate,
         }
         return np.asarray(np.degrees(angles[quantity]))
+
+
+def engine_of(plant: PlantParameters) -> Engine:
+    """Return what moves the segments of a plant; the linear model needs no compiler."""
+    is_compiled = plant.plant_model == 'nonlinear' and can_compile()
+    return Engine.COMPILED if is_compiled else Engine.INTERPRETED
 
 
 def advance_segments(constants: Floats, dt: float, state: Floats, voltage: Floats) -> Floats:

@@ -149,7 +149,7 @@ class _InterpretedEpisode:
     def begin(self, start: Start) -> None:
         """Begin an episode."""
         if _interpreted['ticks'] > MANY_TICKS:
-            compile_in_background(move_robots, compile_moves)
+            compile_in_background(move_robots.__qualname__, compile_moves)
         self._prepare(start)
         self._move(self._setup.held_ticks + 1, is_new=True)
 

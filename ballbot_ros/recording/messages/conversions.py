@@ -323,9 +323,15 @@ def encode_duty(stamp_ns: int, duty: tuple[int, int]) -> bytes:
     return _DUTY.encode(stamp_ns, *duty)
 
 
+def decode_real_duty(data: bytes) -> tuple[float, float]:
+    """Return the numbers in ``motor_duty``, which are duties [%] if they are whole."""
+    x, y = _DUTY.decode(data)
+    return x, y
+
+
 def decode_duty(data: bytes) -> tuple[int, int] | None:
     """Return the duties [%] of ``motor_duty``; None unless they are whole and within ±100."""
-    x, y = _DUTY.decode(data)
+    x, y = decode_real_duty(data)
     return (int(x), int(y)) if x in _DUTIES and y in _DUTIES else None
 
 

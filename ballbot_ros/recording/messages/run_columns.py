@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from ballbot_ros.controllers.document.axis import PlaneValues
 from ballbot_ros.controllers.document.program import ControlProgram, ProgramState
+from ballbot_ros.controllers.interface import Program
 from ballbot_ros.engine.compiled_loop import TickColumns
 from ballbot_ros.engine.rows import Rows, columns_of, state_of
 from ballbot_ros.parameters import ParameterSet
-from ballbot_ros.parameters.timing import BATTERY_PERIOD_NS, TICK_NS
+from ballbot_ros.parameters.timing import BATTERY_PERIOD_NS, FIRST_TICK_NS, MILLISECOND_NS, TICK_NS
 from ballbot_ros.recording.messages.conversions import (
     encode_body,
     encode_clock,
@@ -39,7 +40,7 @@ from ballbot_ros.recording.messages.topics import (
     SCENARIO,
     Topic,
 )
-from ballbot_ros.robot.brick.brick import NO_SAMPLE, NUMBERS_OF, Inputs
+from ballbot_ros.robot.brick.brick import NO_SAMPLE, NUMBERS_OF, Inputs, from_numbers
 from ballbot_ros.robot.plant.ground_truth import GroundTruth
 
 SendAll = Callable[[Stamps, Messages], None]
@@ -73,12 +74,18 @@ class RunColumns:
             for each in DEVICE_MESSAGES
         ]
 
-    def ticks(self, columns: TickColumns, program: ControlProgram, source: str = SCENARIO) -> None:
-        """Create the messages of ticks; `source` names the input in command."""
+    def ticks(self, columns: TickColumns, program: Program, source: str = SCENARIO) -> None:
+        """Create the messages of ticks; `source` names the input in command.
+
+        A program other than the document's makes the ticks, too, to publish what it does in them.
+        """
         stamps = np.asarray(columns.truth.stamp_ns)
         self._truth(columns.truth, stamps, columns.wall_hit)
         self._inputs(columns.inputs, stamps, source)
-        self._outputs(columns.program, stamps, program)
+        if isinstance(program, ControlProgram):
+            self._outputs(columns.program, stamps, program)
+        else:
+            self._repeat(columns.inputs, stamps, program)
 
     def _send(self, topic: Topic, stamps: Stamps, messages: object) -> None:
         self._make_all(topic)(stamps, cast('Messages', messages))
@@ -110,6 +117,16 @@ class RunColumns:
         due = vertical != NO_SAMPLE
         at, sticks = stamps[due], (vertical[due], horizontal[due])
         self._send(GAMEPAD_JOY, at, encode_sticks(at, sticks, source))
+
+    def _repeat(self, columns: Inputs, stamps: Stamps, program: Program) -> None:
+        rows = zip(*(np.asarray(each).tolist() for each in columns), strict=True)
+        for now_ns, row in zip(stamps.tolist(), rows, strict=True):
+            elapsed_ms, systick_ms = (
+                (now_ns - FIRST_TICK_NS) // MILLISECOND_NS,
+                now_ns // MILLISECOND_NS,
+            )
+            outputs = program.tick(elapsed_ms, systick_ms, from_numbers(Inputs(*row)))
+            self._controller.tick(now_ns, outputs, program)
 
     def _outputs(self, rows: Rows, stamps: Stamps, program: ControlProgram) -> None:
         states = columns_of(ProgramState, rows)

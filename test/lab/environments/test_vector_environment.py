@@ -207,7 +207,7 @@ def test_many_ticks_of_the_interpreter_let_the_code_be_compiled(monkeypatch):
         env.reset()
         assert not started
         env.reset()
-    assert started == [(episode.move_robots, episode.compile_moves)]
+    assert started == [(episode.move_robots.__qualname__, episode.compile_moves)]
     episode.compile_moves()
     assert episode.has_compiled_code()
 

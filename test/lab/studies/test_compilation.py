@@ -45,14 +45,14 @@ def test_a_function_is_compiled_in_the_background_and_only_once(tmp_path, monkey
     compilation._folder.cache_clear()
     try:
         for _ in range(2):
-            compilation.compile_in_background(natural_log, compile_logarithm)
+            compilation.compile_in_background(natural_log.__qualname__, compile_logarithm)
         (process,) = started
         assert os.getsid(process) == process
         _, status = os.waitpid(process, 0)
         assert status == 0
         assert compilation.is_kept(natural_log)
         monkeypatch.setattr(compilation, '_in_background', set())
-        compilation.compile_in_background(natural_log, compile_logarithm)
+        compilation.compile_in_background(natural_log.__qualname__, compile_logarithm)
         assert len(started) == 1
     finally:
         compilation._folder.cache_clear()
@@ -61,10 +61,10 @@ def test_a_function_is_compiled_in_the_background_and_only_once(tmp_path, monkey
 def test_a_system_without_room_for_a_process_goes_on_without(tmp_path, monkeypatch):
     monkeypatch.delenv(compilation.NO_BACKGROUND)
     monkeypatch.setattr(compilation, '_in_background', set())
-    monkeypatch.setattr(compilation, 'is_kept', lambda function: False)
+    monkeypatch.setattr(compilation, 'has_kept_code', lambda name: False)
     monkeypatch.setattr(sys, 'executable', str(tmp_path / 'missing'))
-    compilation.compile_in_background(natural_log, compile_logarithm)
-    assert compilation._in_background == {natural_log}
+    compilation.compile_in_background(natural_log.__qualname__, compile_logarithm)
+    assert compilation._in_background == {natural_log.__qualname__}
 
 
 def test_of_several_processes_that_need_it_at_once_one_compiles(tmp_path):
