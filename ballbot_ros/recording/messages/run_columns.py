@@ -121,11 +121,9 @@ class RunColumns:
     def _repeat(self, columns: Inputs, stamps: Stamps, program: Program) -> None:
         rows = zip(*(np.asarray(each).tolist() for each in columns), strict=True)
         for now_ns, row in zip(stamps.tolist(), rows, strict=True):
-            elapsed_ms, systick_ms = (
-                (now_ns - FIRST_TICK_NS) // MILLISECOND_NS,
-                now_ns // MILLISECOND_NS,
-            )
-            outputs = program.tick(elapsed_ms, systick_ms, from_numbers(Inputs(*row)))
+            elapsed_ms = (now_ns - FIRST_TICK_NS) // MILLISECOND_NS
+            inputs = from_numbers(Inputs(*row))
+            outputs = program.tick(elapsed_ms, now_ns // MILLISECOND_NS, inputs)
             self._controller.tick(now_ns, outputs, program)
 
     def _outputs(self, rows: Rows, stamps: Stamps, program: ControlProgram) -> None:
