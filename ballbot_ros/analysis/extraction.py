@@ -85,7 +85,7 @@ def _pitch(messages: Any) -> NDArray[np.float64]:
     return pitches(q.w, q.x, q.y, q.z)
 
 
-def _references(values: Any) -> Sequence[Any]:
+def _references(values: Any) -> Sequence[object]:
     """Return the references in positions or velocities of ``controller/state``, shape (n, k).
 
     They are NaN if it has only estimates.

@@ -183,7 +183,7 @@ class _Pairs:
         return first_difference(message, self._decode(replayed))
 
 
-def first_difference(recorded: Any, replayed: Any, path: str = '') -> str:
+def first_difference(recorded: object, replayed: Any, path: str = '') -> str:
     """Return name and values of the first field in which two messages differ; '' if in none."""
     if is_dataclass(recorded):
         for each in fields(recorded):
@@ -206,7 +206,7 @@ def first_difference(recorded: Any, replayed: Any, path: str = '') -> str:
     return f'{path}: recorded {plain[0]!r}, replayed {plain[1]!r}{bits}'
 
 
-def _same(one: Any, other: Any) -> bool:
+def _same(one: object, other: object) -> bool:
     """Return whether two values are bit-identical, including NaN and the sign of zero."""
     if isinstance(one, float | np.floating):
         return struct.pack('d', one) == struct.pack('d', other)

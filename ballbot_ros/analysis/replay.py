@@ -438,7 +438,7 @@ class _Robot:
         inputs: RunInputs,
         parameters: ParameterSet,
         comparator: MessageComparator,
-        samples: Mapping[str, Mapping[int, Any]],
+        samples: Mapping[str, Mapping[int, object]],
     ) -> None:
         self._inputs = inputs
         start_ns, epoch = inputs.run.start_ns, inputs.run.epoch
@@ -490,7 +490,7 @@ class _Robot:
             yield Engine.INTERPRETED
 
 
-def _samples(recording: RobotRecording, inputs: RunInputs, topic: Topic) -> dict[int, Any]:
+def _samples(recording: RobotRecording, inputs: RunInputs, topic: Topic) -> dict[int, object]:
     """Return the readings of a device in a run, by their stamps [ns]."""
     readings = {}
     for epoch, _, raw in recording.messages([topic], inputs.run.start_ns):

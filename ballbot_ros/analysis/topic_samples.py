@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -167,7 +166,7 @@ class _Blocks:
             stamps = batch.stamps_ns(some) if columns.has_header else log_ns
             self._blocks.append(_Block(columns, stamps, log_ns, epochs[some], values))
 
-    def _columns(self, message: Any) -> TopicColumns:
+    def _columns(self, message: object) -> TopicColumns:
         """Return the columns that fit a message."""
         for columns in reversed(self._forms):
             if columns.fits(message):

@@ -50,7 +50,7 @@ def command(file: Path, as_json: bool) -> None:
         _print_text(content, state)
 
 
-def _read(reader: RecordingReader, progress: ProgressCallback) -> dict[str, Any]:
+def _read(reader: RecordingReader, progress: ProgressCallback) -> dict[str, object]:
     """Return the content of a recording, as in the JSON object."""
     topics, runs_ns = read_topics(reader, RUN.resolved(), progress)
     first = min(
@@ -188,7 +188,7 @@ def _made_by(attachments: Mapping[str, AttachedFile]) -> dict[str, object]:
     return {name: value for name, value in content.items() if value not in (None, {})}
 
 
-def _attached(file: AttachedFile | None) -> dict[str, Any]:
+def _attached(file: AttachedFile | None) -> dict[str, object]:
     content = parse_data(file.data) if file else None
     return content if isinstance(content, dict) else {}
 

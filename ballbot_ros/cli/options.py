@@ -57,7 +57,9 @@ NEW_FILE = _Path(lambda value: value.endswith('/'), 'a file to write')
 class Choice(click.Choice[str]):
     """One of several words; a misspelt one gets a suggestion."""
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> str:
         """Return the word."""
         try:
             return super().convert(value, param, ctx)

@@ -259,7 +259,7 @@ class ControllerProgram:
     def __init__(
         self,
         loaded: LoadedController,
-        parameters: Any,
+        parameters: object,
         model: PhysicalParameters,
         settings: ControllerParameters,
         times: TickTimes,
@@ -336,7 +336,7 @@ class ControllerProgram:
                 self._brick.duty = self._duty(answer, self._methods[name])
         self._take_state()
 
-    def _duty(self, answer: Any, method: Any) -> Duty:
+    def _duty(self, answer: Any, method: object) -> Duty:
         """Return a controller's answer as a duty."""
         try:
             try:

@@ -61,7 +61,7 @@ def choice(cls: type, name: str, value: str) -> int:
 
 
 @cache
-def _choices(cls: type) -> dict[str, tuple[Any, ...]]:
+def _choices(cls: type) -> dict[str, tuple[object, ...]]:
     words = {
         name: get_args(kind)
         for name, kind in get_type_hints(cls).items()

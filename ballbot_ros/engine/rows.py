@@ -67,7 +67,7 @@ def kind_of_class(cls: Any) -> Any:
     return cls
 
 
-def _fields(cls: Any) -> Sequence[Field[Any]]:
+def _fields(cls: object) -> Sequence[Field[object]]:
     return fields(cls) if is_dataclass(cls) else ()
 
 
@@ -98,7 +98,7 @@ def row_type_of(kind: Record) -> np.dtype[np.void]:
     return row
 
 
-def _column(kind: Any) -> tuple[Any, ...]:
+def _column(kind: object) -> tuple[object, ...]:
     """Return the type of a column, and the number of its elements; () if there is none."""
     if isinstance(kind, Record):
         return (row_type_of(kind),)
@@ -112,12 +112,12 @@ def _column(kind: Any) -> tuple[Any, ...]:
     return (_NUMBERS[kind],) if kind in _NUMBERS else ()
 
 
-def has_column(kind: Any) -> bool:
+def has_column(kind: object) -> bool:
     """Return whether a number of a kind has a place in a row."""
     return kind in _NUMBERS
 
 
-def _is_array(kind: tuple[Any, ...]) -> bool:
+def _is_array(kind: tuple[object, ...]) -> bool:
     return len(set(kind)) == 1 and kind[0] in _NUMBERS
 
 
@@ -145,7 +145,7 @@ def row_functions_of(kind: Record) -> tuple[Callable[[Any], Any], Callable[[Any,
 
 
 def _add(
-    kind: Any, place: str, part: str, classes: dict[str, type], numbers: list[tuple[str, str]]
+    kind: object, place: str, part: str, classes: dict[str, type], numbers: list[tuple[str, str]]
 ) -> str:
     """Add classes and numbers of a value, which is at a place of the row; return how it is read."""
     if isinstance(kind, Record):
@@ -179,7 +179,7 @@ def _are_single(row: np.dtype[np.void]) -> tuple[bool, ...]:
     return tuple(row[name].base == Single for name in row.names or ())
 
 
-def _plain(value: Any, is_single: bool) -> Any:
+def _plain(value: Any, is_single: bool) -> object:
     """Return a number of a row, or the tuple of its numbers; those in single precision stay so."""
     if isinstance(value, np.ndarray):
         return tuple(value if is_single else value.tolist())
@@ -192,7 +192,7 @@ def columns_of(cls: Callable[..., State], rows: Rows) -> State:
     return cls(*(tuple(each.T) if each.ndim > 1 else each for each in columns))
 
 
-def rows_of(values: Sequence[Any]) -> Rows:
+def rows_of(values: Sequence[object]) -> Rows:
     """Return named tuples of one kind as rows."""
     kind = kind_of(values[0])
     rows = np.zeros(len(values), row_type_of(kind))

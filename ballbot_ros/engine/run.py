@@ -82,7 +82,9 @@ class RobotConstants(NamedTuple):
     sonar: SonarConstants
 
 
-def robot_constants(plant: PlantConstants, gyro: Any, encoder: Any, sonar: Any) -> RobotConstants:
+def robot_constants(
+    plant: PlantConstants, gyro: object, encoder: object, sonar: object
+) -> RobotConstants:
     """Return the constants for those of the plant and the parameters of the devices.
 
     Parameters
@@ -373,10 +375,10 @@ def simulate_runs(
 
 def simulate_run(
     plant: Any,
-    gyro: Any,
-    encoder: Any,
-    sonar: Any,
-    program: Any,
+    gyro: object,
+    encoder: object,
+    sonar: object,
+    program: object,
     sides: Cells,
     walls_before: Cells,
     push_times: Ints,

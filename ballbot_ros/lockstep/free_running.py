@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Iterable
-from typing import Any
 
 from ballbot_ros.lockstep.lockstep import DueTick, InputGate
 from ballbot_ros.lockstep.run_actions import Outcome
@@ -150,7 +149,7 @@ class FreeRunningTicks:
         self._released.clear()
         self._ticked_at_ns = None
 
-    def take(self, name: str, stamp_ns: int, value: Any, at_ns: int) -> None:
+    def take(self, name: str, stamp_ns: int, value: object, at_ns: int) -> None:
         """Store a sample with stamp `stamp_ns` [ns] that arrived at wall time `at_ns` [ns]."""
         if self._start_ns is None or stamp_ns < self._start_ns:
             return

@@ -157,7 +157,7 @@ class InputGate:
         self._periods = dict(periods_ns)
         self._samples: dict[str, tuple[int, Any]] = {}
 
-    def put(self, name: str, stamp_ns: int, value: Any) -> bool:
+    def put(self, name: str, stamp_ns: int, value: object) -> bool:
         """Store a sample; return whether it is newer than the stored one."""
         known = self._samples.get(name)
         if known is not None and stamp_ns <= known[0]:
@@ -272,7 +272,9 @@ class LockstepTicks:
         self._received_ns.clear()
         self._later.clear()
 
-    def take(self, name: str, stamp_ns: int, data: bytes, value: Any) -> SampleReaction | DueTick:
+    def take(
+        self, name: str, stamp_ns: int, data: bytes, value: object
+    ) -> SampleReaction | DueTick:
         """Decide the reaction to a sample.
 
         Parameters

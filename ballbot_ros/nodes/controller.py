@@ -260,7 +260,7 @@ class ControllerNode(BallbotNode[ControllerParameters]):
         ticks.begin(run.start_ns, self._implementation.tasks)
         self._task_timers.stop()
 
-    def _take(self, name: str, stamp: int, data: bytes, reading: Any) -> None:
+    def _take(self, name: str, stamp: int, data: bytes, reading: object) -> None:
         reaction = self._lockstep_ticks.take(name, stamp, data, reading)
         if isinstance(reaction, DueTick):
             self._run(reaction)

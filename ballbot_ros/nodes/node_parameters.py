@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
 from rcl_interfaces.msg import (
     FloatingPointRange,
@@ -228,7 +228,7 @@ def _ros_parameter(name: str, value: object) -> RosParameter:
     return RosParameter(name, value=list(value) if isinstance(value, tuple) else value)
 
 
-def _read(row: Parameter, parameter: RosParameter) -> Any:
+def _read(row: Parameter, parameter: RosParameter) -> object:
     """Return the parameter's value in its declared type."""
     value = parameter.value
     if hasattr(value, 'tolist'):

@@ -91,12 +91,12 @@ class ViewerRequests:
         self._send_query()
 
     def _call(
-        self, name: str, request: Any, on_response: Callable[[Any], None] = lambda response: None
+        self, name: str, request: object, on_response: Callable[[Any], None] = lambda response: None
     ) -> None:
         self._send(self._clients[name], name, request, on_response)
 
     def _send(
-        self, client: Any, name: str, request: Any, on_response: Callable[[Any], None]
+        self, client: object, name: str, request: object, on_response: Callable[[Any], None]
     ) -> None:
         if client is None or not send(client, request, on_response):
             self._notify(f'{name}: service not available')
@@ -139,7 +139,7 @@ class ViewerRequests:
     def start(self, scenario: str) -> None:
         """End the run, and start one of another scenario."""
 
-        def begin(_: Any) -> None:
+        def begin(_: object) -> None:
             self._call(f'{SUPERVISOR}/start', Trigger.Request(), report)
 
         def report(answer: Trigger.Response) -> None:
@@ -194,7 +194,7 @@ class _ParameterClients:
         self._plant = ''
         self._clients: dict[Any, Any] = {}
 
-    def find(self, kind: Any) -> Any:
+    def find(self, kind: object) -> Any:
         """Return the client of a service, or None while the plant's name is unknown."""
         offers = self._node.get_publishers_info_by_topic(RUN.name)
         names = list(filter(None, map(full_name, offers)))
@@ -211,7 +211,7 @@ class _ParameterClients:
         return self._clients[kind]
 
 
-def send(client: Any, request: Any, on_response: Callable[[Any], None]) -> bool:
+def send(client: Any, request: object, on_response: Callable[[Any], None]) -> bool:
     """Send a request to a service; return whether the service is there."""
     if not client.service_is_ready():
         return False
@@ -219,7 +219,7 @@ def send(client: Any, request: Any, on_response: Callable[[Any], None]) -> bool:
     return True
 
 
-def parameter_setting(name: str, value: Any) -> SetParameters.Request:
+def parameter_setting(name: str, value: object) -> SetParameters.Request:
     """Return the request that sets a parameter."""
     message: Parameter = RosParameter(name, value=value).to_parameter_msg()
     return SetParameters.Request(parameters=[message])
@@ -377,7 +377,7 @@ class TuningRequests:
                 self._notify(result.reason)
                 self._sliders.follow({name: self._present[name]})
 
-    def _call(self, node: str, request: Any, on_response: Callable[[Any], None]) -> None:
+    def _call(self, node: str, request: object, on_response: Callable[[Any], None]) -> None:
         kind = next(kind for kind in _TUNING_SERVICES if isinstance(request, kind.Request))
         if (node, kind) not in self._clients:
             service = f'{node}/{_TUNING_SERVICES[kind]}'

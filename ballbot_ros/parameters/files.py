@@ -137,7 +137,7 @@ def plain_values(given: Mapping[str, object]) -> dict[str, object]:
     return {str(name): plain_value(value) for name, value in given.items()}
 
 
-def plain_value(value: Any) -> Any:
+def plain_value(value: object) -> Any:
     """Return numbers and arrays of numpy as the numbers and lists that parameters are made of."""
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()

@@ -319,6 +319,6 @@ def declared_in(cls: type, node: str = '', prefix: str = '') -> Iterator[Paramet
         yield Parameter((node,), prefix + each.name, default, choices=choices, **each.metadata)
 
 
-def _fields(cls: Any) -> dict[str, Field[Any]]:
+def _fields(cls: Any) -> dict[str, Field[object]]:
     """Return the fields of a dataclass that declare parameters, by name."""
     return {each.name: each for each in fields(cls) if each.metadata}

@@ -158,11 +158,11 @@ class TopicColumns:
         """Whether the messages have a header, which stamps them."""
         return _type_name(getattr(self.first, 'header', None)) == _HEADER
 
-    def fits(self, message: Any) -> bool:
+    def fits(self, message: object) -> bool:
         """Return whether the columns mean the same in a message as in the first one."""
         return bool(_shape(message) == self._shape)
 
-    def row(self, message: Any) -> list[Value]:
+    def row(self, message: object) -> list[Value]:
         """Return the values of a message.
 
         Raises
@@ -199,7 +199,7 @@ def _computed(column: ComputedColumn, reads: Mapping[str, Read]) -> Read:
         return lambda message: math.nan
     sources = [reads[source] for source in column.sources]
 
-    def read(message: Any) -> Any:
+    def read(message: object) -> Any:
         return _plain(column.compute(*(np.float64(source(message)) for source in sources)))
 
     return read
@@ -209,7 +209,7 @@ def _says_something(word: str) -> bool:
     return word not in _CONTAINERS
 
 
-def _shape(message: Any) -> Any:
+def _shape(message: object) -> object:
     """Return the part of a message that must not change, or columns would change their meaning."""
     lists = _LISTS.get(_type_name(message), ())
     return _names(message), *(len(getattr(message, name)) for name in lists)
@@ -247,7 +247,7 @@ def _field(get: Get, name: str) -> Get:
     return lambda message: _part(get(message), name)
 
 
-def _part(value: Any, name: str) -> Any:
+def _part(value: object, name: str) -> Any:
     # A field of a record array may have the name of an attribute of arrays, such as `data`.
     return value[name] if isinstance(value, np.ndarray) else getattr(value, name)
 
@@ -272,16 +272,16 @@ def _fields(value: Any) -> list[str]:
     return [each.name for each in fields(value) if each.name not in vars(type(value))]
 
 
-def _seconds(time: Any) -> Any:
+def _seconds(time: object) -> object:
     return _plain((np.int64(_part(time, 'sec')) * 10**9 + _part(time, 'nanosec')) / 1e9)
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: object) -> object:
     """Return numbers of numpy as those of Python, and anything else as it is."""
     return value.item() if isinstance(value, np.generic) else value
 
 
-def _text(value: Any) -> str:
+def _text(value: object) -> str:
     """Write a list as JSON, bytes as two hexadecimal digits each."""
     if isinstance(value, np.ndarray) and value.dtype == np.uint8:
         return value.tobytes().hex()
@@ -291,7 +291,7 @@ def _text(value: Any) -> str:
     return json.dumps(_nested(value), ensure_ascii=False)
 
 
-def _nested(value: Any) -> Any:
+def _nested(value: object) -> object:
     if isinstance(value, np.ndarray):
         return value.tolist()
     if isinstance(value, list):

@@ -7,7 +7,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from ballbot_ros.errors import RecordingError
 from ballbot_ros.process import ProgressCallback
@@ -149,12 +148,12 @@ class Exporter:
                 raise RecordingError(f'{self.folder}: {error.strerror}') from None
             raise
 
-    def _messages(self) -> Iterator[tuple[str, int, Any]]:
+    def _messages(self) -> Iterator[tuple[str, int, object]]:
         for done, found in enumerate(self.reader.messages(self.topics), 1):
             yield found
             self.progress(done, self.reader.count)
 
-    def _columns(self, topic: str, message: Any) -> TopicColumns:
+    def _columns(self, topic: str, message: object) -> TopicColumns:
         type_name = self.reader.topics()[topic].type_name
         return TopicColumns(message, self.hints.get((topic, type_name), ColumnHints()))
 
@@ -171,7 +170,9 @@ class Exporter:
             missing.discard(topic)
         return {topic: columns[topic] for topic in self.topics if topic in columns}
 
-    def _row(self, topic: str, stamp_ns: int, columns: TopicColumns, message: Any) -> list[Value]:
+    def _row(
+        self, topic: str, stamp_ns: int, columns: TopicColumns, message: object
+    ) -> list[Value]:
         try:
             return columns.row(message)
         except RecordingError as error:

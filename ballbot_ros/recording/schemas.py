@@ -183,7 +183,7 @@ def encoder(type_name: str) -> Callable[[Any], bytes]:
         blanks = ((name, _blank(kind)) for name, kind in store.fielddefs[type_name][1])
         return [(name, blank.dtype) for name, blank in blanks if isinstance(blank, np.ndarray)]
 
-    def encode(message: Any) -> bytes:
+    def encode(message: object) -> bytes:
         for name, dtype in arrays():
             value = getattr(message, name)
             if getattr(value, 'dtype', None) is not dtype:
@@ -194,7 +194,7 @@ def encoder(type_name: str) -> Callable[[Any], bytes]:
     return encode
 
 
-def _blank(description: _Description) -> Any:
+def _blank(description: _Description) -> object:
     kind, detail = description
     if kind == Nodetype.NAME:
         return new_message(detail)

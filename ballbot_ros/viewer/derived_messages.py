@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from functools import cache, lru_cache, partial
-from typing import Any
 
 import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
@@ -304,7 +303,7 @@ class DerivedMessages:
         self._send_motion(stamps_ns[due], position[due].T, pitch, due)
 
     def _send_motion(
-        self, stamps_ns: Stamps, position: Any, pitch: Any, measured: Rows | int | None
+        self, stamps_ns: Stamps, position: object, pitch: object, measured: Rows | int | None
     ) -> None:
         """Send where the robot is at ticks, and what it measures of its motion.
 

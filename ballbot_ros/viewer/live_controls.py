@@ -192,7 +192,7 @@ class LiveControls:
     def _on_press(buttons: Any, act: Callable[[str], None]) -> None:
         # A coroutine keeps the clicks in order: viser calls it before it handles the next click. It
         # would call a plain function in another thread.
-        async def on_click(_: Any) -> None:
+        async def on_click(_: object) -> None:
             act(buttons.value)
 
         buttons.on_click(on_click)

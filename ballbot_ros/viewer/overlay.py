@@ -58,7 +58,7 @@ class PageLink:
         """Whether a connected page has drawn the robot."""
         return bool(self._drawn)
 
-    def publish(self, topic: str, value: Any) -> None:
+    def publish(self, topic: str, value: object) -> None:
         """Send a JSON value to all pages, also to those that connect later."""
         self._newest[topic] = json.dumps({topic: value})
         if self._loop is not None:
@@ -293,7 +293,7 @@ def parse_request(message: PageMessage) -> Request | None:
     return None
 
 
-def _hold(message: PageMessage, content: Mapping[str, Any]) -> Hold | None:
+def _hold(message: PageMessage, content: Mapping[str, object]) -> Hold | None:
     forward, rightward = _number(content, 'forward'), _number(content, 'rightward')
     if forward is None or rightward is None or max(abs(forward), abs(rightward)) > MAX_HELD:
         return None

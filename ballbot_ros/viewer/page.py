@@ -101,7 +101,7 @@ class Page:
             'View', labels, initial_value=labels[names.index(VISTA)], order=-1.0
         )
 
-        def on_choice(_: Any) -> None:
+        def on_choice(_: object) -> None:
             self.set_view(client.client_id, names[labels.index(chooser.value)])
 
         chooser.on_update(on_choice)
@@ -109,7 +109,7 @@ class Page:
             command = client.gui.add_command(label, hotkey=str(number))  # type: ignore[arg-type]
 
             @command.on_trigger
-            def _(_: Any, label: str = label) -> None:
+            def _(_: object, label: str = label) -> None:
                 chooser.value = label
 
         self.set_view(client.client_id, VISTA)

@@ -167,7 +167,7 @@ class TopicChooser:
                 button = gui.add_button(topic, color='gray', icon=viser.Icon.CHEVRON_DOWN)
                 button.on_click(partial(self._on_click, topic, button))
 
-    def _on_click(self, topic: str, button: viser.GuiButtonHandle, _: Any) -> None:
+    def _on_click(self, topic: str, button: viser.GuiButtonHandle, _: object) -> None:
         """Open the folder of a topic; viser calls this in a thread of its own."""
         with self._lock:  # one after the other, and each only once
             if topic not in self._opened:

@@ -76,26 +76,26 @@ def _set_plant(data: dict[str, Any], before: PlantParameters, plant: PlantParame
 
 
 def _with_absolute_path(
-    node: str, values: Mapping[str, Any], parameters: ParameterSet
-) -> dict[str, Any]:
+    node: str, values: Mapping[str, object], parameters: ParameterSet
+) -> dict[str, object]:
     changed = dict(values)
     if node in (CONTROLLER, _EVERY_NODE) and 'implementation' in changed:
         changed['implementation'] = parameters.of(ControllerParameters).implementation
     return changed
 
 
-def _signal(signal: StickSignal) -> list[dict[str, Any]]:
+def _signal(signal: StickSignal) -> list[dict[str, object]]:
     return [_segment(each) for each in signal.segments]
 
 
-def _segment(segment: Segment) -> dict[str, Any]:
+def _segment(segment: Segment) -> dict[str, object]:
     if not segment.is_step:
         return {'name': segment.name, 'points': [list(point) for point in segment.points]}
     end = {} if segment.end == math.inf else {'to': segment.end}
     return {'name': segment.name, 'from': segment.start, **end, 'value': segment.points[0][1]}
 
 
-def _push(push: ScheduledPush) -> dict[str, Any]:
+def _push(push: ScheduledPush) -> dict[str, object]:
     return {
         'time': push.time,
         'duration': push.duration,

@@ -121,7 +121,7 @@ class BallbotEnv(gymnasium.Env[Floats, NDArray[np.float32]]):
         self._has_begun, self._over = True, False
         return self._observation(), self._info()
 
-    def step(self, action: Any) -> tuple[Floats, float, bool, bool, Info]:
+    def step(self, action: object) -> tuple[Floats, float, bool, bool, Info]:
         """Apply the duty of an action for a step.
 
         Parameters

@@ -241,7 +241,7 @@ class MovedRobots:
         """Return what a copy or another process needs; compiled code can't be pickled."""
         return {name: value for name, value in vars(self).items() if name != '_run'}
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
+    def __setstate__(self, state: dict[str, object]) -> None:
         vars(self).update(state)
         self._run = compiled_and_kept(move_robots)
 

@@ -291,7 +291,7 @@ class Setup:
         return commanded_scenario(start.commands, release_s(self.settings))
 
 
-def checked_action(action: Any) -> list[float]:
+def checked_action(action: object) -> list[float]:
     """Return an action as two finite numbers.
 
     Raises
@@ -306,7 +306,7 @@ def checked_action(action: Any) -> list[float]:
     return values
 
 
-def checked_actions(actions: Any, count: int) -> Floats:
+def checked_actions(actions: object, count: int) -> Floats:
     """Return the actions of robots as :func:`checked_action` does that of one."""
     array = _numbers(actions, (count, 2))
     if array is None or not np.isfinite(array).all():
@@ -316,7 +316,7 @@ def checked_actions(actions: Any, count: int) -> Floats:
     return array
 
 
-def _numbers(action: Any, shape: tuple[int, ...]) -> Floats | None:
+def _numbers(action: object, shape: tuple[int, ...]) -> Floats | None:
     try:
         array = np.asarray(action)
     except (TypeError, ValueError, OverflowError):

@@ -140,7 +140,7 @@ class BallbotVectorEnv(VectorEnv[Floats, Any, NDArray[Any]]):
         self._add(infos, mask)
         return self._observations(), infos
 
-    def step(self, actions: Any) -> tuple[Floats, Floats, Mask, Mask, Infos]:
+    def step(self, actions: object) -> tuple[Floats, Floats, Mask, Mask, Infos]:
         """Apply the duties of actions, of shape (num_envs, 2), for a step.
 
         Returns
@@ -195,7 +195,7 @@ class BallbotVectorEnv(VectorEnv[Floats, Any, NDArray[Any]]):
         infos['final_info'], infos['_final_info'] = of_the_ended, over.copy()
         return self._observations(), infos
 
-    def _begin(self, mask: Mask, given: Mapping[str, Any], infos: Infos) -> None:
+    def _begin(self, mask: Mask, given: Mapping[str, object], infos: Infos) -> None:
         """Let robots begin an episode with the next move."""
         which = np.flatnonzero(mask).tolist()
         if not which:

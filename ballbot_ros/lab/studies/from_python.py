@@ -123,7 +123,7 @@ def _reference(study: str | os.PathLike[str] | Mapping[str, object], scratch: Pa
     return str(path)
 
 
-def _plain(content: Mapping[str, object]) -> dict[str, Any]:
+def _plain(content: Mapping[str, object]) -> dict[str, object]:
     """Return a mapping of mappings without numpy's types."""
     return {
         str(key): _plain(value) if isinstance(value, Mapping) else plain_value(value)

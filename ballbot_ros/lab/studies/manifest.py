@@ -279,7 +279,7 @@ def _record(kind: type[_Record], values: Any) -> _Record:
     return kind(**checked)
 
 
-def _checked(value: Any, kind: type | tuple[type, ...]) -> Any:
+def _checked(value: object, kind: type | tuple[type, ...]) -> Any:
     if not isinstance(value, kind) or isinstance(value, bool):
         raise TypeError(f'{value!r}')
     return value

@@ -332,7 +332,7 @@ def _values(study: StudyRecord, rows: PartRows, numbers: range) -> dict[str, Col
     }
 
 
-def _array(arrow: Any, kind: Any, values: Column) -> Any:
+def _array(arrow: Any, kind: object, values: Column) -> object:
     if arrow.types.is_fixed_size_binary(kind):
         buffer = arrow.py_buffer(np.ascontiguousarray(values).tobytes())
         return arrow.FixedSizeBinaryArray.from_buffers(kind, len(values), [None, buffer])

@@ -158,7 +158,7 @@ class _Laws:
             raise CompilationError('the runs differ in the number of their states or constants')
         return np.resize(rows_of(constants), count), rows_of(states)
 
-    def _controller(self, values: Mapping[str, Any]) -> LawController[Any]:
+    def _controller(self, values: Mapping[str, object]) -> LawController[Any]:
         parameters = with_values(self._spec.parameters, values)
         loaded = self._loaded
         compose_controller(parameters, loaded)
@@ -213,7 +213,7 @@ def has_documents_program(spec: RunSpec) -> bool:
     return spec.parameters.of(ControllerParameters).implementation == 'python'
 
 
-def with_values(parameters: ParameterSet, values: Mapping[str, Any]) -> ParameterSet:
+def with_values(parameters: ParameterSet, values: Mapping[str, object]) -> ParameterSet:
     """Return parameters with other values for some, by ``node.param`` or element of it."""
     changed = ParameterSet()
     changed.update(parameters)

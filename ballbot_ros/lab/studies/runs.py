@@ -8,7 +8,7 @@ from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
 from itertools import groupby
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -188,7 +188,7 @@ class OrdinarySimulator:
             advance(1)
 
     def _simulate(
-        self, run: int, values: Mapping[str, Any], scenario: Scenario, results: Results
+        self, run: int, values: Mapping[str, object], scenario: Scenario, results: Results
     ) -> None:
         parameters = with_values(self._spec.parameters, values)
         loaded = compose_controller(parameters)

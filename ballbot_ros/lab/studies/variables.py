@@ -246,7 +246,7 @@ class DistributionReader(ExpectationReader):
             raise self._error(keys, f'{parameter.name}: {LOG_UNIFORM} needs ends above 0')
         return LogUniform(low, high)
 
-    def _ends(self, data: list[Any], keys: Keys, parameter: Parameter) -> tuple[float, float]:
+    def _ends(self, data: list[object], keys: Keys, parameter: Parameter) -> tuple[float, float]:
         low, high = (self._allowed(value, keys, parameter) for value in data)
         if not low < high:
             raise self._error(keys, f'{parameter.name}: the range {low:g} … {high:g} is empty')

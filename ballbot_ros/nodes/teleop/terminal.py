@@ -308,7 +308,7 @@ class Terminal:
         bind('q Q c-c', self._quit)
 
         @bindings.add('<any>')
-        def _(event: Any) -> None:
+        def _(event: object) -> None:
             self._on_key()
             self._messages.add(f'key {_key_name(event)} does nothing')
 

@@ -348,7 +348,7 @@ def _degrees(x: Any, y: Any) -> tuple[Any, ...]:
     )  # fmt: skip
 
 
-def encode_controller_states(stamps_ns: Stamps, x: Any, y: Any) -> Messages:
+def encode_controller_states(stamps_ns: Stamps, x: object, y: object) -> Messages:
     """Return :func:`encode_controller_state` of each row of estimates in columns."""
     degrees = (np.asarray(angle, np.float64) for angle in _degrees(x, y))
     return _STATE.encode(stamps_ns, *(angle * RADIANS_PER_DEGREE for angle in degrees))

@@ -102,7 +102,7 @@ def decode_step(data: bytes, age: int) -> MeasuredState:
 
 
 @cache
-def _fields() -> list[Any]:
+def _fields() -> list[object]:
     fields = []
     for number, name in enumerate(STEP_FIELDS):
         field = new_message(_FIELD)

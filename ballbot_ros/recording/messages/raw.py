@@ -225,7 +225,9 @@ class MessageLayout:
         return tuple(float(_get(message, name)) for name in self._names)
 
 
-def fill(template: bytes, row: np.dtype[np.void], count: int, columns: Iterable[Any]) -> Messages:
+def fill(
+    template: bytes, row: np.dtype[np.void], count: int, columns: Iterable[object]
+) -> Messages:
     """Return copies of a message with the numbers of each row of the columns in its fields."""
     rows = np.frombuffer(bytearray(template * count), row)
     for name, column in zip(row.names or (), columns, strict=True):
@@ -253,13 +255,13 @@ def _picker(indices: Iterable[int]) -> Callable[[Sequence[Any]], tuple[Any, ...]
     return lambda items: tuple(items[index] for index in wanted)
 
 
-def _get(message: Any, name: str) -> Any:
+def _get(message: object, name: str) -> Any:
     if element := _ELEMENT.fullmatch(name):
         return attrgetter(element[1])(message)[int(element[2])]
     return attrgetter(name)(message)
 
 
-def _set(message: Any, name: str, value: Any) -> None:
+def _set(message: object, name: str, value: object) -> None:
     if element := _ELEMENT.fullmatch(name):
         attrgetter(element[1])(message)[int(element[2])] = value
         return
