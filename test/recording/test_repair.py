@@ -116,9 +116,18 @@ def assert_everyone_reads(path, count):
         channels = summary.channels.values()
         assert all(channel.metadata['offered_qos_profiles'] for channel in channels)
         assert len({channel.topic for channel in channels}) == len(channels)
-        names = [record.name for record in reader.iter_metadata()]
+        records = list(reader.iter_metadata())
+        names = [record.name for record in records]
         assert names.count('rosbag2') == 1
         assert 'incomplete' in names
+        text = records[names.index('rosbag2')].metadata['serialized_metadata']
+        described = yaml.safe_load(text)['topics_with_message_count']
+        assert {
+            each['topic_metadata']['name']: each['topic_metadata']['offered_qos_profiles']
+            for each in described
+        } == {
+            each.topic: yaml.safe_load(each.metadata['offered_qos_profiles']) for each in channels
+        }
     if count:
         with AnyReader([path]) as reader:
             decoded = [reader.deserialize(data, c.msgtype) for c, _, data in reader.messages()]

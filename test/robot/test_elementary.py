@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from laws import given
 
 from ballbot_ros.robot import arithmetic as e
-from ballbot_ros.robot.arithmetic import natural_log, sine_cosine, sines_cosines
+from ballbot_ros.robot.arithmetic import TWO_PI, natural_log, sine_cosine, sines_cosines
 
 angles = st.floats(-50.0, 50.0)
 far_angles = st.floats(allow_nan=False, allow_infinity=False)
@@ -84,6 +84,11 @@ def test_quarters_of_a_turn():
 def test_a_huge_angle_still_lies_on_the_unit_circle(angle):
     sine, cosine = sine_cosine(angle)
     assert sine * sine + cosine * cosine == pytest.approx(1.0)
+
+
+@given(st.floats(2.0**20, allow_infinity=False) | st.floats(2.0**20, 2.0**40))
+def test_a_huge_angle_is_first_reduced_by_whole_turns(angle):
+    assert sine_cosine(angle) == sine_cosine(math.fmod(angle, TWO_PI))
 
 
 @pytest.mark.parametrize('angle', [math.inf, -math.inf, math.nan])

@@ -25,6 +25,7 @@ from ballbot_ros.recording.messages.topics import (
 )
 from ballbot_ros.recording.schemas import encoder, new_message
 from ballbot_ros.robot.brick.bluetooth import LogPacket
+from ballbot_ros.robot.brick.sensors import battery_mv
 from ballbot_ros.robot.plant.ground_truth import GroundTruth
 from ballbot_ros.robot.world.floor_map import occupancy_grid
 
@@ -199,6 +200,7 @@ def test_the_battery_voltage_is_exact_in_single_precision(read, mv):
     data = c.encode_battery(truth(battery_voltage=volts))
     message = read(BATTERY_STATE, data)
     assert message.voltage == volts
+    assert c.decode_battery_mv(data) == battery_mv(volts)
     assert math.isnan(message.charge)
     assert message.present
 
