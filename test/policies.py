@@ -2,6 +2,7 @@
 
 import sys
 from pathlib import Path
+from typing import NamedTuple
 
 import yaml
 
@@ -27,7 +28,7 @@ def learned_policy():
 
 
 class SlowPolicy(PolicyController):
-    """Acts every 20 ms; it stands for some seconds."""
+    """Acts every 20 ms, by a function that keeps its state; it stands for some seconds."""
 
     step_ms = 20
 
@@ -45,22 +46,30 @@ class SlowPolicy(PolicyController):
         return act
 
 
+class Pitch(NamedTuple):
+    x: float = 0.0
+    y: float = 0.0
+
+
+def drive(p, pitch, observation):
+    rate_x, rate_y, _, _, _, distance, command_x, command_y = observation
+    near = distance <= 50.0
+    x, action_x = lean(pitch.x, rate_x, 0.0 if near else command_x)
+    y, action_y = lean(pitch.y, rate_y, 0.0 if near else command_y)
+    return Pitch(x, y), (action_x, action_y)
+
+
+def lean(pitch, rate, command):
+    pitch += 0.004 * rate
+    return pitch, 0.2 * (pitch - command / 400.0) + 0.02 * rate
+
+
 class DrivingPolicy(PolicyController):
     """Leans towards the commanded rates, as long as nothing is near."""
 
+    policy = drive
     drives = True
 
-    def make_policy(self):
-        pitch = [0.0, 0.0]
-
-        def act(observation):
-            *_, distance, command_x, command_y = observation
-            action = []
-            for axis, command in enumerate((command_x, command_y)):
-                rate = observation[axis]
-                pitch[axis] += 0.004 * rate
-                lean = command / 400.0 if distance > 50.0 else 0.0
-                action.append(0.2 * (pitch[axis] - lean) + 0.02 * rate)
-            return action
-
-        return act
+    @classmethod
+    def initial_state(cls, constants):
+        return Pitch()

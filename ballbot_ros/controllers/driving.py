@@ -12,7 +12,7 @@ from ballbot_ros.controllers.interface import Estimates, OperatingState
 from ballbot_ros.parameters import ControllerParameters
 from ballbot_ros.parameters.timing import TICK_S
 from ballbot_ros.robot.brick.sensors import NO_ECHO_CM
-from ballbot_ros.robot.compiler_hints import with_globals
+from ballbot_ros.robot.compiler_hints import completed
 
 OPERATING_STATES = tuple(OperatingState)
 """The states of figure 7-1 by their numbers."""
@@ -139,7 +139,7 @@ def balance(constants: Any, plane: Any, inputs: PlaneInputs) -> tuple[Any, int]:
 
 def driving_law(balance: Callable[..., tuple[Any, int]]) -> Law:
     """Return the law that balances the planes by `balance`, and decides everything else."""
-    return with_globals(_law, {'balance': balance})
+    return completed(_law, 'balance', balance)
 
 
 def _law(constants: Any, state: State, readings: Readings) -> tuple[State, Duty]:

@@ -8,23 +8,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 from ballbot_ros.controllers.controller import (
     MAX_DUTY,
-    Controller,
     Duty,
+    LawController,
     P,
     Readings,
     known_distance,
 )
-from ballbot_ros.controllers.driving import commanded_rate
+from ballbot_ros.controllers.driving import DrivingConstants, commanded_rate, driving_constants
 from ballbot_ros.controllers.interface import OperatingState
 from ballbot_ros.errors import short_repr
 from ballbot_ros.parameters import ControllerParameters
 from ballbot_ros.parameters.timing import TICK_MS
 from ballbot_ros.robot.brick.brick import NO_SAMPLE, Inputs
 from ballbot_ros.robot.brick.sensors import NO_ECHO_CM, quantise
+from ballbot_ros.robot.compiler_hints import compiled_as, completed
 
 DEVICE_NAMES = (
     'rate_x_deg_per_s',
@@ -48,6 +49,9 @@ DrivingObservation = tuple[float, float, float, float, float, float, float, floa
 
 Policy = Callable[[Observation], Sequence[float]]
 """Returns the action for an observation: the shares of full duty of planes x and y, -1 ... 1."""
+
+PolicyOnNumbers = Callable[[Any, Any, Observation], tuple[Any, Sequence[float]]]
+"""Returns the next state and the action for constants, a state and an observation."""
 
 
 class ObserverState(NamedTuple):
@@ -112,7 +116,9 @@ def observer_tick(state: ObserverState, inputs: Inputs, is_calibrated: bool) -> 
     )  # fmt: skip
 
 
-def observation_of(state: ObserverState, settings: ControllerParameters) -> DrivingObservation:
+def observation_of(
+    state: ObserverState, settings: DrivingConstants | ControllerParameters
+) -> DrivingObservation:
     """Return the observation of the ticks since the previous one, at least one.
 
     A rate is the mean of the gyro's readings in them, minus its offset. The settings give the speed
@@ -139,6 +145,15 @@ def observed(state: ObserverState) -> ObserverState:
     )  # fmt: skip
 
 
+def duty_of_numbers(action: Sequence[float]) -> Duty:
+    """Return :func:`duty_of` for an action of two numbers."""
+    x, y = action
+    if not (math.isfinite(x) and math.isfinite(y)):
+        raise ValueError('the action is not two finite numbers')
+    return percent(x), percent(y)
+
+
+@compiled_as(duty_of_numbers)
 def duty_of(action: Sequence[float]) -> Duty:
     """Return the duty [%] of an action: each share of full duty is limited to ±1 and rounded.
 
@@ -147,11 +162,9 @@ def duty_of(action: Sequence[float]) -> Duty:
     """
     try:
         x, y = map(float, action)
+        return duty_of_numbers((x, y))
     except (TypeError, ValueError, OverflowError):
-        x = y = math.nan
-    if not (math.isfinite(x) and math.isfinite(y)):
-        raise ValueError(f'the action {short_repr(action)} is not two finite numbers')
-    return percent(x), percent(y)
+        raise ValueError(f'the action {short_repr(action)} is not two finite numbers') from None
 
 
 def percent(share: float) -> int:
@@ -159,57 +172,125 @@ def percent(share: float) -> int:
     return quantise(MAX_DUTY * max(-1.0, min(1.0, share)))
 
 
-class PolicyController(Controller[P]):
-    """A controller that runs a policy: subclass it, and implement :meth:`make_policy`.
+class PolicyConstants(NamedTuple):
+    """The constants of a policy's law; `own` are those of the policy."""
 
-    The motors are off until the gyros are calibrated. The policy then acts every `step_ms`; in
-    between the duty is held.
+    driving: DrivingConstants
+    ticks: int
+    own: Any
+
+
+class PolicyState(NamedTuple):
+    """The state of a policy's law.
 
     Attributes
     ----------
+    duty_x, duty_y : int
+        The duty that is held [%].
+    waits : int
+        Number of ticks until the next action.
+    own : Any
+        That of the policy.
+    """
+
+    observer: ObserverState
+    duty_x: int
+    duty_y: int
+    waits: int
+    own: Any
+
+
+def _law(
+    constants: PolicyConstants, state: PolicyState, readings: Readings
+) -> tuple[PolicyState, Duty]:
+    """Return the next state and the duty, with which `policy` acts every few ticks."""
+    p = constants.driving
+    (gyro_x, gyro_y), (revolution_x, revolution_y) = readings.gyro, readings.revolutions
+    vertical, horizontal = readings.sticks
+    inputs = Inputs(
+        gyro_x, gyro_y, revolution_x, revolution_y, readings.distance_cm, readings.battery_mv,
+        vertical, horizontal,
+    )  # fmt: skip
+    observer = observer_tick(state.observer, inputs, readings.elapsed_ms >= p.time_start)
+    _, duty_x, duty_y, waits, own = state
+    if observer.is_calibrated:
+        if waits == 0:
+            own, action = policy(constants.own, own, observation_of(observer, p)[:OBSERVED])
+            duty_x, duty_y = duty_of(action)
+            observer = observed(observer)
+            waits = constants.ticks
+        waits -= 1
+    return PolicyState(observer, duty_x, duty_y, waits, own), (duty_x, duty_y)
+
+
+OBSERVED = len(DRIVING_NAMES)
+"""Length of the observation; another one takes its place in the law of a class."""
+
+
+def policy(constants: Any, act: Policy, observation: Observation) -> tuple[Policy, Sequence[float]]:
+    """Let the state, any function, act: the policy of a class without one on numbers."""
+    return act, act(observation)
+
+
+class PolicyController(LawController[P]):
+    """A controller that runs a policy: subclass it, and set `policy` or implement `make_policy`.
+
+    The motors are off until the gyros are calibrated. The policy then acts every `step_ms`; in
+    between the duty is held. A policy that is a function on numbers is compiled in studies. Its
+    constants and its initial state are those of :class:`LawController`.
+
+    Attributes
+    ----------
+    policy : callable
+        ``policy(constants, state, observation) -> (state, action)``.
     step_ms : int
         Period of the actions [ms], a multiple of 4.
     drives : bool
         Whether the policy gets the observation of :data:`DRIVING_NAMES`.
     """
 
+    policy: ClassVar[PolicyOnNumbers] = policy
     step_ms: ClassVar[int] = TICK_MS
     drives: ClassVar[bool] = False
 
+    def __init_subclass__(cls, **arguments: Any) -> None:
+        super().__init_subclass__(**arguments)
+        names = DRIVING_NAMES if cls.drives else DEVICE_NAMES
+        cls.law = completed(_law, 'policy', cls.policy, OBSERVED=len(names))
+
     def make_policy(self) -> Policy:
-        """Return the policy for a run, in its initial state."""
-        raise NotImplementedError
+        """Return the policy for a run, in its initial state, as a function of observations only.
+
+        Override it for a policy that is no function on numbers.
+        """
+        act, constants = type(self).policy, self.in_force.own
+        state = self.initial_state(constants)
+
+        def acts(observation: Observation) -> Sequence[float]:
+            nonlocal state
+            state, action = act(constants, state, observation)
+            return action
+
+        return acts
 
     def start(self) -> None:
         """Start with the motors off."""
         step_ms = self.step_ms
         if not isinstance(step_ms, int) or step_ms < TICK_MS or step_ms % TICK_MS:
             raise ValueError(f'step_ms: {step_ms!r} is not a multiple of {TICK_MS}')
-        self._policy = self.make_policy()
-        self._observer = NOTHING_OBSERVED
-        self._wait_ticks = 0
-        self._duty: Duty = (0, 0)
+        self._set_constants()
+        is_on_numbers = type(self).policy is not policy
+        own = self.initial_state(self.in_force.own) if is_on_numbers else self.make_policy()
+        self.state = PolicyState(NOTHING_OBSERVED, 0, 0, 0, own)
         self.operating_state = OperatingState.CALIBRATION
 
-    def tick(self, readings: Readings) -> Duty:
-        """Return the duties for the readings."""
-        settings = self.settings
-        state = self._observer = observer_tick(
-            self._observer,
-            Inputs(
-                *readings.gyro, *readings.revolutions, readings.distance_cm, readings.battery_mv,
-                *readings.sticks,
-            ),
-            readings.elapsed_ms >= settings.time_start,
-        )  # fmt: skip
-        if not state.is_calibrated:
-            return self._duty
-        if self._wait_ticks == 0:
+    def _set_constants(self) -> None:
+        super()._set_constants()
+        self.in_force = PolicyConstants(
+            driving_constants(self.settings), self.step_ms // TICK_MS, self.in_force
+        )
+
+    def report(self, before: PolicyState, readings: Readings) -> None:
+        """Publish the operating state."""
+        if self.state.observer.is_calibrated:
             self.operating_state = OperatingState.REMOTE if self.drives else OperatingState.BALANCE
-            observation = observation_of(state, settings)
-            known = DRIVING_NAMES if self.drives else DEVICE_NAMES
-            self._duty = duty_of(self._policy(observation[: len(known)]))
-            self._observer = observed(state)
-            self._wait_ticks = self.step_ms // TICK_MS
-        self._wait_ticks -= 1
-        return self._duty

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterable
+from inspect import unwrap
 from types import FunctionType
 from typing import Any, NamedTuple
 
@@ -15,11 +16,13 @@ from ballbot_ros.controllers.controller import (
     MAX_DUTY,
     NO_READINGS,
     Controller,
+    Law,
     LawController,
     Readings,
     next_readings,
 )
 from ballbot_ros.controllers.controller_program import line_of
+from ballbot_ros.controllers.policy import policy
 from ballbot_ros.engine.compilation import (
     NO_COMPILER,
     can_compile,
@@ -174,13 +177,16 @@ OTHER_TYPES = (
 )
 
 
-def obstacle(law: object, controller: LawController[Any]) -> str:
+def obstacle(law: Law, controller: LawController[Any]) -> str:
     """Return why a law can't be compiled whatever it computes, on one line; '' if it may be."""
     name = type(controller).__name__
-    if not isinstance(law, FunctionType):
+    own = unwrap(law)
+    if own is policy:
+        return f'{name} has no policy on numbers, see docs/learning.md'
+    if not isinstance(own, FunctionType):
         return f'{name}.law is no function'
-    if law.__closure__:
-        return f'{line_of(law)}: it reads variables of the function around it'
+    if own.__closure__:
+        return f'{line_of(own)}: it reads variables of the function around it'
     for what, value in (('constants', controller.in_force), ('initial state', controller.state)):
         if not hasattr(value, '_fields'):
             return f'the {what} of {name}: {short_repr(value)} is no named tuple'

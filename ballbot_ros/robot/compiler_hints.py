@@ -46,3 +46,15 @@ def with_globals(function: Callable[..., Any], others: Mapping[str, object]) -> 
     fresh = FunctionType(function.__code__, names, function.__name__, function.__defaults__)
     fresh.__qualname__ = function.__qualname__
     return inlined(fresh) if function in INLINED else fresh
+
+
+def completed(
+    function: Callable[..., Any], name: str, part: Callable[..., Any], **others: object
+) -> FunctionType:
+    """Return a copy of a function that calls `part` by a name, as a function of the part's module.
+
+    So the compiler compiles both, and messages tell where `part` is.
+    """
+    fresh = with_globals(function, {**others, name: part, '__name__': part.__module__})
+    fresh.__wrapped__ = part  # type: ignore[attr-defined]
+    return fresh

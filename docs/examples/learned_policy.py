@@ -4,9 +4,15 @@ ballbot run stationary --controller learned_policy.py:LearnedPolicy --params pol
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
-from ballbot_ros.controllers import TICK_S, quantity
-from ballbot_ros.controllers.policy import Observation, Policy, PolicyController
+from ballbot_ros.controllers import (
+    TICK_S,
+    ControllerParameters,
+    PhysicalParameters,
+    quantity,
+)
+from ballbot_ros.controllers.policy import Observation, PolicyController
 
 WEIGHT = (-10.0, 10.0)
 
@@ -22,45 +28,81 @@ class Weights:
     integral: float = quantity(0.0, '1/(90 deg·s)', WEIGHT, 'weight of its integral')
 
 
+class Constants(NamedTuple):
+    """The weights, and how far a motor turns per angle of the ball."""
+
+    pitch: float
+    pitch_rate: float
+    angle: float
+    angle_rate: float
+    integral: float
+    wheel_per_ball: float
+
+
+class Plane(NamedTuple):
+    """The estimates of a plane's features; `rate` is the previous one of the gyro."""
+
+    rate: float = 0.0
+    offset: float = 0.0
+    pitch: float = 0.0
+    angle: float = 0.0
+    angle_rate: float = 0.0
+    integral: float = 0.0
+
+
+class Planes(NamedTuple):
+    """The state of the policy."""
+
+    x: Plane
+    y: Plane
+
+
+def policy(
+    p: Constants, planes: Planes, observation: Observation
+) -> tuple[Planes, tuple[float, float]]:
+    """Return the next state and the action; both planes have the same weights."""
+    rate_x, rate_y, encoder_x, encoder_y, _ = observation
+    x, action_x = balance(p, planes.x, rate_x, encoder_x)
+    y, action_y = balance(p, planes.y, rate_y, encoder_y)
+    return Planes(x, y), (action_x, action_y)
+
+
+def balance(p: Constants, plane: Plane, rate: float, encoder: float) -> tuple[Plane, float]:
+    """Return the share of full duty for a gyro rate [deg/s] and a motor angle [deg]."""
+    # A robot that does not fall has a mean pitch of 0: what remains is drift of the gyro.
+    offset = plane.offset + TICK_S / 36.0 * plane.pitch
+    pitch_rate = (rate + plane.rate) / 2.0 - offset
+    pitch = plane.pitch + TICK_S * (pitch_rate - plane.pitch / 3.0)
+    angle = p.wheel_per_ball * encoder + pitch
+    change = (angle - plane.angle) / TICK_S - plane.angle_rate
+    angle_rate = plane.angle_rate + 0.2 * change
+    integral = plane.integral + TICK_S * angle
+    action = (
+        p.pitch * pitch
+        + p.pitch_rate * pitch_rate / 10.0
+        + p.angle * angle / 90.0
+        + p.angle_rate * angle_rate / 90.0
+        + p.integral * integral / 90.0
+    )
+    return Plane(rate, offset, pitch, angle, angle_rate, integral), action
+
+
 class LearnedPolicy(PolicyController[Weights]):
-    """A linear policy on estimated features; both planes have the same weights."""
+    """A linear policy on estimated features."""
 
-    def make_policy(self) -> Policy:
-        """Return the policy, with its estimates at rest."""
-        weights = self.parameters
-        planes = Plane(weights, self.model.ratio), Plane(weights, self.model.ratio)
+    policy = policy
 
-        def act(observation: Observation) -> tuple[float, float]:
-            rate_x, rate_y, encoder_x, encoder_y, _ = observation
-            return planes[0].action(rate_x, encoder_x), planes[1].action(rate_y, encoder_y)
+    @classmethod
+    def constants(
+        cls, weights: Weights, model: PhysicalParameters, _: ControllerParameters
+    ) -> Constants:
+        """Return the weights and the ratio of the model."""
+        return Constants(
+            weights.pitch, weights.pitch_rate, weights.angle, weights.angle_rate, weights.integral,
+            1.0 / model.ratio,
+        )  # fmt: skip
 
-        return act
-
-
-class Plane:
-    """The policy of one plane, with the estimates of its features."""
-
-    def __init__(self, weights: Weights, ratio: float) -> None:
-        self.weights, self.wheel_per_ball = weights, 1.0 / ratio
-        self.last_rate = self.offset = self.pitch = 0.0
-        self.angle = self.angle_rate = self.integral = 0.0
-
-    def action(self, rate: float, encoder: float) -> float:
-        """Return the share of full duty for a gyro rate [deg/s] and a motor angle [deg]."""
-        # A robot that does not fall has a mean pitch of 0: what remains is drift of the gyro.
-        self.offset += TICK_S / 36.0 * self.pitch
-        pitch_rate = (rate + self.last_rate) / 2.0 - self.offset
-        self.last_rate = rate
-        self.pitch += TICK_S * (pitch_rate - self.pitch / 3.0)
-        angle = self.wheel_per_ball * encoder + self.pitch
-        self.angle_rate += 0.2 * ((angle - self.angle) / TICK_S - self.angle_rate)
-        self.angle = angle
-        self.integral += TICK_S * angle
-        weights = self.weights
-        return (
-            weights.pitch * self.pitch
-            + weights.pitch_rate * pitch_rate / 10.0
-            + weights.angle * angle / 90.0
-            + weights.angle_rate * self.angle_rate / 90.0
-            + weights.integral * self.integral / 90.0
-        )
+    @classmethod
+    def initial_state(cls, constants: Constants) -> Planes:
+        """Return the estimates at rest."""
+        return Planes(Plane(), Plane())

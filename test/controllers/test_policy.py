@@ -1,6 +1,8 @@
 """Policies as controllers: observations, duties, held duties."""
 
 import math
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -14,7 +16,7 @@ from ballbot_ros.controllers.policy import (
     observed,
     observer_tick,
 )
-from ballbot_ros.parameters import ControllerParameters
+from ballbot_ros.parameters import ControllerParameters, quantity
 from ballbot_ros.robot.brick.brick import NO_SAMPLE, Inputs
 
 SETTINGS = ControllerParameters()
@@ -86,6 +88,11 @@ def test_the_commanded_rates_are_those_of_the_sticks():
         assert observation_of(state, SETTINGS)[5:] == (80.0, *rates)
 
 
+@dataclass(frozen=True)
+class Unit:
+    unit: float = quantity(0.01, '1', (0.0, 1.0), 'first action')
+
+
 class Counting(PolicyController):
     """Acts every 20 ms: 1 %, 2 %, 3 %, …"""
 
@@ -101,3 +108,38 @@ def test_the_duty_is_held_between_actions():
     duties = [controller.tick(readings(4 * tick))[0] for tick in range(265)]
     assert duties[:250] == [0] * 250
     assert duties[250:] == [1] * 5 + [2] * 5 + [3] * 5
+
+
+class Estimates(NamedTuple):
+    actions: int = 0
+
+
+def count(p, state, observation):
+    assert len(observation) == 5
+    return Estimates(state.actions + 1), (p.unit * (state.actions + 1), 0.0)
+
+
+class CountingOnNumbers(PolicyController[Unit]):
+    """The same as a function on numbers."""
+
+    policy = count
+    step_ms = 20
+
+    @classmethod
+    def initial_state(cls, constants):
+        return Estimates()
+
+
+def test_a_policy_on_numbers_acts_as_any_other():
+    one, other = Counting(), CountingOnNumbers()
+    acts = other.make_policy()
+    for tick in range(265):
+        assert one.tick(readings(4 * tick)) == other.tick(readings(4 * tick))
+        assert one.operating_state is other.operating_state
+    assert [acts((0.0,) * 5) for _ in range(2)] == [(0.01, 0.0), (0.02, 0.0)]
+
+
+def test_weights_of_a_policy_change_while_it_runs():
+    controller = CountingOnNumbers()
+    controller.retune(Unit(0.1), SETTINGS)
+    assert [controller.tick(readings(4 * tick))[0] for tick in range(256)][-6:] == [10] * 5 + [20]

@@ -209,3 +209,100 @@ def test_other_numbers_and_functions_of_the_module_need_other_code(module):
     for old, new in (('STRENGTH = 2.0', 'STRENGTH = 2.5'), ('0.004 * rate', '0.005 * rate')):
         assert digest(MODULE.replace(old, new)) != first
     assert digest(single) != digest(single.replace('(2.0)', '(2.5)'))
+
+
+POLICY = """\
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from ballbot_ros.controllers import quantity
+from ballbot_ros.controllers.policy import PolicyController
+
+
+@dataclass(frozen=True)
+class Weights:
+    pitch: tuple[float, ...] = quantity((0.02, 0.15), '1', (0.0, 9.0), 'of rate and pitch')
+    last_s: float = quantity(9.0, 's', (0.0, 9.0), 'after that, it fails')
+
+
+class State(NamedTuple):
+    x: float = 0.0
+    y: float = 0.0
+    time_s: float = 0.0
+
+
+def act(p, state, observation):
+    rate_x, rate_y, encoder_x, encoder_y, _, distance_cm, command_x, command_y = observation
+    x, y = state.x + 0.02 * rate_x, state.y + 0.02 * rate_y
+    lean = command_x / 400.0 if distance_cm > 50.0 else 0.0
+    action_x = share(p.pitch, rate_x, x - lean) + encoder_x / 900.0
+    action_y = share(p.pitch, rate_y, y) + encoder_y / 900.0
+    after = State(x, y, state.time_s + 0.02)
+    return after, (action_x if after.time_s < p.last_s else math.nan, action_y)
+
+
+def share(weights, *inputs):
+    total = 0.0
+    for number in range(len(weights)):
+        total += weights[number] * inputs[number]
+    return total
+
+
+class Own(PolicyController[Weights]):
+    policy = act
+    step_ms = 20
+    drives = True
+
+    @classmethod
+    def initial_state(cls, constants):
+        return State()
+
+
+class Object(PolicyController[Weights]):
+    def make_policy(self):
+        return lambda observation: (0.0, 0.0)
+
+
+def outer():
+    own = 0.0
+    return lambda p, state, observation: (state, (own, own))
+
+
+class Inner(Own):
+    policy = outer()
+
+
+class Uneven(Own):
+    policy = lambda p, state, observation: (state, (0.0, 0.0, 0.0))
+"""
+
+
+def test_a_policy_runs_and_fails_as_interpreted(tmp_path):
+    path = tmp_path / 'own.py'
+    path.write_text(POLICY, encoding='utf-8')
+    spec = spec_of('forward_backward', controller=f'{path}:Own')
+    simulator, ordinary = (
+        make(spec, EVERYTHING[:1]) for make in (compiled_simulator, OrdinarySimulator)
+    )
+    samples = Samples(3, {'controller.user.last_s': np.array([9.0, 1.5, 0.0])})
+    compiled, expected = simulator.simulate(samples), ordinary.simulate(samples)
+    assert_same(compiled, expected)
+    assert expected.failed.tolist() == [False, True, True]
+    assert len({each.tobytes() for each in compiled.duty_sha256}) == 3
+
+
+@pytest.mark.parametrize(
+    ('name', 'reason'),
+    [
+        ('Object', 'Object has no policy on numbers, see docs/learning.md'),
+        ('Inner', 'own.py:55: it reads variables of the function around it'),
+        ('Uneven', 'expected 2, got 3'),
+    ],
+)
+def test_why_a_policy_is_not_compiled(tmp_path, name, reason):
+    path = tmp_path / 'own.py'
+    path.write_text(POLICY, encoding='utf-8')
+    problem = why_not_compiled(spec_of('stationary', controller=f'{path}:{name}'))
+    assert '\n' not in problem
+    assert reason in problem
