@@ -43,9 +43,6 @@ def mass_matrix_at(p, psi):
     return np.array([[m.m11, m12], [m12, m.m22]])
 
 
-AT_REST = 0.0, 0.0, 0.0, 0.0
-
-
 def linear_step(p, dt, advance=advance_linear):
     """Return the exact step of the linear model under inputs held for `dt` seconds."""
     return partial(advance, *discrete_matrices(p, dt))
@@ -57,7 +54,7 @@ def nonlinear_step(p, dt, advance=advance_nonlinear):
 
     def step(state, voltage, force_theta, force_psi):
         forces = force_theta, force_psi, 0.0, 0.0
-        return advance(*constants, state, AT_REST, voltage, 0.0, *forces)[0]
+        return advance(*constants, state, (0.0, 0.0, 0.0, 0.0), voltage, 0.0, *forces)[0]
 
     return step
 
