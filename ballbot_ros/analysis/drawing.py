@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,7 @@ from ballbot_ros.analysis.figure_parts import (
     track_columns,
 )
 from ballbot_ros.controllers.interface import OperatingState
+from ballbot_ros.engine.rows import Column
 from ballbot_ros.engine.scenario.scenario import Segment
 from ballbot_ros.engine.trajectory import Trajectory
 from ballbot_ros.robot.arithmetic import Floats
@@ -71,7 +72,7 @@ class Quantity:
         """Return the column name of plane ``x`` or ``y``."""
         return f'{self.name}_{plane}_{self.suffix}'
 
-    def columns(self, values: NDArray[Any]) -> dict[str, Floats]:
+    def columns(self, values: Column) -> dict[str, Column]:
         """Return the columns for values of both planes, shape (n, 2), by name."""
         return plane_columns(self.name, self.suffix, values)
 

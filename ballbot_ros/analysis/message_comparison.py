@@ -86,7 +86,7 @@ _MANY = 256
 """Number of messages to compare at once: lists of bytes are compared much faster than messages."""
 
 
-class _Messages:
+class _Waiting:
     """Messages of a topic that wait for their counterparts.
 
     Attributes
@@ -125,14 +125,14 @@ class _Pairs:
 
     Attributes
     ----------
-    recorded, replayed : _Messages
+    recorded, replayed : _Waiting
         Those not compared yet.
     first : MessageDifference or None
         The first difference of those compared.
     """
 
     def __init__(self, topic: Topic) -> None:
-        self.recorded, self.replayed = _Messages(), _Messages()
+        self.recorded, self.replayed = _Waiting(), _Waiting()
         self.first: MessageDifference | None = None
         self._topic, self._compared = topic, 0
         self._is_stamped = has_stamp(topic.type_name)

@@ -384,7 +384,7 @@ def messages_by_epoch(
             yield EpochMessage(epoch, topics.by_name[raw.topic], raw)
 
 
-class MessageBlock(NamedTuple):
+class EpochBlock(NamedTuple):
     """Messages of a topic in an epoch of a recording, in file order, and their log times [ns]."""
 
     epoch: int
@@ -415,7 +415,7 @@ class RobotRecording:
 
     def blocks(
         self, wanted: Collection[Topic], start_ns: int, last_ns: int
-    ) -> Iterator[MessageBlock]:
+    ) -> Iterator[EpochBlock]:
         """Iterate over the messages with log times [ns] from `start_ns` to `last_ns`.
 
         Those of a part of the file come topic by topic, which takes less time.
@@ -423,7 +423,7 @@ class RobotRecording:
         if self.epochs > 1:
             for epoch, topic, raw in self.messages(wanted, start_ns):
                 if raw.stamp_ns <= last_ns:
-                    yield MessageBlock(epoch, topic, [raw.stamp_ns], [raw.data])
+                    yield EpochBlock(epoch, topic, [raw.stamp_ns], [raw.data])
             return
         names = {name: topic for name, topic in self.topics.by_name.items() if topic in wanted}
         for batch in self.reader.batches(names, start_ns):
@@ -431,7 +431,7 @@ class RobotRecording:
                 rows = rows[batch.log_ns[rows] <= last_ns]
                 if len(rows):
                     log_ns = batch.log_ns[rows].tolist()
-                    yield MessageBlock(0, names[name], log_ns, batch.contents(rows))
+                    yield EpochBlock(0, names[name], log_ns, batch.contents(rows))
 
 
 class AnnouncedParameters:

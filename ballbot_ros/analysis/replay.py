@@ -461,10 +461,10 @@ class _Robot:
         self._loop = ClosedLoop(parameters, inputs, start_ns, program, samples)
         self._messages.begin(start_ns, self._loop.world, self._loop.pushes)
         self._compiled: CompiledLoop | None = None
-        self._source = inputs.only_source or ''
+        source = inputs.only_source
+        self._source = source or ''
         is_plain = start_ns == FIRST_TICK_NS and not samples and not inputs.retunings
-        is_plain = is_plain and inputs.only_source is not None
-        if is_plain and pays(inputs.ticks, program):
+        if is_plain and source is not None and pays(inputs.ticks, program):
             self._compiled = CompiledLoop(self._loop, program, parameters, inputs)
             self._columns = RunColumns(
                 self._messages, make, lambda topic: partial(all_replayed, topic), parameters

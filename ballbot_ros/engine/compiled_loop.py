@@ -15,7 +15,7 @@ from ballbot_ros.controllers.controller import LawController
 from ballbot_ros.controllers.controller_program import ControllerProgram
 from ballbot_ros.controllers.document.program import ControlProgram, ProgramState
 from ballbot_ros.controllers.interface import Program
-from ballbot_ros.engine.closed_loop import ClosedLoop
+from ballbot_ros.engine.closed_loop import ClosedLoop, ExternalInputs
 from ballbot_ros.engine.compilation import (
     can_compile,
     compile_in_background,
@@ -57,7 +57,7 @@ from ballbot_ros.parameters import (
 )
 from ballbot_ros.parameters.timing import FIRST_TICK_NS
 from ballbot_ros.robot.brick.brick import Inputs
-from ballbot_ros.robot.plant.ground_truth import GroundTruth, Push
+from ballbot_ros.robot.plant.ground_truth import GroundTruth
 from ballbot_ros.robot.world.world import World
 
 MIN_TICKS = 25_000
@@ -131,16 +131,13 @@ class StickPoints(Protocol):
         """Times [s] and values, for :func:`~ballbot_ros.engine.scenario.scenario.signal_value`."""
 
 
-class EventSource(Protocol):
-    """Sticks and pushes of a run, from a scenario or a recording."""
+class EventSource(ExternalInputs, Protocol):
+    """External inputs of a run whose sticks are signals with points."""
 
     @property
     def vertical(self) -> StickPoints: ...  # noqa: D102
     @property
     def horizontal(self) -> StickPoints: ...  # noqa: D102
-
-    def pushes_from(self, start_ns: int) -> Sequence[Push]:
-        """Return the pushes of a run that begins at sim time `start_ns`."""
 
 
 class TickColumns(NamedTuple):

@@ -30,7 +30,7 @@ class Words(NamedTuple):
     w3: Any
 
 
-def philox4x32(c0: Any, c1: object, c2: Any, c3: object, k0: Any, k1: Any) -> Words:
+def philox4x32(c0: Any, c1: Any, c2: Any, c3: Any, k0: Any, k1: Any) -> Words:
     """Return Philox4x32-10 of the counter c0 ... c3 with the key k0, k1, all of 32 bits as uint64.
 
     It uses only integer operations, so numbers and arrays give the same results.
@@ -116,7 +116,7 @@ Key = tuple[np.uint64, np.uint64]
 """The key of the generator."""
 
 
-def noise_bits(index_low: object, index_high: object, device: object, key: Key) -> tuple[Any, Any]:
+def noise_bits(index_low: Any, index_high: Any, device: Any, key: Key) -> tuple[Any, Any]:
     """Return the 53 random bits of each of the two numbers of a sample.
 
     Parameters

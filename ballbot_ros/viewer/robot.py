@@ -338,7 +338,7 @@ class Frames:
         return {frame: Transform.of(pose) for frame, pose in poses.items()}
 
 
-def _sine_cosine(angle: Any) -> tuple[object, object]:
+def _sine_cosine(angle: Any) -> tuple[Any, Any]:
     """Return sine and cosine [rad], also of each in a column, with the same bits."""
     if isinstance(angle, np.ndarray):
         angles = angle.tolist()

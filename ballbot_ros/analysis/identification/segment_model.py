@@ -21,14 +21,13 @@ from ballbot_ros.engine.compilation import can_compile, compiled_and_kept
 from ballbot_ros.engine.trajectory import Engine
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.robot.arithmetic import Floats
-from ballbot_ros.robot.plant import integration, laws
-from ballbot_ros.robot.plant import laws as actuator
 from ballbot_ros.robot.plant.integration import (
+    advance_linear,
     advance_nonlinear,
     discrete_matrices,
     equations_of,
 )
-from ballbot_ros.robot.plant.laws import effective_duty
+from ballbot_ros.robot.plant.laws import effective_duty, max_voltage, motor_current, shaft_angle
 from ballbot_ros.robot.plant.model import PhysicalParameters
 
 _PLANES = (0, 1)
@@ -36,11 +35,11 @@ _DUTIES = range(-100, 101)
 _NO_FORCES = (0.0,) * 8
 _AT_REST = (0.0,) * 4
 
-_advance_linear = for_arrays(integration.advance_linear)
+_advance_linear = for_arrays(advance_linear)
 _advance_nonlinear = for_arrays(advance_nonlinear)
-_max_voltage = for_arrays(actuator.max_voltage)
-_motor_current = for_arrays(actuator.motor_current)
-_shaft_angle = for_arrays(laws.shaft_angle)
+_max_voltage = for_arrays(max_voltage)
+_motor_current = for_arrays(motor_current)
+_shaft_angle = for_arrays(shaft_angle)
 
 _STATES = 4
 _SLOPE_S = 0.08
