@@ -8,12 +8,14 @@ from itertools import pairwise
 
 import numpy as np
 
-from ballbot_ros.controllers import designed
+from ballbot_ros.controllers import TICK_S, designed
 from ballbot_ros.controllers.policy import Observation, Policy, PolicyController
 
-STEP_S = 0.02
-SIZES = (8, 32, 32, 2)
-"""Features, two hidden layers with tanh, actions."""
+SIZES = (5, 16, 16, 1)
+"""Features of a plane, two hidden layers with tanh, the plane's action."""
+
+ESTIMATES = 6
+"""Numbers that :func:`estimate` keeps of a plane."""
 
 
 @dataclass(frozen=True)
@@ -24,22 +26,24 @@ class Network:
 
 
 class NetworkPolicy(PolicyController[Network]):
-    """A network on estimated features."""
+    """A network on estimated features, the same for both planes."""
 
+    # Another numpy may sum in another order.
     portable = False
-    step_ms = 20
 
     def make_policy(self) -> Policy:
         """Return the policy, with its estimates at rest."""
         layers = layers_of(self.parameters.weights)
-        features = Features(self.model.ratio)
+        wheel_per_ball = 1.0 / self.model.ratio
+        estimates = np.zeros((ESTIMATES, 2))
 
         def act(observation: Observation) -> list[float]:
-            values = features.update(observation)
+            nonlocal estimates
+            estimates, values = estimate(estimates, np.array(observation), wheel_per_ball)
             for matrix, bias in layers[:-1]:
-                values = np.tanh(matrix @ values + bias)
+                values = np.tanh(values @ matrix.T + bias)
             matrix, bias = layers[-1]
-            return (matrix @ values + bias).tolist()
+            return (values @ matrix.T + bias)[:, 0].tolist()
 
         return act
 
@@ -54,22 +58,33 @@ def layers_of(weights):
     return layers
 
 
-class Features:
-    """Estimates pitch and ball angle from gyro and encoder, every 20 ms."""
+def estimate(estimates, observation, wheel_per_ball):
+    """Estimate pitch and ball angle of both planes from gyro and encoder, every 4 ms.
 
-    def __init__(self, ratio: float) -> None:
-        self.wheel_per_ball = 1.0 / ratio
-        self.offset, self.pitch, self.angle = np.zeros((3, 2))
+    Parameters
+    ----------
+    estimates : (6, ..., 2) array
+        The previous estimates; the last axis has the planes, those before it may have robots.
+    observation : (..., 5) array
 
-    def update(self, observation: Observation) -> np.ndarray:
-        """Return pitch, its rate, ball angle and its rate of both planes."""
-        rate, encoder = np.array(observation[0:2]), np.array(observation[2:4])
-        # A robot that does not fall has a mean pitch of 0: what remains is drift of the gyro.
-        self.offset += STEP_S / 36.0 * self.pitch
-        rate = rate - self.offset
-        self.pitch = self.pitch + STEP_S * (rate - self.pitch / 3.0)
-        angle = self.wheel_per_ball * encoder + self.pitch
-        angle_rate = (angle - self.angle) / STEP_S
-        self.angle = angle
-        features = self.pitch / 2.0, rate / 20.0, angle / 90.0, angle_rate / 180.0
-        return np.clip(np.concatenate(features), -5.0, 5.0)
+    Returns
+    -------
+    (6, ..., 2) array
+        The next estimates.
+    (..., 2, 5) array
+        Features: pitch, its rate, ball angle, its rate and its integral.
+    """
+    previous_rate, offset, pitch, previous_angle, angle_rate, integral = estimates
+    rate, encoder = observation[..., 0:2], observation[..., 2:4]
+    # A robot that does not fall has a mean pitch of 0: what remains is drift of the gyro.
+    offset = offset + TICK_S / 36.0 * pitch
+    pitch_rate = (rate + previous_rate) / 2.0 - offset
+    pitch = pitch + TICK_S * (pitch_rate - pitch / 3.0)
+    angle = wheel_per_ball * encoder + pitch
+    angle_rate = angle_rate + 0.2 * ((angle - previous_angle) / TICK_S - angle_rate)
+    integral = integral + TICK_S * angle
+    features = pitch / 2.0, pitch_rate / 20.0, angle / 90.0, angle_rate / 90.0, integral / 90.0
+    return (
+        np.stack([rate, offset, pitch, angle, angle_rate, integral]),
+        np.clip(np.stack(features, axis=-1), -5.0, 5.0),
+    )
