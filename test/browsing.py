@@ -270,6 +270,23 @@ def shared_browser():
     return _shared_browser().browser()
 
 
+def open_document(browser, document, width=1200, scheme='light'):
+    """Return the page of a report; errors and requests to hosts are kept in `faults`."""
+    context = browser.new_context(viewport={'width': width, 'height': 900}, color_scheme=scheme)
+    page = context.new_page()
+    page.set_default_timeout(LAST_RESORT_S * 1e3)
+    page.faults = []
+    page.on('console', lambda m: m.type == 'error' and page.faults.append(m.text))
+    page.on('pageerror', lambda error: page.faults.append(str(error)))
+    page.on(
+        'request',
+        lambda r: r.url.startswith(('file:', 'data:', 'blob:')) or page.faults.append(r.url),
+    )
+    page.goto(document.as_uri())
+    page.wait_for_function("!document.getElementById('figures-notice')")
+    return page
+
+
 def close_shared_browser():
     if _shared_browser.cache_info().currsize:
         _shared_browser().close()

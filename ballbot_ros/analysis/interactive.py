@@ -132,9 +132,9 @@ MISSING = (
 
 _ROW_PX, _LANE_PX, _TOP_PX, _GAP_PX = 128, 26, 64, 30
 _HIDDEN_AT_FIRST = (ESTIMATED, READING)
-_DASHES = {'-': 'solid', '--': 'dash', '-.': 'dashdot', ':': 'dot'}
+DASHES = {'-': 'solid', '--': 'dash', '-.': 'dashdot', ':': 'dot'}
 _SYMBOLS = {'.': 'circle', '|': 'line-ns-open', 'x': 'x-thin-open', '^': 'triangle-up'}
-_GRID = {'showgrid': True, 'zeroline': False, 'gridcolor': '#E3E5E7', 'linecolor': '#B0B4B8'}
+GRID = {'showgrid': True, 'zeroline': False, 'gridcolor': '#E3E5E7', 'linecolor': '#B0B4B8'}
 _PAGE_ON_DARK = {
     '#E3E5E7': '#2C3136',
     '#B0B4B8': '#565C62',
@@ -255,7 +255,7 @@ def history_figure(rows: Sequence[Row], events: Events, numbers: PackedNumbers) 
         layout['shapes'] += [_limit(limit, number) for limit in row.panel.limits]
         traces += [_curve_trace(row.panel, each, number, shown, numbers) for each in row.curves]
     layout['xaxis'] = {
-        **_GRID, 'anchor': f'y{len(rows) + 1}', 'title': {'text': 'time [s]'},
+        **GRID, 'anchor': f'y{len(rows) + 1}', 'title': {'text': 'time [s]'},
         'range': [0.0, max(events.end, 1e-3)], 'hoverformat': '.3f', 'showspikes': True,
         'spikemode': 'across', 'spikesnap': 'cursor', 'spikethickness': 1, 'spikedash': 'solid',
         'spikecolor': GRAY, 'unifiedhovertitle': {'text': '%{x:.3f} s'},
@@ -314,8 +314,13 @@ def _layout() -> Json:
     }  # fmt: skip
 
 
+def chart_layout() -> Json:
+    """Return the layout of a figure whose points are found one by one."""
+    return {**_layout(), 'hovermode': 'closest', 'hoversubplots': 'single'}
+
+
 def _value_axis(row: Row, bottom: float, top: float) -> Json:
-    axis = {**_GRID, 'domain': [bottom, top], 'nticks': 5}
+    axis = {**GRID, 'domain': [bottom, top], 'nticks': 5}
     if row.panel.bounds:
         return {**axis, 'range': list(row.panel.bounds)}
     low, high = _span(row)
@@ -405,7 +410,7 @@ def _look(color: str, width: float, dash: str) -> Json:
     if dash in POINTS:
         marker = {'color': color, 'size': 1.5 * width, 'symbol': _SYMBOLS[dash]}
         return {'mode': 'markers', 'marker': marker}
-    return {'mode': 'lines', 'line': {'color': color, 'width': width, 'dash': _DASHES[dash]}}
+    return {'mode': 'lines', 'line': {'color': color, 'width': width, 'dash': DASHES[dash]}}
 
 
 def track_figure(
@@ -421,12 +426,11 @@ def track_figure(
     """
     # Without walls, the plot may be as wide as the page.
     constrained = 'range' if floor is None else 'domain'
-    layout = _layout()
-    layout |= {
-        'hovermode': 'closest', 'hoverdistance': 20, 'hoversubplots': 'single',
-        'xaxis': {**_GRID, 'title': {'text': X_LABEL}, 'constrain': constrained},
+    layout = {
+        **chart_layout(),
+        'xaxis': {**GRID, 'title': {'text': X_LABEL}, 'constrain': constrained},
         'yaxis': {
-            **_GRID, 'title': {'text': Y_LABEL}, 'scaleanchor': 'x', 'constrain': constrained,
+            **GRID, 'title': {'text': Y_LABEL}, 'scaleanchor': 'x', 'constrain': constrained,
         },
     }  # fmt: skip
     traces = [_floor_trace(floor_shades(floor))] if floor is not None else []
@@ -450,7 +454,7 @@ def _track_traces(table: Table, line: Line, numbers: PackedNumbers) -> list[Json
         'name': line.label or 'track', 'mode': 'lines',
         'hovertemplate': f'{" ".join(filter(None, (line.label, hover)))}<extra></extra>',
         'line': {
-            'color': line.color, 'width': 1.8, 'dash': _DASHES[line.dash], 'simplify': False,
+            'color': line.color, 'width': 1.8, 'dash': DASHES[line.dash], 'simplify': False,
         },
     }  # fmt: skip
     ends = [

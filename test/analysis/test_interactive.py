@@ -6,8 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from browsing import shared_browser
-from graph import LAST_RESORT_S
+from browsing import open_document, shared_browser
 from PIL import Image
 
 from ballbot_ros.analysis.figure_parts import BLUE, DARKER, PLANES, Interval, IntervalKind, Line
@@ -158,28 +157,15 @@ def browser(needs_browser):
 
 @pytest.fixture
 def opened(browser, document):
-    """Open the document; errors and requests to hosts are kept in `faults`."""
-    contexts = []
+    pages = []
 
-    def open_page(width=1200, scheme='light'):
-        context = browser.new_context(viewport={'width': width, 'height': 900}, color_scheme=scheme)
-        contexts.append(context)
-        page = context.new_page()
-        page.set_default_timeout(LAST_RESORT_S * 1e3)
-        page.faults = []
-        page.on('console', lambda m: m.type == 'error' and page.faults.append(m.text))
-        page.on('pageerror', lambda error: page.faults.append(str(error)))
-        page.on(
-            'request',
-            lambda r: r.url.startswith(('file:', 'data:', 'blob:')) or page.faults.append(r.url),
-        )
-        page.goto(document.as_uri())
-        page.wait_for_function("!document.getElementById('figures-notice')")
-        return page
+    def open_page(*arguments, **options):
+        pages.append(open_document(browser, document, *arguments, **options))
+        return pages[-1]
 
     yield open_page
-    for context in contexts:
-        context.close()
+    for page in pages:
+        page.context.close()
 
 
 def test_it_opens_from_a_file_without_errors_and_requests(opened):

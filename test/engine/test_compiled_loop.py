@@ -28,7 +28,7 @@ from ballbot_ros.parameters.timing import SECOND_NS, TICK_NS
 from ballbot_ros.robot.world.world import World
 
 ROOT = Path(__file__).resolve().parents[2]
-RANDOM_RUNS = 500
+RANDOM_RUNS = 300
 CORE_TYPES = ('Nehalem', 'Sandybridge', 'Haswell', 'SkylakeX')
 
 

@@ -3,23 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ballbot_ros.analysis.drawing import style_axes
-from ballbot_ros.analysis.figure_parts import BLUE, GRAY, ORANGE, WIDTH, Table, new_figure
+from ballbot_ros.analysis.chart import (
+    Bars,
+    Cells,
+    Chart,
+    ChartFigure,
+    Layer,
+    Mark,
+    Points,
+    Scale,
+)
+from ballbot_ros.analysis.figure_parts import BLUE, GRAY, INK, ORANGE, WIDTH, Line, Table
 from ballbot_ros.lab.studies.columns import MeasureColumn
-from ballbot_ros.lab.studies.maps import PANEL_WIDTH, set_scale
+from ballbot_ros.lab.studies.maps import PANEL_WIDTH, scale_of
 from ballbot_ros.lab.studies.sensitivity import Sensitivity
 from ballbot_ros.lab.studies.study_data import QUANTILES, MeasureSummary, wilson_interval
 from ballbot_ros.lab.studies.survey import Axis, CellCounts, Extent, with_unit
 from ballbot_ros.robot.arithmetic import Floats
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
 
 HISTOGRAM_BINS = 40
 
@@ -110,34 +113,23 @@ class Histogram:
             sentences.append('Black: expected bounds.')
         return ' '.join(sentences)
 
-    def draw(self) -> Figure:
-        """Draw the histogram, the expected bounds and the quantiles."""
-        figure = new_figure(PANEL_WIDTH, 2.9)
-        axes = figure.subplots()
-        passed = self.counts.passed[1:-1]
-        others = self.counts.runs[1:-1] - passed
-        widths = np.diff(self.edges)
-        left = self.edges[:-1]
-        axes.bar(left, passed, widths, align='edge', color=BLUE)
-        axes.bar(left, others, widths, passed, align='edge', color=ORANGE)
-        style_axes(axes)
+    def figure(self) -> ChartFigure:
+        """Return the histogram, with the expected bounds and the quantiles."""
+        column, inside = self.summary.column, slice(1, -1)
+        passed, runs = self.counts.passed[inside], self.counts.runs[inside]
+        layers: list[Layer] = [
+            Bars(self.edges, passed, BLUE, 'passed'),
+            Bars(self.edges, runs - passed, ORANGE, 'not passed'),
+        ]
         for share, value in zip(QUANTILES, self.summary.quantiles.tolist(), strict=True):
             if share in (0.05, 0.5, 0.95):
-                axes.axvline(value, color=GRAY, linewidth=1.2, linestyle=':')
-        for end, count in ((0.0, self.counts.runs[0]), (1.0, self.counts.runs[-1])):
-            if count:
-                arrow, place = (f'{count:,} →', 'right') if end else (f'← {count:,}', 'left')
-                axes.text(
-                    end, 1.02, arrow, color=ORANGE, ha=place, fontsize='small',
-                    transform=axes.transAxes,
-                )  # fmt: skip
-        for bound in (self.summary.column.minimum, self.summary.column.maximum):
-            if bound is not None:
-                axes.axvline(bound, color='black', linewidth=1.6)
-        axes.set_xlim(self.edges[0], self.edges[-1])
-        axes.set_xlabel(with_unit(self.summary.column.name, self.summary.column.unit))
-        axes.set_ylabel('runs')
-        return figure
+                layers.append(Mark(value, Line(GRAY, 1.2, ':')))
+        bounds = (each for each in (column.minimum, column.maximum) if each is not None)
+        layers += [Mark(each, Line(INK, 1.6)) for each in bounds]
+        x = Scale(with_unit(column.name, column.unit), float(self.edges[0]), float(self.edges[-1]))
+        y = Scale('runs', 0.0, 1.05 * max(1.0, float(runs.max())))
+        below, above = self.counts.runs[[0, -1]].tolist()
+        return ChartFigure([Chart(x, y, layers, beyond=(below, above))], PANEL_WIDTH, 2.9)
 
 
 @dataclass(frozen=True)
@@ -165,26 +157,13 @@ class ShareChart:
             'high_95': high,
         }
 
-    def draw(self) -> Figure:
-        """Draw the share with its intervals."""
-        figure = new_figure(PANEL_WIDTH, 2.6)
-        axes = figure.subplots()
-        share, intervals = self.counts.share * 100.0, self.intervals() * 100.0
-        x = self.axis.middles
-        # A mean that is rounded may lie outside of its interval by the last digit.
-        errors = np.abs(intervals.T - share)
-        if self.axis.is_words or self.axis.cells <= MOST_BINS:
-            axes.errorbar(
-                x, share, errors, fmt='o', markersize=4.0, color=BLUE, elinewidth=1.2, capsize=2.0
-            )
-        else:
-            axes.fill_between(x, *intervals.T, color=BLUE, alpha=0.25, linewidth=0.0)
-            axes.plot(x, share, color=BLUE, linewidth=1.4)
-        style_axes(axes)
-        set_scale(axes, self.axis)
-        axes.set_ylim(-2.0, 102.0)
-        axes.set_ylabel('passed [%]')
-        return figure
+    def figure(self) -> ChartFigure:
+        """Return the share with its intervals."""
+        low, high = self.intervals().T * 100.0
+        joined = not self.axis.is_words and self.axis.cells > MOST_BINS
+        points = Points(self.axis.middles, self.counts.share * 100.0, low, high, joined)
+        chart = Chart(scale_of(self.axis), Scale('passed [%]', -2.0, 102.0), [points])
+        return ChartFigure([chart], PANEL_WIDTH, 2.6)
 
 
 def sensitivity_table(found: Sensitivity) -> Table:
@@ -201,32 +180,20 @@ def sensitivity_table(found: Sensitivity) -> Table:
     }
 
 
-def draw_sensitivity(found: Sensitivity) -> Figure:
-    """Draw both indices, a row for each variable and a column for each result."""
-    rows = len(found.variables)
-    longest = max(map(len, found.results))
-    figure = new_figure(WIDTH + 1.0, 1.0 + 0.34 * rows + 0.075 * longest)
-    both = np.asarray(figure.subplots(1, 2, sharey=True))
-    titles = ('first-order index (RBD-FAST)', 'PAWN index')
-    for axes, values, title in zip(both, (found.first_order, found.pawn), titles, strict=True):
-        image = _draw_indices(axes, found, values)
-        axes.set_title(title)
-    both[0].set_yticks(np.arange(rows), found.variables)
-    figure.colorbar(image, ax=both, label='index', shrink=0.9, pad=0.01)
-    return figure
-
-
-def _draw_indices(axes: Axes, found: Sensitivity, values: Floats) -> Any:
-    # Small negative estimates mean no influence.
-    shown = np.clip(values, 0.0, 1.0)
-    image = axes.imshow(
-        np.ma.masked_invalid(shown), cmap='Blues', vmin=0.0, vmax=1.0, aspect='auto'
-    )
-    axes.set_facecolor('#DDDDDD')
-    axes.set_xticks(np.arange(len(found.results)), found.results, rotation=90)
-    axes.tick_params(length=0)
-    for (row, column), value in np.ndenumerate(shown):
-        text = '–' if np.isnan(value) else f'{value:.2f}'.removeprefix('0')
-        color = 'white' if value > 0.6 else 'black'
-        axes.text(column, row, text, color=color, ha='center', va='center', fontsize='small')
-    return image
+def sensitivity_figure(found: Sensitivity) -> ChartFigure:
+    """Return both indices, a row for each variable and a column for each result."""
+    rows, columns = len(found.variables), len(found.results)
+    x = Scale('', -0.5, columns - 0.5, words=tuple(found.results))
+    y = Scale('', rows - 0.5, -0.5, words=tuple(found.variables))
+    charts = [
+        # Small negative estimates mean no influence.
+        Chart(x, y, [Cells(
+            np.arange(-0.5, columns), np.arange(-0.5, rows), np.clip(values, 0.0, 1.0), 'index',
+            1.0, 'Blues', with_numbers=True,
+        )], title)
+        for values, title in (
+            (found.first_order, 'first-order index (RBD-FAST)'), (found.pawn, 'PAWN index'),
+        )
+    ]  # fmt: skip
+    height = 1.0 + 0.34 * rows + 0.075 * max(map(len, found.results))
+    return ChartFigure(charts, WIDTH + 1.0, height)

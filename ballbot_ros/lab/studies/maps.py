@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, maximum_filter, minimum_filter
 
-from ballbot_ros.analysis.figure_parts import ORANGE, Line, Table, new_figure
+from ballbot_ros.analysis.chart import Cells, Chart, ChartFigure, Path, Scale
+from ballbot_ros.analysis.figure_parts import ORANGE, Line, Table
 from ballbot_ros.controllers.design.linear_model import DesignError
 from ballbot_ros.controllers.design.loop_analysis import recoverable_states
 from ballbot_ros.controllers.design.sampled_loop import SampledLoop
@@ -21,11 +21,6 @@ from ballbot_ros.lab.studies.survey import Axis, CellCounts
 from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, EncoderParameters, ParameterSet
 from ballbot_ros.robot.arithmetic import Floats
 from ballbot_ros.robot.plant.model import PhysicalParameters
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.axis import XAxis, YAxis
-    from matplotlib.figure import Figure
 
 Lines = list[Floats]
 """Each (n, 2): x and y of its points."""
@@ -271,7 +266,6 @@ _LEAST_WEIGHT = 0.5
 """Number of runs near a cell, weighted by distance, that make its smoothed share known."""
 
 _MEASURED, _PREDICTED = Line('white', 1.4, label='50 % pass'), Line(ORANGE, 1.8, '--')
-_TOO_LONG = 14
 
 
 def map_bins(runs: int) -> int:
@@ -376,84 +370,25 @@ class PassMap:
                 sentences.append('All else that varies has its median in this prediction.')
         return ' '.join(sentences)
 
-    def draw(self) -> Figure:
-        """Draw the map."""
-        figure = new_figure(PANEL_WIDTH, 4.0)
-        axes = figure.subplots()
-        image = axes.pcolormesh(
-            self.x.edges,
-            self.y.edges,
-            np.ma.masked_invalid(self.counts.share * 100.0),
-            cmap='cividis',
-            vmin=0.0,
-            vmax=100.0,
-        )
-        figure.colorbar(image, ax=axes, label='passed [%]', shrink=0.9)
-        _draw_lines(axes, self.boundary, _MEASURED, 'black')
-        if self.prediction:
-            _draw_lines(axes, self.prediction.lines, _PREDICTED, 'white')
-        set_scale(axes, self.x, self.y)
-        self._legend(figure)
-        return figure
-
-    def _legend(self, figure: Figure) -> None:
-        from matplotlib.lines import Line2D
-        from matplotlib.patheffects import withStroke
-
-        handles = []
-        if self.boundary:
-            line = Line2D([], [], color=_MEASURED.color, linewidth=1.6, label=_MEASURED.label)
-            line.set_path_effects([withStroke(linewidth=3.0, foreground='black')])
-            handles.append(line)
-        if self.prediction and self.prediction.lines:
-            line = Line2D([], [], color=_PREDICTED.color, linewidth=1.8, linestyle='--')
-            line.set_label(self.prediction.label)
-            handles.append(line)
-        if handles:
-            figure.legend(handles=handles, loc='outside upper center', ncols=2, frameon=False)
-
-
-def set_scale(axes: Axes, x: Axis, y: Axis | None = None) -> None:
-    """Set scale, limits, ticks and labels of the axes of a map or, without `y`, of a chart."""
-    axes.set_xlim(x.edges[0], x.edges[-1])
-    axes.set_xlabel(x.label)
-    if x.is_log:
-        axes.set_xscale('log')
-        _plain_ticks(axes.xaxis)
-    if x.is_words:
-        names = [str(each) for each in x.shown]
-        slanted = sum(map(len, names)) > 3 * _TOO_LONG
-        axes.set_xticks(
-            x.middles, names, rotation=30 if slanted else 0, ha='right' if slanted else 'center'
-        )
-    if y is None:
-        return
-    axes.set_ylim(y.edges[0], y.edges[-1])
-    axes.set_ylabel(y.label)
-    if y.is_log:
-        axes.set_yscale('log')
-        _plain_ticks(axes.yaxis)
-    if y.is_words:
-        axes.set_yticks(y.middles, [str(each) for each in y.shown])
-
-
-def _plain_ticks(axis: XAxis | YAxis) -> None:
-    """Label a logarithmic axis with plain numbers: figures have no formulas."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-
-    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f'{value:g}'))
-    axis.set_minor_formatter(NullFormatter())
-
-
-def _draw_lines(axes: Axes, lines: Lines, style: Line, halo: str) -> None:
-    from matplotlib.patheffects import withStroke
-
-    for line in lines:
-        axes.plot(
-            *line.T, color=style.color, linewidth=style.width, linestyle=style.dash,
-            path_effects=[withStroke(linewidth=style.width + 1.0, foreground=halo)],
+    def figure(self) -> ChartFigure:
+        """Return the map."""
+        shares = Cells(
+            self.x.edges, self.y.edges, self.counts.share * 100.0, 'passed [%]', 100.0, 'cividis',
+            self.counts.runs,
         )  # fmt: skip
+        measured = [Path(each, _MEASURED, 'black') for each in self.boundary]
+        predicted = []
+        if self.prediction:
+            line = replace(_PREDICTED, label=self.prediction.label)
+            predicted = [Path(each, line, 'white') for each in self.prediction.lines]
+        chart = Chart(scale_of(self.x), scale_of(self.y), [shares, *measured, *predicted])
+        return ChartFigure([chart], PANEL_WIDTH, 4.0)
+
+
+def scale_of(axis: Axis) -> Scale:
+    """Return the axis of a map or a chart."""
+    words = tuple(map(str, axis.shown)) if axis.is_words else ()
+    return Scale(axis.label, float(axis.edges[0]), float(axis.edges[-1]), axis.is_log, words)
 
 
 def _runs_text(runs: NDArray[np.int64]) -> str:

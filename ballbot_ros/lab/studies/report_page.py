@@ -5,17 +5,18 @@ from __future__ import annotations
 import os
 import re
 import shutil
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot_ros.analysis.chart import ChartFigure
 from ballbot_ros.analysis.figure_parts import Table, csv_of, png_of
+from ballbot_ros.analysis.interactive import MISSING, InteractiveFigures, packed_figures
 from ballbot_ros.analysis.page import (
     ReportError,
     check_folder,
@@ -30,7 +31,7 @@ from ballbot_ros.files import own_command
 from ballbot_ros.lab.studies.charts import (
     Histogram,
     ShareChart,
-    draw_sensitivity,
+    sensitivity_figure,
     sensitivity_table,
 )
 from ballbot_ros.lab.studies.columns import MeasureColumn
@@ -43,9 +44,6 @@ from ballbot_ros.lab.studies.sensitivity import MIN_SAMPLE, SLICES, Sensitivity
 from ballbot_ros.lab.studies.study import StudyText
 from ballbot_ros.lab.studies.study_data import QUANTILES, RunResults, StudyData, StudySummary
 from ballbot_ros.lab.studies.survey import Axis, Survey, Tallies
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 REPORT = 'report'
 """Name of the report's folder in that of its study."""
@@ -61,13 +59,13 @@ class StudyReport:
     ----------
     page : str
         The HTML.
-    figures : list of RenderedFigure
+    figures : list of StudyFigure
     files : mapping of str to bytes
         Other files, by name.
     """
 
     page: str
-    figures: list[RenderedFigure]
+    figures: list[StudyFigure]
     files: Mapping[str, bytes]
 
     def write(self, folder: Path) -> None:
@@ -174,7 +172,7 @@ class _SensitivitySection:
     Attributes
     ----------
     found : Sensitivity
-    figure : RenderedFigure
+    figure : StudyFigure
     rows : list of tuple
         Name of a variable, and the texts of both indices for passing; those with the most influence
         first.
@@ -183,7 +181,7 @@ class _SensitivitySection:
     """
 
     found: Sensitivity
-    figure: RenderedFigure
+    figure: StudyFigure
     rows: list[tuple[str, str, str]]
     notes: list[str]
 
@@ -230,6 +228,9 @@ class Findings:
             for figure, each in zip(map_figures, maps, strict=True)
         }
         measures = self._measures()
+        figures = [*map_figures, *shares, *histograms]
+        if sensitivity:
+            figures.append(sensitivity.figure)
         page = render_template(
             'study.html',
             package='ballbot_ros.lab.studies',
@@ -253,10 +254,9 @@ class Findings:
             failed_count=self.summary.totals.failed,
             versions=self._versions(),
             worst_command=self._rerun('--worst', 'MEASURE'),
+            interactive=_interactive(figures),
+            missing=MISSING,
         )
-        figures = [*map_figures, *shares, *histograms]
-        if sensitivity:
-            figures.append(sensitivity.figure)
         return StudyReport(page, figures, files)
 
     @property
@@ -329,7 +329,7 @@ class Findings:
             return [None] * len(self.pairs), one_line(error)
         return [predict(usual, x, y) for x, y in self.pairs], ''
 
-    def _histograms(self, names: _FileNames) -> list[RenderedFigure]:
+    def _histograms(self, names: _FileNames) -> list[StudyFigure]:
         figures = []
         pairs = zip(self.summary.measures, self.tallies.histograms, strict=True)
         for summary, counts in pairs:
@@ -341,7 +341,7 @@ class Findings:
                     names('distribution', summary.column.name),
                     summary.column.name,
                     chart.caption(),
-                    chart.draw(),
+                    chart.figure(),
                     chart.table(),
                 )
             )
@@ -377,7 +377,7 @@ class Findings:
             'Sensitivity indices',
             'Both indices of each varied value for each measure, and for passing. A dash: the '
             'result does not vary, or too few runs have a value.',
-            draw_sensitivity(found),
+            sensitivity_figure(found),
             sensitivity_table(found),
         )
         return _SensitivitySection(found, figure, rows, notes)
@@ -426,20 +426,35 @@ class _FileNames:
         return name
 
 
-def _figure(name: str, title: str, caption: str, figure: Figure, table: Table) -> RenderedFigure:
-    return RenderedFigure(name, title, caption, png_of(figure), table)
+@dataclass(frozen=True)
+class StudyFigure(RenderedFigure):
+    """A figure as a picture, and what the page draws instead."""
+
+    chart: ChartFigure
 
 
-def _map_figure(each: PassMap, names: _FileNames) -> RenderedFigure:
+def _figure(name: str, title: str, caption: str, chart: ChartFigure, table: Table) -> StudyFigure:
+    return StudyFigure(name, title, caption, png_of(chart.draw()), table, chart)
+
+
+def _interactive(figures: Sequence[StudyFigure]) -> InteractiveFigures | None:
+    charts = {f'chart_{each.name}': each.chart for each in figures}
+    return packed_figures(
+        lambda _: {name: chart.description() for name, chart in charts.items()},
+        (each.name for each in figures),
+    )
+
+
+def _map_figure(each: PassMap, names: _FileNames) -> StudyFigure:
     x, y = each.x.column.name, each.y.column.name
-    return _figure(names('map', x, y), f'{x} × {y}', each.caption(), each.draw(), each.table())
+    return _figure(names('map', x, y), f'{x} × {y}', each.caption(), each.figure(), each.table())
 
 
-def _share_figure(chart: ShareChart, names: _FileNames) -> RenderedFigure:
+def _share_figure(chart: ShareChart, names: _FileNames) -> StudyFigure:
     name = chart.axis.column.name
     meaning = chart.axis.column.meaning
     caption = f'{meaning[:1].upper()}{meaning[1:]}.' if meaning else ''
-    return _figure(names('share', name), name, caption, chart.draw(), chart.table())
+    return _figure(names('share', name), name, caption, chart.figure(), chart.table())
 
 
 def _outcome(summary: StudySummary) -> str:

@@ -111,7 +111,7 @@ def test_the_shares_of_a_variable_have_wilsons_intervals():
     assert table['share_passed'].tolist()[::2] == [1.0, 0.5]
     np.testing.assert_allclose(table['low_95'], [0.7225, np.nan, 0.2366], atol=1e-4)
     np.testing.assert_allclose(table['high_95'], [1.0, np.nan, 0.7634], atol=1e-4)
-    assert png_of(chart.draw()).startswith(b'\x89PNG')
+    assert png_of(chart.figure().draw()).startswith(b'\x89PNG')
 
 
 def test_many_levels_and_words_can_be_drawn():
@@ -121,11 +121,11 @@ def test_many_levels_and_words_can_be_drawn():
     assert many.cells > MOST_BINS
     for each in (many, words):
         counts = CellCounts(np.full(each.cells, 3), np.full(each.cells, 1))
-        assert png_of(ShareChart(each, counts).draw()).startswith(b'\x89PNG')
+        assert png_of(ShareChart(each, counts).figure().draw()).startswith(b'\x89PNG')
     counts = CellCounts(np.full((3, 60), 2), np.full((3, 60), 1))
     both = PassMap(many, words, counts)
     assert both.boundary == []
-    assert png_of(both.draw()).startswith(b'\x89PNG')
+    assert png_of(both.figure().draw()).startswith(b'\x89PNG')
 
 
 def test_a_histogram_shows_the_core_and_near_bounds():

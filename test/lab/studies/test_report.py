@@ -3,12 +3,14 @@
 import csv
 import io
 import math
+import re
 import sys
 from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
 import pytest
+from browsing import open_document, shared_browser
 from laws import refusal
 from PIL import Image
 from study_folders import EXPECTATIONS, NOW, record, write_study
@@ -16,6 +18,7 @@ from study_folders import EXPECTATIONS, NOW, record, write_study
 pytest.importorskip('pyarrow')
 pytest.importorskip('SALib')
 
+from ballbot_ros.analysis import interactive
 from ballbot_ros.engine.scenario.scenario import Measure
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.lab.studies.columns import ColumnKind, MeasureColumn, ResultColumn
@@ -65,7 +68,8 @@ class Page(HTMLParser):
         assert self.open.pop() == tag
 
     def handle_data(self, data):
-        self.words.append(data)
+        if self.open[-1:] != ['script']:
+            self.words.append(data)
 
     @property
     def text(self):
@@ -162,14 +166,14 @@ def written(report, tmp_path_factory):
 def test_the_page_is_well_formed_and_needs_nothing_else(page, written):
     assert page.open == []
     assert len(page.ids) == len(set(page.ids))
-    assert all(each.startswith('data:image/png;base64,') for each in page.sources)
+    assert page.sources == []
     for link in page.links:
         assert link[1:] in page.ids if link.startswith('#') else (written / link).is_file(), link
-    assert {'script', 'link', 'iframe', 'b'}.isdisjoint(page.tags)
+    assert {'link', 'iframe', 'b'}.isdisjoint(page.tags)
 
 
 def test_names_are_escaped(report, page):
-    assert '<script>' not in report.page
+    assert NASTY not in report.page
     assert NASTY in page.text
     assert '<b>tried</b>' in page.text
 
@@ -203,6 +207,38 @@ def test_worst_and_failed_runs_have_a_command(data, page):
         assert f'ballbot study rerun {quoted} {number} ' in page.text
     row = data.row(numbers[0])
     assert f'plant_sim.body_mass = {row.varied["plant_sim.body_mass"]:.4g} kg' in page.text
+
+
+def test_every_figure_is_on_the_page(report, page):
+    assert [each for each in page.ids if each.startswith('chart_')] == [
+        f'chart_{name}' for name in page.ids if name in {each.name for each in report.figures}
+    ]
+
+
+def test_without_plotly_the_page_has_the_pictures(data, monkeypatch):
+    monkeypatch.setattr(interactive, 'plotly_script', lambda: None)
+    report = study_report(data)
+    page = Page(report.page)
+    assert len(page.sources) == len(report.figures)
+    assert all(each.startswith('data:image/png;base64,') for each in page.sources)
+    assert 'script' not in page.tags
+    assert 'ballbot_ros[report]' in page.text
+
+
+def test_a_browser_draws_every_chart_and_tells_its_numbers(needs_browser, report, written):
+    with shared_browser() as browser:
+        page = open_document(browser, written / 'index.html', 390, 'dark')
+        assert page.locator('.chart .main-svg').count() >= len(report.figures)
+        assert page.evaluate('document.documentElement.scrollWidth') == 390
+        point = page.locator('#chart_share__plant_sim\\.plant_model .point').first
+        point.scroll_into_view_if_needed()
+        box = point.bounding_box()
+        page.mouse.move(box['x'] + box['width'] / 2, box['y'] + box['height'] / 2)
+        hover = page.locator('.hoverlayer .hovertext')
+        hover.wait_for()
+        assert re.fullmatch(r'linear: [\d.]+ % \([\d.]+ … [\d.]+ %\)', hover.text_content())
+        assert page.faults == []
+        page.context.close()
 
 
 def test_every_figure_is_a_picture_with_numbers(report, written):
