@@ -321,7 +321,7 @@ def _axis(scale: Scale) -> Json:
     if scale.words:
         return {**axis, 'type': 'category', 'categoryarray': list(scale.words), 'range': ends}
     if scale.is_log:
-        return {**axis, 'type': 'log', 'range': np.log10(ends).tolist()}
+        return {**axis, 'type': 'log', 'range': np.log10(ends).tolist(), 'tickformat': '~g'}
     return {**axis, 'range': ends}
 
 

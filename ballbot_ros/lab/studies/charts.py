@@ -110,7 +110,7 @@ class Histogram:
             shown = ', '.join(f'{each:g}' for each in hidden)
             sentences.append(f'Expected bound outside of the picture: {shown}.')
         elif bounds:
-            sentences.append('Black: expected bounds.')
+            sentences.append('Solid: expected bounds.')
         return ' '.join(sentences)
 
     def figure(self) -> ChartFigure:
