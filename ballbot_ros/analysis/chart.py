@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from html import escape
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -33,6 +35,8 @@ class Scale:
         Whether it is logarithmic.
     words : tuple of str
         Names of the values 0, 1, …; none for numbers.
+    is_upright : bool
+        Whether the words of a horizontal axis are written upwards.
     """
 
     label: str
@@ -40,6 +44,7 @@ class Scale:
     high: float
     is_log: bool = False
     words: tuple[str, ...] = ()
+    is_upright: bool = False
 
 
 @dataclass(frozen=True)
@@ -51,25 +56,26 @@ class Cells:
     x, y : ndarray, shapes (n + 1,) and (m + 1,)
         Edges; those of words are -0.5, 0.5, ….
     values : ndarray, shape (m, n)
-        NaN for nothing.
-    label : str
-        For the scale of the colours.
+        NaN for cells without a value.
+    label, unit : str
+        Label of the colour bar, and unit of the values or ''.
     top : float
-        Where that scale ends; it begins at 0.
-    colours : str
-        One of :data:`COLOURS`.
+        Upper end of the colour bar, which begins at 0.
+    color_map : str
+        One of :data:`COLOR_MAPS`.
     runs : ndarray of shape (m, n), or None
-        Numbers of runs, which the page tells.
+        Number of runs in each cell, shown on hover.
     with_numbers : bool
-        Whether each cell has its value as a text.
+        Whether the value is written into each cell.
     """
 
     x: Floats
     y: Floats
     values: Floats
     label: str
+    unit: str
     top: float
-    colours: str
+    color_map: str
     runs: Column | None = None
     with_numbers: bool = False
 
@@ -86,13 +92,14 @@ class Bars:
 
 @dataclass(frozen=True)
 class Points:
-    """Points with intervals, each of shape (n,); if they are `joined`, a line in a band."""
+    """Points with intervals, each of shape (n,); if `is_joined`, a line in a band."""
 
     x: Floats
     y: Floats
     low: Floats
     high: Floats
-    joined: bool
+    unit: str
+    is_joined: bool
 
 
 @dataclass(frozen=True)
@@ -114,18 +121,20 @@ class Mark:
 
 Layer = Cells | Bars | Points | Path | Mark
 
-COLOURS = {
+COLOR_MAPS = {
     'cividis': 'Cividis',
     'Blues': [
         [0.0, '#F7FBFF'], [0.25, '#C6DBEF'], [0.5, '#6BAED6'], [0.75, '#2171B5'], [1.0, '#08306B'],
     ],
 }  # fmt: skip
-"""Scales of colours: what matplotlib calls them, and what Plotly calls or makes them of."""
+"""Colour maps: matplotlib's name, and Plotly's name or stops."""
 
 _UNKNOWN = '#DDDDDD'
-"""Behind cells with numbers, of which some have none."""
+"""Background of cells without a number."""
 
 _INCH_PX = 96
+_GAP = 0.02
+"""Gap between charts, as a part of the width."""
 
 
 @dataclass(frozen=True)
@@ -135,7 +144,7 @@ class Chart:
     Attributes
     ----------
     beyond : tuple of int
-        Numbers of what is left and right of the axes, which an arrow tells.
+        Numbers of runs below and above the horizontal axis, shown next to arrows.
     """
 
     x: Scale
@@ -152,13 +161,13 @@ class Chart:
 
 @dataclass(frozen=True)
 class ChartFigure:
-    """Charts next to each other with one vertical axis; width and height are those of a picture.
+    """Charts next to each other with one vertical axis.
 
     Attributes
     ----------
     charts : sequence of Chart
     width, height : float
-        Of the picture [inch].
+        Size of the picture [inch].
     """
 
     charts: Sequence[Chart]
@@ -183,23 +192,24 @@ class ChartFigure:
 
     def description(self) -> Json:
         """Return the figure of the page."""
-        named = any(isinstance(each, Path) for chart in self.charts for each in chart.layers)
-        has_head = named or any(chart.title for chart in self.charts)
         layout = {
             **chart_layout(), 'height': round(self.height * _INCH_PX), 'barmode': 'stack',
-            'margin': {'l': 56, 'r': 12, 't': 64 if has_head else 34, 'b': 52},
+            'margin': {'l': 56, 'r': 12, 't': max(map(_top_px, self.charts)), 'b': 52},
         }  # fmt: skip
         traces: list[Json] = []
-        count = len(self.charts)
+        width = 1.0 / len(self.charts)
         for place, chart in enumerate(self.charts):
-            suffix = str(place + 1) if place else ''
-            width = 1.0 / count
-            domain = [place * width + (0.02 if place else 0.0), (place + 1) * width]
-            layout[f'xaxis{suffix}'] = {**_axis(chart.x), 'domain': domain}
-            layout['shapes'] += [_line(each) for each in chart.layers if isinstance(each, Mark)]
+            axis = f'x{place + 1}' if place else 'x'
+            domain = [place * width + (_GAP if place else 0.0), (place + 1) * width]
+            layout[axis.replace('x', 'xaxis')] = {**_axis(chart.x), 'domain': domain}
             layout['annotations'] += _notes(chart, domain)
             for layer in chart.layers:
-                traces += [{**each, 'xaxis': f'x{suffix}'} for each in _traces(chart, layer)]
+                if isinstance(layer, Mark):
+                    layout['shapes'].append(_line(layer, axis))
+                else:
+                    traces += [{**each, 'xaxis': axis} for each in _traces(chart, layer)]
+        for each in traces[1:]:
+            each['showscale'] = False  # one colour bar for all charts
         layout['yaxis'] = _axis(self.charts[0].y)
         return {'data': traces, 'layout': layout}
 
@@ -236,7 +246,7 @@ def _draw_chart(axes: Axes, chart: Chart) -> None:
 
 def _draw_cells(axes: Axes, cells: Cells) -> None:
     axes.pcolormesh(
-        cells.x, cells.y, np.ma.masked_invalid(cells.values), cmap=cells.colours,
+        cells.x, cells.y, np.ma.masked_invalid(cells.values), cmap=cells.color_map,
         vmin=0.0, vmax=cells.top,
     )  # fmt: skip
     if not cells.with_numbers:
@@ -255,7 +265,7 @@ def _number(value: float) -> str:
 
 
 def _draw_points(axes: Axes, points: Points) -> None:
-    if points.joined:
+    if points.is_joined:
         axes.fill_between(points.x, points.low, points.high, color=BLUE, alpha=0.25, linewidth=0.0)
         axes.plot(points.x, points.y, color=BLUE, linewidth=1.4)
         return
@@ -279,10 +289,11 @@ def _edge(width: float, color: str) -> AbstractPathEffect:
     return withStroke(linewidth=width + 1.0, foreground=color)
 
 
-_TURNS: Sequence[tuple[int, float, Literal['center', 'right']]] = (
-    (150, 90.0, 'center'), (43, 30.0, 'right'), (0, 0.0, 'center'),
-)  # fmt: skip
-"""From how many letters on the words of an axis are turned, by how much, and their alignment."""
+_BAND = 'rgba(0, 114, 178, 0.3)'
+"""The colour of intervals on the page: blue, translucent."""
+
+_MANY_LETTERS = 43
+"""Number of letters from which the words of a horizontal axis are slanted."""
 
 
 def _draw_scale(axes: Axes, which: str, scale: Scale) -> None:
@@ -292,11 +303,10 @@ def _draw_scale(axes: Axes, which: str, scale: Scale) -> None:
     if scale.words:
         axis.set_ticks(range(len(scale.words)), scale.words)
         if which == 'x':
-            letters = sum(map(len, scale.words))
-            _, turn, align = next(each for each in _TURNS if letters >= each[0])
-            axis.set_tick_params(labelrotation=turn)
+            is_slanted = sum(map(len, scale.words)) >= _MANY_LETTERS and not scale.is_upright
+            axis.set_tick_params(labelrotation=90 if scale.is_upright else 30 * is_slanted)
             for text in axis.get_ticklabels():
-                text.set_horizontalalignment(align)
+                text.set_horizontalalignment('right' if is_slanted else 'center')
     if scale.is_log:
         from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
@@ -316,49 +326,73 @@ def _arrows(chart: Chart) -> list[tuple[float, str, str]]:
 
 def _axis(scale: Scale) -> Json:
     """Return an axis of the page; that of words has them as categories."""
-    axis: Json = {**GRID, 'title': {'text': scale.label}, 'automargin': True}
     ends = [scale.low, scale.high]
+    axis: Json = {**GRID, 'title': {'text': _plain(scale.label)}, 'automargin': True}
     if scale.words:
-        return {**axis, 'type': 'category', 'categoryarray': list(scale.words), 'range': ends}
+        turn = {'tickangle': -90} if scale.is_upright else {}
+        words = _categories(scale)
+        return {**axis, **turn, 'type': 'category', 'categoryarray': words, 'range': ends}
     if scale.is_log:
-        return {**axis, 'type': 'log', 'range': np.log10(ends).tolist(), 'tickformat': '~g'}
-    return {**axis, 'range': ends}
+        ticks = '.3~e' if scale.low < 1e-3 else '~g'
+        return {**axis, 'type': 'log', 'range': np.log10(ends).tolist(), 'tickformat': ticks}
+    return {**axis, 'range': ends, 'exponentformat': 'e'}
+
+
+def _categories(scale: Scale) -> list[str]:
+    return [_plain(each) for each in scale.words]
+
+
+def _plain(text: str) -> str:
+    """Return a text such that Plotly, which knows some HTML, shows it as it is."""
+    return escape(text, quote=False)
+
+
+def _top_px(chart: Chart) -> int:
+    """Return the height above a chart: of its title or legend, and of the buttons."""
+    if chart.title or any(isinstance(each, Path) for each in chart.layers):
+        return 64
+    return 54 if any(chart.beyond) else 34
 
 
 def _notes(chart: Chart, domain: Sequence[float]) -> list[Json]:
     """Return the title of a chart, and notes on what is beyond its axes."""
-    middle = (domain[0] + domain[1]) / 2.0
-    notes = [(middle, 'center', chart.title, INK)] if chart.title else []
-    notes += [(place, align, text, ORANGE) for place, align, text in _arrows(chart)]
+    left, right = domain
+    notes = [((left + right) / 2.0, 'center', chart.title, INK)] if chart.title else []
+    notes += [
+        (left + place * (right - left), align, text, ORANGE)
+        for place, align, text in _arrows(chart)
+    ]
     return [
         {
-            'text': text, 'x': x, 'xref': 'paper', 'xanchor': align, 'y': 1, 'yref': 'paper',
-            'yanchor': 'bottom', 'showarrow': False, 'font': {'color': color, 'size': 12},
+            'text': _plain(text), 'x': x, 'xref': 'paper', 'xanchor': align, 'y': 1,
+            'yref': 'paper', 'yanchor': 'bottom', 'showarrow': False,
+            'font': {'color': color, 'size': 12},
         }
         for x, align, text, color in notes
     ]  # fmt: skip
 
 
-def _line(mark: Mark) -> Json:
+def _line(mark: Mark, axis: str) -> Json:
     line = mark.line
     return {
-        'type': 'line', 'x0': mark.x, 'x1': mark.x, 'yref': 'paper', 'y0': 0, 'y1': 1,
+        'type': 'line', 'xref': axis, 'x0': mark.x, 'x1': mark.x, 'yref': 'paper', 'y0': 0, 'y1': 1,
         'line': {'color': line.color, 'width': line.width, 'dash': DASHES[line.dash]},
     }  # fmt: skip
 
 
-def _traces(chart: Chart, layer: Layer) -> list[Json]:
+def _traces(chart: Chart, layer: Cells | Bars | Points | Path) -> list[Json]:
+    x_place, y_place = _place('x', chart.x), _place('y', chart.y)
     match layer:
         case Cells():
             return [_cells_trace(chart, layer)]
         case Bars(edges, heights, color, name):
             ends = np.stack([edges[:-1], edges[1:]], axis=1)
+            low, high = (_place(f'customdata[{each}]', chart.x) for each in range(2))
             return [{
                 'type': 'bar', 'x': _list(ends.mean(axis=1)), 'width': _list(np.diff(edges)),
                 'y': _list(heights), 'marker': {'color': color, 'line': {'width': 0}}, 'name': name,
                 'customdata': _list(ends), 'showlegend': False,
-                'hovertemplate': '%{customdata[0]:.4~g} … %{customdata[1]:.4~g}: %{y:,} '
-                f'{name}<extra></extra>',
+                'hovertemplate': f'{low} … {high}: %{{y:,}} {name}<extra></extra>',
             }]  # fmt: skip
         case Points():
             return _points_traces(chart, layer)
@@ -367,7 +401,7 @@ def _traces(chart: Chart, layer: Layer) -> list[Json]:
             curve = {'type': 'scatter', 'mode': 'lines', 'showlegend': False}
             around = {'color': edge, 'width': line.width + 1.5}
             look = {'color': line.color, 'width': line.width, 'dash': DASHES[line.dash]}
-            words = f'{line.label}: %{{x:.4~g}}, %{{y:.4~g}}<extra></extra>'
+            words = f'{_plain(line.label)}: {x_place}, {y_place}<extra></extra>'
             traces = [
                 {**curve, 'x': x, 'y': y, 'line': around, 'hoverinfo': 'skip'},
                 {**curve, 'x': x, 'y': y, 'line': look, 'hovertemplate': words},
@@ -375,23 +409,30 @@ def _traces(chart: Chart, layer: Layer) -> list[Json]:
             if _is_first(chart, layer):
                 # White is not seen on the page.
                 seen = {**look, 'color': INK if line.color == 'white' else line.color}
-                named = {'name': line.label, 'showlegend': True, 'line': seen}
+                named = {'name': _plain(line.label), 'showlegend': True, 'line': seen}
                 traces.append({**curve, 'x': [None], 'y': [None], **named})
             return traces
-        case Mark():
-            return []
+
+
+def _place(number: str, scale: Scale) -> str:
+    """Return how a hover shows a place on an axis: to a thousandth of its length."""
+    if scale.words:
+        return f'%{{{number}}}'
+    if scale.is_log:
+        return f'%{{{number}:.4~g}}'
+    decimals = max(0, 3 - math.floor(math.log10(abs(scale.high - scale.low))))
+    return f'%{{{number}:.{decimals}~f}}'
 
 
 def _cells_trace(chart: Chart, cells: Cells) -> Json:
-    x, y = chart.x.words, chart.y.words
-    names = ['%{x}' if x else '%{x:.4~g}', '%{y}' if y else '%{y:.4~g}']
-    value = '%{z:.3~f}' if cells.with_numbers else '%{z:.1f} % of %{customdata:,} runs'
+    place = f'{_place("x", chart.x)}, {_place("y", chart.y)}'
+    runs = '' if cells.runs is None else ' of %{customdata:,} runs'
     trace = {
-        'type': 'heatmap', 'x': list(x) or _list(cells.x), 'y': list(y) or _list(cells.y),
-        'z': _list(cells.values), 'zmin': 0, 'zmax': cells.top, 'hoverongaps': False,
-        'colorscale': COLOURS[cells.colours],
-        'hovertemplate': f'{", ".join(names)}: {value}<extra></extra>',
+        'type': 'heatmap', 'x': _categories(chart.x) or _list(cells.x),
+        'y': _categories(chart.y) or _list(cells.y), 'z': _list(cells.values), 'zmin': 0,
+        'zmax': cells.top, 'hoverongaps': False, 'colorscale': COLOR_MAPS[cells.color_map],
         'colorbar': {'title': {'text': cells.label, 'side': 'right'}, 'thickness': 14},
+        'hovertemplate': f'{place}: %{{z:.3~g}} {cells.unit}{runs}<extra></extra>',
     }  # fmt: skip
     if cells.runs is not None:
         trace['customdata'] = _list(cells.runs)
@@ -402,17 +443,18 @@ def _cells_trace(chart: Chart, cells: Cells) -> Json:
 
 
 def _points_traces(chart: Chart, points: Points) -> list[Json]:
-    words = chart.x.words
+    words = _categories(chart.x)
     x = [words[round(each)] for each in points.x] if words else _list(points.x)
     low, high = _list(points.low), _list(points.high)
     less, more = map(_list, _errors(points))
+    interval = '(%{customdata[0]:.3~g} … %{customdata[1]:.3~g})'
     trace = {
         'type': 'scatter', 'x': x, 'y': _list(points.y), 'showlegend': False,
         'customdata': [list(each) for each in zip(low, high, strict=True)],
-        'hovertemplate': f'{"%{x}" if words else "%{x:.4~g}"}: %{{y:.1f}} % '
-        '(%{customdata[0]:.1f} … %{customdata[1]:.1f} %)<extra></extra>',
+        'hovertemplate': f'{_place("x", chart.x)}: %{{y:.3~g}} {interval} {points.unit}'
+        '<extra></extra>',
     }  # fmt: skip
-    if not points.joined:
+    if not points.is_joined:
         errors = {'type': 'data', 'symmetric': False, 'array': more, 'arrayminus': less}
         return [{
             **trace, 'mode': 'markers', 'marker': {'color': BLUE, 'size': 6},
@@ -422,7 +464,7 @@ def _points_traces(chart: Chart, points: Points) -> list[Json]:
         'type': 'scatter', 'mode': 'lines', 'x': x, 'line': {'width': 0}, 'hoverinfo': 'skip',
         'showlegend': False,
     }  # fmt: skip
-    band = {'fill': 'tonexty', 'fillcolor': 'rgba(86, 180, 233, 0.3)'}
+    band = {'fill': 'tonexty', 'fillcolor': _BAND}
     return [
         {**end, 'y': low},
         {**end, **band, 'y': high},
@@ -437,7 +479,7 @@ def _is_first(chart: Chart, path: Path) -> bool:
 
 
 def _list(values: Column) -> Any:
-    """Return numbers with six digits as JSON has them; None for none."""
+    """Return numbers as JSON has them; None for those that are not finite."""
     if values.ndim > 1:
         return [_list(row) for row in values]
-    return [float(f'{each:.6g}') if np.isfinite(each) else None for each in values.tolist()]
+    return [each if math.isfinite(each) else None for each in values.tolist()]

@@ -315,7 +315,7 @@ def _layout() -> Json:
 
 
 def chart_layout() -> Json:
-    """Return the layout of a figure whose points are found one by one."""
+    """Return the layout of a figure whose hover shows a single point."""
     return {**_layout(), 'hovermode': 'closest', 'hoversubplots': 'single'}
 
 

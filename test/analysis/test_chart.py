@@ -1,6 +1,7 @@
 """Charts: what the page is told is what the picture shows."""
 
 import json
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -32,14 +33,14 @@ def described(*charts):
 
 def cells(x=(0.5, 1.5, 2.5), y=(0.1, 1.0, 10.0), **options):
     values = np.array([[100.0, np.nan], [0.0, 33.3333333]])
-    return Cells(np.array(x), np.array(y), values, 'passed [%]', 100.0, 'cividis', **options)
+    return Cells(np.array(x), np.array(y), values, 'passed [%]', '%', 100.0, 'cividis', **options)
 
 
 def test_cells_keep_their_edges_and_numbers():
     found = described(Chart(NUMBERS, LOG, [cells(runs=np.array([[2, 0], [4, 3]]))]))
     (trace,) = found['data']
     assert (trace['x'], trace['y']) == ([0.5, 1.5, 2.5], [0.1, 1.0, 10.0])
-    assert trace['z'] == [[100.0, None], [0.0, 33.3333]]
+    assert trace['z'] == [[100.0, None], [0.0, 33.3333333]]
     assert trace['customdata'] == [[2, 0], [4, 3]]
     assert found['layout']['xaxis']['range'] == [0.5, 2.5]
     assert found['layout']['yaxis']['type'] == 'log'
@@ -52,6 +53,7 @@ def test_cells_between_words_have_them_as_names():
     found = described(Chart(WORDS, downward, [grid]), Chart(WORDS, downward, [grid], 'second'))
     assert [each['x'] for each in found['data']] == [['linear', 'nonlinear']] * 2
     assert [each['xaxis'] for each in found['data']] == ['x', 'x2']
+    assert [each.get('showscale', True) for each in found['data']] == [True, False]
     assert found['data'][0]['text'] == [['100.00', '–'], ['.00', '33.33']]
     assert found['layout']['yaxis']['range'] == [1.5, -0.5]
     assert [each['text'] for each in found['layout']['annotations']] == ['second']
@@ -73,10 +75,39 @@ def test_bars_stand_on_those_before_with_marks_and_what_is_beyond():
     assert [each['text'] for each in found['layout']['annotations']] == ['1,200 →']
 
 
+def test_large_numbers_and_short_axes_keep_their_digits():
+    edges = np.linspace(1234567.0, 1234567.3, 4)
+    bars = Bars(edges, np.array([1234567, 0, 1]), BLUE, 'passed')
+    (trace,) = described(Chart(Scale('', edges[0], edges[-1]), Scale('', 0.0, 2e6), [bars]))['data']
+    assert trace['y'] == [1234567, 0, 1]
+    assert trace['customdata'] == [list(each) for each in pairwise(edges.tolist())]
+    assert '%{customdata[0]:.4~f}' in trace['hovertemplate']
+
+
+def test_the_page_shows_words_as_they_are():
+    words = ('<b>bold</b>', '$x$ & y')
+    scale = Scale('<i>z</i>', -0.5, 1.5, words=words)
+    y = np.array([1.0, 2.0])
+    found = described(Chart(scale, SHARE, [Points(np.array([0.0, 1.0]), y, y, y, '%', False)], '<'))
+    escaped = ['&lt;b&gt;bold&lt;/b&gt;', '$x$ &amp; y']
+    assert found['data'][0]['x'] == found['layout']['xaxis']['categoryarray'] == escaped
+    assert found['layout']['xaxis']['title']['text'] == '&lt;i&gt;z&lt;/i&gt;'
+    assert found['layout']['annotations'][0]['text'] == '&lt;'
+
+
+def test_marks_and_arrows_belong_to_their_chart():
+    empty = Chart(NUMBERS, SHARE, [])
+    marked = Chart(NUMBERS, SHARE, [Mark(1.0, Line(BLUE))], beyond=(7, 0))
+    layout = described(empty, marked)['layout']
+    assert [each['xref'] for each in layout['shapes']] == ['x2']
+    (arrow,) = layout['annotations']
+    assert (arrow['text'], arrow['x']) == ('← 7', layout['xaxis2']['domain'][0])
+
+
 @pytest.mark.parametrize('joined', [False, True])
 def test_points_have_their_intervals(joined):
     y = np.array([50.0, np.nan])
-    points = Points(np.array([0.0, 1.0]), y, y - 10.0, y + 5.0, joined)
+    points = Points(np.array([0.0, 1.0]), y, y - 10.0, y + 5.0, '%', joined)
     *band, points = described(Chart(WORDS, SHARE, [points]))['data']
     assert points['x'] == ['linear', 'nonlinear']
     assert points['y'] == [50.0, None]

@@ -122,7 +122,7 @@ class Histogram:
             Bars(self.edges, runs - passed, ORANGE, 'not passed'),
         ]
         for share, value in zip(QUANTILES, self.summary.quantiles.tolist(), strict=True):
-            if share in (0.05, 0.5, 0.95):
+            if share in (0.05, 0.5, 0.95) and np.isfinite(value):
                 layers.append(Mark(value, Line(GRAY, 1.2, ':')))
         bounds = (each for each in (column.minimum, column.maximum) if each is not None)
         layers += [Mark(each, Line(INK, 1.6)) for each in bounds]
@@ -160,8 +160,8 @@ class ShareChart:
     def figure(self) -> ChartFigure:
         """Return the share with its intervals."""
         low, high = self.intervals().T * 100.0
-        joined = not self.axis.is_words and self.axis.cells > MOST_BINS
-        points = Points(self.axis.middles, self.counts.share * 100.0, low, high, joined)
+        is_joined = not self.axis.is_words and self.axis.cells > MOST_BINS
+        points = Points(self.axis.middles, self.counts.share * 100.0, low, high, '%', is_joined)
         chart = Chart(scale_of(self.axis), Scale('passed [%]', -2.0, 102.0), [points])
         return ChartFigure([chart], PANEL_WIDTH, 2.6)
 
@@ -183,13 +183,13 @@ def sensitivity_table(found: Sensitivity) -> Table:
 def sensitivity_figure(found: Sensitivity) -> ChartFigure:
     """Return both indices, a row for each variable and a column for each result."""
     rows, columns = len(found.variables), len(found.results)
-    x = Scale('', -0.5, columns - 0.5, words=tuple(found.results))
+    x = Scale('', -0.5, columns - 0.5, words=tuple(found.results), is_upright=True)
     y = Scale('', rows - 0.5, -0.5, words=tuple(found.variables))
     charts = [
         # Small negative estimates mean no influence.
         Chart(x, y, [Cells(
             np.arange(-0.5, columns), np.arange(-0.5, rows), np.clip(values, 0.0, 1.0), 'index',
-            1.0, 'Blues', with_numbers=True,
+            '', 1.0, 'Blues', with_numbers=True,
         )], title)
         for values, title in (
             (found.first_order, 'first-order index (RBD-FAST)'), (found.pawn, 'PAWN index'),

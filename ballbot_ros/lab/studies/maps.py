@@ -373,8 +373,8 @@ class PassMap:
     def figure(self) -> ChartFigure:
         """Return the map."""
         shares = Cells(
-            self.x.edges, self.y.edges, self.counts.share * 100.0, 'passed [%]', 100.0, 'cividis',
-            self.counts.runs,
+            self.x.edges, self.y.edges, self.counts.share * 100.0, 'passed [%]', '%', 100.0,
+            'cividis', self.counts.runs,
         )  # fmt: skip
         measured = [Path(each, _MEASURED, 'black') for each in self.boundary]
         predicted = []

@@ -428,7 +428,7 @@ class _FileNames:
 
 @dataclass(frozen=True)
 class StudyFigure(RenderedFigure):
-    """A figure as a picture, and what the page draws instead."""
+    """A picture with its numbers, and the chart that an interactive page shows instead."""
 
     chart: ChartFigure
 

@@ -173,13 +173,14 @@ def with_unit(name: str, unit: str) -> str:
 
 def _edges_between(levels: Floats, is_log: bool) -> Floats:
     """Return edges in the middle between levels."""
-    if len(levels) == 1:
-        return np.array([levels[0] - 0.5, levels[0] + 0.5])
     scale = np.log(levels) if is_log else levels
-    middles = (scale[1:] + scale[:-1]) / 2.0
-    edges = np.concatenate([
-        [2.0 * scale[0] - middles[0]], middles, [2.0 * scale[-1] - middles[-1]]
-    ])  # fmt: skip
+    if len(levels) == 1:
+        edges: Floats = np.array([scale[0] - 0.5, scale[0] + 0.5])
+    else:
+        middles = (scale[1:] + scale[:-1]) / 2.0
+        edges = np.concatenate([
+            [2.0 * scale[0] - middles[0]], middles, [2.0 * scale[-1] - middles[-1]]
+        ])  # fmt: skip
     return np.exp(edges) if is_log else edges
 
 

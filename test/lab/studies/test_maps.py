@@ -85,6 +85,7 @@ def test_between_whole_numbers_lines_run_in_the_middle():
         (np.array(['b', 'a', 'b']), ColumnKind.TEXT, {}, 2, True),
         (np.array([1.5, 1.5]), ColumnKind.FLOAT, {}, 1, True),
         (np.array([1.5]), ColumnKind.FLOAT, {}, 1, False),
+        (np.array([0.1, 0.1]), ColumnKind.FLOAT, {'is_log': True}, 1, True),
         (np.geomspace(1e-5, 1e-1, 5000), ColumnKind.FLOAT, {'is_log': True}, 20, False),
     ],
 )
@@ -97,6 +98,7 @@ def test_axes(values, kind, options, cells, is_level):
     if found.is_words:
         assert found.shown[places].tolist() == values.tolist()
     else:
+        assert found.edges[0] > 0.0 or not found.is_log
         low, high = found.edges[places], found.edges[places + 1]
         assert ((low <= values) & (values <= high)).all()
     if len(values) > cells > 2:
