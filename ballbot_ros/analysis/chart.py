@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ballbot_ros.analysis.drawing import style_axes
+from ballbot_ros.analysis.drawing import draw_line, style_axes
 from ballbot_ros.analysis.figure_parts import BLUE, INK, ORANGE, Line, new_figure
-from ballbot_ros.analysis.interactive import DASHES, GRID, Json, chart_layout
+from ballbot_ros.analysis.interactive import DASHES, GRID, Json, chart_layout, note
 from ballbot_ros.engine.rows import Column
 from ballbot_ros.robot.arithmetic import Floats
 
@@ -207,9 +207,9 @@ class ChartFigure:
                 if isinstance(layer, Mark):
                     layout['shapes'].append(_line(layer, axis))
                 else:
-                    traces += [{**each, 'xaxis': axis} for each in _traces(chart, layer)]
-        for each in traces[1:]:
-            each['showscale'] = False  # one colour bar for all charts
+                    # One colour bar for all charts.
+                    more = {'xaxis': axis, 'showscale': False} if place else {'xaxis': axis}
+                    traces += [{**each, **more} for each in _traces(chart, layer)]
         layout['yaxis'] = _axis(self.charts[0].y)
         return {'data': traces, 'layout': layout}
 
@@ -226,10 +226,9 @@ def _draw_chart(axes: Axes, chart: Chart) -> None:
             case Points():
                 _draw_points(axes, layer)
             case Path(points, line, edge):
-                axes.plot(
-                    *points.T, color=line.color, linewidth=line.width, linestyle=line.dash,
-                    label=line.label, path_effects=[_edge(line.width, edge)],
-                )  # fmt: skip
+                x, y = points.T
+                draw_line(axes, x, y, line)
+                axes.lines[-1].set_path_effects([_edge(line.width, edge)])
             case Mark(x, line):
                 axes.axvline(x, color=line.color, linewidth=line.width, linestyle=line.dash)
     if not chart.cells:
@@ -267,7 +266,7 @@ def _number(value: float) -> str:
 def _draw_points(axes: Axes, points: Points) -> None:
     if points.is_joined:
         axes.fill_between(points.x, points.low, points.high, color=BLUE, alpha=0.25, linewidth=0.0)
-        axes.plot(points.x, points.y, color=BLUE, linewidth=1.4)
+        draw_line(axes, points.x, points.y, Line(BLUE))
         return
     axes.errorbar(
         points.x, points.y, _errors(points), fmt='o', markersize=4.0, color=BLUE, elinewidth=1.2,
@@ -362,14 +361,7 @@ def _notes(chart: Chart, domain: Sequence[float]) -> list[Json]:
         (left + place * (right - left), align, text, ORANGE)
         for place, align, text in _arrows(chart)
     ]
-    return [
-        {
-            'text': _plain(text), 'x': x, 'xref': 'paper', 'xanchor': align, 'y': 1,
-            'yref': 'paper', 'yanchor': 'bottom', 'showarrow': False,
-            'font': {'color': color, 'size': 12},
-        }
-        for x, align, text, color in notes
-    ]  # fmt: skip
+    return [note(_plain(text), 1.0, x, align, color) for x, align, text, color in notes]
 
 
 def _line(mark: Mark, axis: str) -> Json:

@@ -251,7 +251,7 @@ def history_figure(rows: Sequence[Row], events: Events, numbers: PackedNumbers) 
     shown: set[str] = set()
     for number, row in enumerate(rows, 2):
         layout[f'yaxis{number}'] = _value_axis(row, bottoms[number - 1], tops[number - 1])
-        layout['annotations'].append(_heading(row.panel.label, tops[number - 1]))
+        layout['annotations'].append(note(row.panel.label, tops[number - 1]))
         layout['shapes'] += [_limit(limit, number) for limit in row.panel.limits]
         traces += [_curve_trace(row.panel, each, number, shown, numbers) for each in row.curves]
     layout['xaxis'] = {
@@ -335,10 +335,11 @@ def _span(row: Row) -> tuple[float, float]:
     return (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
 
 
-def _heading(text: str, top: float) -> Json:
+def note(text: str, y: float, x: float = 0.0, align: str = 'left', color: str = INK) -> Json:
+    """Return a text above a place of the plot, which is given as shares of width and height."""
     return {
-        'text': text, 'x': 0, 'xref': 'paper', 'xanchor': 'left', 'y': top, 'yref': 'paper',
-        'yanchor': 'bottom', 'showarrow': False, 'font': {'size': 12},
+        'text': text, 'x': x, 'xref': 'paper', 'xanchor': align, 'y': y, 'yref': 'paper',
+        'yanchor': 'bottom', 'showarrow': False, 'font': {'size': 12, 'color': color},
     }  # fmt: skip
 
 

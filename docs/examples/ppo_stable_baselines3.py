@@ -45,7 +45,8 @@ class Planes(VecEnv):
     def reset(self):
         """Begin an episode of each robot."""
         observations, _ = self.robots.reset(seed=self._seeds[0])
-        return self.observe(np.zeros_like(self.estimates), observations)
+        self.estimates[:] = 0.0
+        return self.observe(observations)
 
     def step_async(self, actions):
         """Take the actions of all planes."""
@@ -61,17 +62,17 @@ class Planes(VecEnv):
             final, last = info['final_info'], observations.copy()
             state[ended], duty[ended] = final['state'][ended], final['duty_percent'][ended]
             last[ended] = np.stack(info['final_obs'][ended])
-            features = self.observe(self.estimates, last, keep=False)
+            features = self.observe(last, keep=False)
             for plane in np.flatnonzero(np.repeat(ended, 2)):
                 infos[plane]['terminal_observation'] = features[plane]
                 infos[plane]['TimeLimit.truncated'] = not terminated[plane // 2]
             self.estimates[:, ended] = 0.0
-        features = self.observe(self.estimates, observations)
+        features = self.observe(observations)
         return features, reward(state, duty), np.repeat(ended, 2), infos
 
-    def observe(self, estimates, observations, keep=True):
-        """Return the features of all planes, and keep the estimates."""
-        estimates, features = estimate(estimates, observations, WHEEL_PER_BALL)
+    def observe(self, observations, keep=True):
+        """Return the features of all planes; `keep` the new estimates for the next ones."""
+        estimates, features = estimate(self.estimates, observations, WHEEL_PER_BALL)
         if keep:
             self.estimates = estimates
         return features.reshape(self.num_envs, -1).astype(np.float32)
