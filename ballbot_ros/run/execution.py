@@ -57,8 +57,10 @@ def output_files(spec: RunSpec) -> Iterator[OutputFiles]:
 
 
 def _remove_if_empty(folder: Path) -> None:
-    if folder.is_dir() and not any(folder.iterdir()):
-        folder.rmdir()
+    # A disk that has failed in the meantime must not hide the result.
+    with suppress(OSError):
+        if not any(folder.iterdir()):
+            folder.rmdir()
 
 
 def _make_folder(folder: Path) -> None:
@@ -134,8 +136,9 @@ def execute(
             starts_paused=starts_paused,
         )
         result = _with_metrics(spec, world, result)
-        if files.recording and files.recording.exists():
-            result = replace(result, recording=files.recording)
+        with suppress(OSError):
+            if files.recording and files.recording.exists():
+                result = replace(result, recording=files.recording)
         on_judged(result)
         # An interrupted run needs no figure; the recording has everything.
         if files.figure and result.outcome is not Outcome.STOPPED:

@@ -64,6 +64,7 @@ BROKEN = [
     (replace(FAILED, end=ENDED._replace(survivors=('controller',))), 'left processes behind'),
     (replace(FAILED, end=ENDED._replace(status=0)), 'outcome failed, status 0'),
     (replace(FAILED, end=ENDED._replace(status=-11), result={}), 'outcome none, status -11'),
+    (replace(FAILED, text='error: disk: full', result={}), "gyro_driver: 'error: disk: full'"),
     (replace(FAILED, text='Traceback (most recent call last):'), "printed 'Traceback"),
     (replace(FAILED, text='controller was killed by SIGSEGV'),
      "printed 'was killed by SIGSEGV'"),

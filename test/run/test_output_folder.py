@@ -1,6 +1,8 @@
 """The folder of a run: a new one for each run, and none that stays empty."""
 
+import errno
 from datetime import datetime
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -64,3 +66,12 @@ def test_nothing_in_the_folder_is_touched(tmp_path):
     with output_files(spec_of(output=tmp_path)):
         pass
     assert own.read_text() == 'mine'
+
+
+def test_a_disk_that_has_failed_does_not_hide_the_result(tmp_path, monkeypatch):
+    def fail(path):
+        raise OSError(errno.EBADMSG, 'Bad message', str(path))
+
+    with output_files(spec_of(output=tmp_path / 'run')) as files:
+        monkeypatch.setattr(Path, 'iterdir', fail)
+    assert files.recording == tmp_path / 'run/push.mcap'

@@ -68,8 +68,9 @@ class RunEnd:
 
     @property
     def reason(self) -> str:
-        """Why it failed."""
-        return str(self.result.get('reason', ''))
+        """Why it failed; without a result, the last line that it has printed."""
+        last = self.text.splitlines()[-1:]
+        return str(self.result.get('reason', ''.join(last)))
 
     @property
     def completed(self) -> bool:
