@@ -188,7 +188,7 @@ def _start(axis: Axis) -> Floats:
     """Return the values of an axis from which a limit is sought."""
     if axis.column.kind is ColumnKind.INTEGER:
         return axis.span.astype(float)
-    return np.linspace(axis.span[0], axis.span[-1], COARSE)
+    return np.unique(np.linspace(axis.span[0], axis.span[-1], COARSE))  # one of a constant
 
 
 def refined(

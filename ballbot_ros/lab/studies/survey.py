@@ -21,7 +21,7 @@ from ballbot_ros.lab.studies.study_data import StudyData
 from ballbot_ros.robot.arithmetic import Floats
 
 MAX_LEVELS = 300
-"""Largest number of different values that are shown one by one."""
+"""Largest number of different numbers that are shown one by one; words always are."""
 
 
 class Extent:
@@ -32,7 +32,7 @@ class Extent:
     low, high : float
         The smallest and the largest number; without any, low is larger.
     levels : ndarray or None
-        The different values, sorted; None if there are more than :data:`MAX_LEVELS`.
+        The different values, sorted; None for more than :data:`MAX_LEVELS` numbers.
     """
 
     def __init__(self) -> None:
@@ -46,14 +46,15 @@ class Extent:
             values = values[np.isfinite(values)]
         if not len(values):
             return
-        if values.dtype.kind != 'U':
+        is_words = values.dtype.kind == 'U'
+        if not is_words:
             self.low = min(self.low, float(values.min()))
             self.high = max(self.high, float(values.max()))
         if self._seen and self.levels is None:
             return
         parts = [values] if self.levels is None else [self.levels, values]
         levels = np.unique(np.concatenate(parts))
-        self.levels = levels if len(levels) <= MAX_LEVELS else None
+        self.levels = levels if is_words or len(levels) <= MAX_LEVELS else None
         self._seen = True
 
 

@@ -83,6 +83,7 @@ def test_between_whole_numbers_lines_run_in_the_middle():
         (np.arange(900) % 9, ColumnKind.INTEGER, {}, 9, True),
         (np.arange(1000), ColumnKind.INTEGER, {}, 20, False),
         (np.array(['b', 'a', 'b']), ColumnKind.TEXT, {}, 2, True),
+        (np.array([f'word {n:03}' for n in range(400)]), ColumnKind.TEXT, {}, 400, True),
         (np.array([1.5, 1.5]), ColumnKind.FLOAT, {}, 1, True),
         (np.array([1.5]), ColumnKind.FLOAT, {}, 1, False),
         (np.array([0.1, 0.1]), ColumnKind.FLOAT, {'is_log': True}, 1, True),

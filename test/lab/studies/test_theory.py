@@ -56,6 +56,12 @@ def test_a_map_that_the_limit_does_not_cross_says_so():
         assert f'the loop is {verdict} all over this map' in prediction.sentence
 
 
+def test_a_variable_with_one_value_does_not_hide_the_prediction():
+    constant = axis(GAIN, np.full(60, 0.8))
+    prediction = predict(ParameterSet(), constant, axis('plant_sim.body_mass', [0.6, 0.7]))
+    assert 'the loop is stable all over this map' in prediction.sentence
+
+
 @pytest.mark.parametrize('turned', [False, True])
 def test_the_limit_of_the_motors(turned):
     pitch, rate = axis(PITCH, np.linspace(-0.3, 0.3, 51)), axis(RATE, np.linspace(-1.5, 1.5, 51))
