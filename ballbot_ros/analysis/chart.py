@@ -12,7 +12,7 @@ import numpy as np
 
 from ballbot_ros.analysis.drawing import draw_line, style_axes
 from ballbot_ros.analysis.figure_parts import BLUE, INK, ORANGE, Line, new_figure
-from ballbot_ros.analysis.interactive import DASHES, GRID, Json, chart_layout, note
+from ballbot_ros.analysis.interactive import GRID, Json, chart_layout, note, stroke
 from ballbot_ros.engine.rows import Column
 from ballbot_ros.robot.arithmetic import Floats
 
@@ -48,7 +48,7 @@ class Scale:
 
 
 @dataclass(frozen=True)
-class Cells:
+class HeatMap:
     """Values in cells, as colours.
 
     Attributes
@@ -91,7 +91,7 @@ class Bars:
 
 
 @dataclass(frozen=True)
-class Points:
+class ErrorBars:
     """Points with intervals, each of shape (n,); if `is_joined`, a line in a band."""
 
     x: Floats
@@ -103,7 +103,7 @@ class Points:
 
 
 @dataclass(frozen=True)
-class Path:
+class Contour:
     """A line through points, shape (n, 2), with an edge in another colour."""
 
     points: Floats
@@ -112,14 +112,14 @@ class Path:
 
 
 @dataclass(frozen=True)
-class Mark:
+class VerticalLine:
     """A vertical line."""
 
     x: float
     line: Line
 
 
-Layer = Cells | Bars | Points | Path | Mark
+Layer = HeatMap | Bars | ErrorBars | Contour | VerticalLine
 
 COLOR_MAPS = {
     'cividis': 'Cividis',
@@ -154,9 +154,9 @@ class Chart:
     beyond: tuple[int, int] = (0, 0)
 
     @property
-    def cells(self) -> Cells | None:
-        """Its layer of cells."""
-        return next((each for each in self.layers if isinstance(each, Cells)), None)
+    def heat_map(self) -> HeatMap | None:
+        """Its heat map, if it has one."""
+        return next((each for each in self.layers if isinstance(each, HeatMap)), None)
 
 
 @dataclass(frozen=True)
@@ -181,7 +181,7 @@ class ChartFigure:
         for chart, axes in zip(self.charts, some, strict=True):
             _draw_chart(axes, chart)
         _draw_scale(some[0], 'y', self.charts[0].y)
-        if cells := self.charts[0].cells:
+        if cells := self.charts[0].heat_map:
             shades = some[0].collections[0]
             figure.colorbar(shades, ax=list(some), label=cells.label, shrink=0.9, pad=0.01)
         lines, names = some[0].get_legend_handles_labels()
@@ -204,7 +204,7 @@ class ChartFigure:
             layout[axis.replace('x', 'xaxis')] = {**_axis(chart.x), 'domain': domain}
             layout['annotations'] += _notes(chart, domain)
             for layer in chart.layers:
-                if isinstance(layer, Mark):
+                if isinstance(layer, VerticalLine):
                     layout['shapes'].append(_line(layer, axis))
                 else:
                     # One colour bar for all charts.
@@ -218,20 +218,20 @@ def _draw_chart(axes: Axes, chart: Chart) -> None:
     bottom: Column | float = 0.0
     for layer in chart.layers:
         match layer:
-            case Cells():
+            case HeatMap():
                 _draw_cells(axes, layer)
             case Bars(edges, heights, color, _):
                 axes.bar(edges[:-1], heights, np.diff(edges), bottom, align='edge', color=color)
                 bottom = bottom + heights
-            case Points():
+            case ErrorBars():
                 _draw_points(axes, layer)
-            case Path(points, line, edge):
+            case Contour(points, line, edge):
                 x, y = points.T
                 draw_line(axes, x, y, line)
                 axes.lines[-1].set_path_effects([_edge(line.width, edge)])
-            case Mark(x, line):
+            case VerticalLine(x, line):
                 axes.axvline(x, color=line.color, linewidth=line.width, linestyle=line.dash)
-    if not chart.cells:
+    if not chart.heat_map:
         style_axes(axes)
     axes.set_title(chart.title)
     _draw_scale(axes, 'x', chart.x)
@@ -243,7 +243,7 @@ def _draw_chart(axes: Axes, chart: Chart) -> None:
         )
 
 
-def _draw_cells(axes: Axes, cells: Cells) -> None:
+def _draw_cells(axes: Axes, cells: HeatMap) -> None:
     axes.pcolormesh(
         cells.x, cells.y, np.ma.masked_invalid(cells.values), cmap=cells.color_map,
         vmin=0.0, vmax=cells.top,
@@ -263,7 +263,7 @@ def _number(value: float) -> str:
     return '–' if np.isnan(value) else f'{value:.2f}'.removeprefix('0')
 
 
-def _draw_points(axes: Axes, points: Points) -> None:
+def _draw_points(axes: Axes, points: ErrorBars) -> None:
     if points.is_joined:
         axes.fill_between(points.x, points.low, points.high, color=BLUE, alpha=0.25, linewidth=0.0)
         draw_line(axes, points.x, points.y, Line(BLUE))
@@ -274,7 +274,7 @@ def _draw_points(axes: Axes, points: Points) -> None:
     )  # fmt: skip
 
 
-def _errors(points: Points) -> Floats:
+def _errors(points: ErrorBars) -> Floats:
     """Return the intervals as lengths, shape (2, n).
 
     A mean that is rounded may lie outside of its interval by the last digit.
@@ -348,7 +348,7 @@ def _plain(text: str) -> str:
 
 def _top_px(chart: Chart) -> int:
     """Return the height above a chart: of its title or legend, and of the buttons."""
-    if chart.title or any(isinstance(each, Path) for each in chart.layers):
+    if chart.title or any(isinstance(each, Contour) for each in chart.layers):
         return 64
     return 54 if any(chart.beyond) else 34
 
@@ -364,18 +364,17 @@ def _notes(chart: Chart, domain: Sequence[float]) -> list[Json]:
     return [note(_plain(text), 1.0, x, align, color) for x, align, text, color in notes]
 
 
-def _line(mark: Mark, axis: str) -> Json:
-    line = mark.line
+def _line(mark: VerticalLine, axis: str) -> Json:
     return {
         'type': 'line', 'xref': axis, 'x0': mark.x, 'x1': mark.x, 'yref': 'paper', 'y0': 0, 'y1': 1,
-        'line': {'color': line.color, 'width': line.width, 'dash': DASHES[line.dash]},
+        'line': stroke(mark.line),
     }  # fmt: skip
 
 
-def _traces(chart: Chart, layer: Cells | Bars | Points | Path) -> list[Json]:
+def _traces(chart: Chart, layer: HeatMap | Bars | ErrorBars | Contour) -> list[Json]:
     x_place, y_place = _place('x', chart.x), _place('y', chart.y)
     match layer:
-        case Cells():
+        case HeatMap():
             return [_cells_trace(chart, layer)]
         case Bars(edges, heights, color, name):
             ends = np.stack([edges[:-1], edges[1:]], axis=1)
@@ -386,13 +385,13 @@ def _traces(chart: Chart, layer: Cells | Bars | Points | Path) -> list[Json]:
                 'customdata': _list(ends), 'showlegend': False,
                 'hovertemplate': f'{low} … {high}: %{{y:,}} {name}<extra></extra>',
             }]  # fmt: skip
-        case Points():
+        case ErrorBars():
             return _points_traces(chart, layer)
-        case Path(points, line, edge):
+        case Contour(points, line, edge):
             x, y = map(_list, points.T)
             curve = {'type': 'scatter', 'mode': 'lines', 'showlegend': False}
             around = {'color': edge, 'width': line.width + 1.5}
-            look = {'color': line.color, 'width': line.width, 'dash': DASHES[line.dash]}
+            look = stroke(line)
             words = f'{_plain(line.label)}: {x_place}, {y_place}<extra></extra>'
             traces = [
                 {**curve, 'x': x, 'y': y, 'line': around, 'hoverinfo': 'skip'},
@@ -416,7 +415,7 @@ def _place(number: str, scale: Scale) -> str:
     return f'%{{{number}:.{decimals}~f}}'
 
 
-def _cells_trace(chart: Chart, cells: Cells) -> Json:
+def _cells_trace(chart: Chart, cells: HeatMap) -> Json:
     place = f'{_place("x", chart.x)}, {_place("y", chart.y)}'
     runs = '' if cells.runs is None else ' of %{customdata:,} runs'
     trace = {
@@ -434,7 +433,7 @@ def _cells_trace(chart: Chart, cells: Cells) -> Json:
     return trace
 
 
-def _points_traces(chart: Chart, points: Points) -> list[Json]:
+def _points_traces(chart: Chart, points: ErrorBars) -> list[Json]:
     words = _categories(chart.x)
     x = [words[round(each)] for each in points.x] if words else _list(points.x)
     low, high = _list(points.low), _list(points.high)
@@ -464,9 +463,9 @@ def _points_traces(chart: Chart, points: Points) -> list[Json]:
     ]
 
 
-def _is_first(chart: Chart, path: Path) -> bool:
+def _is_first(chart: Chart, path: Contour) -> bool:
     """Return whether a line is the first one of its name."""
-    named = (each for each in chart.layers if isinstance(each, Path))
+    named = (each for each in chart.layers if isinstance(each, Contour))
     return path is next(each for each in named if each.line.label == path.line.label)
 
 

@@ -132,7 +132,7 @@ MISSING = (
 
 _ROW_PX, _LANE_PX, _TOP_PX, _GAP_PX = 128, 26, 64, 30
 _HIDDEN_AT_FIRST = (ESTIMATED, READING)
-DASHES = {'-': 'solid', '--': 'dash', '-.': 'dashdot', ':': 'dot'}
+_DASHES = {'-': 'solid', '--': 'dash', '-.': 'dashdot', ':': 'dot'}
 _SYMBOLS = {'.': 'circle', '|': 'line-ns-open', 'x': 'x-thin-open', '^': 'triangle-up'}
 GRID = {'showgrid': True, 'zeroline': False, 'gridcolor': '#E3E5E7', 'linecolor': '#B0B4B8'}
 _PAGE_ON_DARK = {
@@ -395,7 +395,7 @@ def _curve_trace(
         'showlegend': curve.is_named and line.label not in shown,
         'visible': 'legendonly' if curve.role in _HIDDEN_AT_FIRST else True,
         'hovertemplate': f'{curve.words}{value}<extra></extra>',
-        **_look(line.color, line.width, line.dash),
+        **_look(line),
     }  # fmt: skip
     shown.add(line.label)
     return trace
@@ -407,11 +407,17 @@ def _few_rows(time: np.ndarray, values: np.ndarray, *, is_points: bool) -> Table
     return envelope(time, {'y': values}, MAX_ROWS)
 
 
-def _look(color: str, width: float, dash: str) -> Json:
-    if dash in POINTS:
-        marker = {'color': color, 'size': 1.5 * width, 'symbol': _SYMBOLS[dash]}
+def _look(line: Line) -> Json:
+    if line.dash in POINTS:
+        symbol = _SYMBOLS[line.dash]
+        marker = {'color': line.color, 'size': 1.5 * line.width, 'symbol': symbol}
         return {'mode': 'markers', 'marker': marker}
-    return {'mode': 'lines', 'line': {'color': color, 'width': width, 'dash': DASHES[dash]}}
+    return {'mode': 'lines', 'line': stroke(line)}
+
+
+def stroke(line: Line) -> Json:
+    """Return the style of a curve of the page."""
+    return {'color': line.color, 'width': line.width, 'dash': _DASHES[line.dash]}
 
 
 def track_figure(
@@ -454,9 +460,7 @@ def _track_traces(table: Table, line: Line, numbers: PackedNumbers) -> list[Json
         'packed': {'x': numbers.add(x), 'y': numbers.add(y), 'customdata': numbers.add(time)},
         'name': line.label or 'track', 'mode': 'lines',
         'hovertemplate': f'{" ".join(filter(None, (line.label, hover)))}<extra></extra>',
-        'line': {
-            'color': line.color, 'width': 1.8, 'dash': DASHES[line.dash], 'simplify': False,
-        },
+        'line': {**stroke(line), 'width': 1.8, 'simplify': False},
     }  # fmt: skip
     ends = [
         _point('start', x[0], y[0], line.color if line.label else GRAY, 'circle', 11),

@@ -8,13 +8,13 @@ import pytest
 
 from ballbot_ros.analysis.chart import (
     Bars,
-    Cells,
     Chart,
     ChartFigure,
-    Mark,
-    Path,
-    Points,
+    Contour,
+    ErrorBars,
+    HeatMap,
     Scale,
+    VerticalLine,
 )
 from ballbot_ros.analysis.figure_parts import BLUE, ORANGE, Line, png_of
 
@@ -33,7 +33,7 @@ def described(*charts):
 
 def cells(x=(0.5, 1.5, 2.5), y=(0.1, 1.0, 10.0), **options):
     values = np.array([[100.0, np.nan], [0.0, 33.3333333]])
-    return Cells(np.array(x), np.array(y), values, 'passed [%]', '%', 100.0, 'cividis', **options)
+    return HeatMap(np.array(x), np.array(y), values, 'passed [%]', '%', 100.0, 'cividis', **options)
 
 
 def test_cells_keep_their_edges_and_numbers():
@@ -64,7 +64,7 @@ def test_bars_stand_on_those_before_with_marks_and_what_is_beyond():
     layers = [
         Bars(edges, np.array([3, 1]), BLUE, 'passed'),
         Bars(edges, np.array([0, 2]), ORANGE, 'not passed'),
-        Mark(1.2, Line(BLUE, 1.6, ':')),
+        VerticalLine(1.2, Line(BLUE, 1.6, ':')),
     ]
     found = described(Chart(NUMBERS, Scale('runs', 0.0, 4.0), layers, beyond=(0, 1200)))
     assert found['layout']['barmode'] == 'stack'
@@ -88,7 +88,9 @@ def test_the_page_shows_words_as_they_are():
     words = ('<b>bold</b>', '$x$ & y')
     scale = Scale('<i>z</i>', -0.5, 1.5, words=words)
     y = np.array([1.0, 2.0])
-    found = described(Chart(scale, SHARE, [Points(np.array([0.0, 1.0]), y, y, y, '%', False)], '<'))
+    found = described(
+        Chart(scale, SHARE, [ErrorBars(np.array([0.0, 1.0]), y, y, y, '%', False)], '<')
+    )
     escaped = ['&lt;b&gt;bold&lt;/b&gt;', '$x$ &amp; y']
     assert found['data'][0]['x'] == found['layout']['xaxis']['categoryarray'] == escaped
     assert found['layout']['xaxis']['title']['text'] == '&lt;i&gt;z&lt;/i&gt;'
@@ -97,7 +99,7 @@ def test_the_page_shows_words_as_they_are():
 
 def test_marks_and_arrows_belong_to_their_chart():
     empty = Chart(NUMBERS, SHARE, [])
-    marked = Chart(NUMBERS, SHARE, [Mark(1.0, Line(BLUE))], beyond=(7, 0))
+    marked = Chart(NUMBERS, SHARE, [VerticalLine(1.0, Line(BLUE))], beyond=(7, 0))
     layout = described(empty, marked)['layout']
     assert [each['xref'] for each in layout['shapes']] == ['x2']
     (arrow,) = layout['annotations']
@@ -107,7 +109,7 @@ def test_marks_and_arrows_belong_to_their_chart():
 @pytest.mark.parametrize('joined', [False, True])
 def test_points_have_their_intervals(joined):
     y = np.array([50.0, np.nan])
-    points = Points(np.array([0.0, 1.0]), y, y - 10.0, y + 5.0, '%', joined)
+    points = ErrorBars(np.array([0.0, 1.0]), y, y - 10.0, y + 5.0, '%', joined)
     *band, points = described(Chart(WORDS, SHARE, [points]))['data']
     assert points['x'] == ['linear', 'nonlinear']
     assert points['y'] == [50.0, None]
@@ -122,8 +124,8 @@ def test_points_have_their_intervals(joined):
 def test_lines_of_one_name_have_one_entry_in_the_legend():
     white, limit = Line('white', 1.4, label='50 % pass'), Line(ORANGE, 1.8, '--', 'limit')
     points = np.array([[0.5, 0.1], [2.5, 10.0]])
-    layers = [Path(points, white, 'black'), Path(points, white, 'black'),
-              Path(points, limit, 'white')]  # fmt: skip
+    layers = [Contour(points, white, 'black'), Contour(points, white, 'black'),
+              Contour(points, limit, 'white')]  # fmt: skip
     figure = ChartFigure([Chart(NUMBERS, LOG, layers)], 4.0, 3.0)
     (legend,) = figure.draw().legends
     assert [each.get_text() for each in legend.get_texts()] == ['50 % pass', 'limit']

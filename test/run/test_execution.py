@@ -73,6 +73,20 @@ def test_a_run_returns_its_result_and_files(stationary):
     assert notes.times[-1] == 10.0
 
 
+def test_a_disk_that_fails_during_the_run_does_not_hide_the_result(tmp_path, monkeypatch):
+    def fail(path):
+        raise OSError(errno.EBADMSG, 'Bad message', str(path))
+
+    def run_while_it_fails(*_, **options):
+        for name in ('exists', 'iterdir'):
+            monkeypatch.setattr(Path, name, fail)
+        return RunResult(Outcome.FAILED)
+
+    monkeypatch.setattr(execution, '_carry_out', run_while_it_fails)
+    result = execute(spec_of('stationary', output=tmp_path / 'run'))
+    assert (result.outcome, result.recording) == (Outcome.FAILED, None)
+
+
 def test_a_floor_without_walls_has_no_clearance_in_run_and_recording(tmp_path):
     floor = save(open_floor(400, 400), tmp_path / 'floor.png')
     words = (f'plant_sim.map={floor}', 'plant_sim.hold_time=0', 'plant_sim.duration=0.1')

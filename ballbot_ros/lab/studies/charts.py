@@ -8,13 +8,13 @@ import numpy as np
 
 from ballbot_ros.analysis.chart import (
     Bars,
-    Cells,
     Chart,
     ChartFigure,
+    ErrorBars,
+    HeatMap,
     Layer,
-    Mark,
-    Points,
     Scale,
+    VerticalLine,
 )
 from ballbot_ros.analysis.figure_parts import BLUE, GRAY, INK, ORANGE, WIDTH, Line, Table
 from ballbot_ros.lab.studies.columns import MeasureColumn
@@ -123,9 +123,9 @@ class Histogram:
         ]
         for share, value in zip(QUANTILES, self.summary.quantiles.tolist(), strict=True):
             if share in (0.05, 0.5, 0.95) and np.isfinite(value):
-                layers.append(Mark(value, Line(GRAY, 1.2, ':')))
+                layers.append(VerticalLine(value, Line(GRAY, 1.2, ':')))
         bounds = (each for each in (column.minimum, column.maximum) if each is not None)
-        layers += [Mark(each, Line(INK, 1.6)) for each in bounds]
+        layers += [VerticalLine(each, Line(INK, 1.6)) for each in bounds]
         x = Scale(with_unit(column.name, column.unit), float(self.edges[0]), float(self.edges[-1]))
         y = Scale('runs', 0.0, 1.05 * max(1.0, float(runs.max())))
         below, above = self.counts.runs[[0, -1]].tolist()
@@ -161,8 +161,8 @@ class ShareChart:
         """Return the share with its intervals."""
         low, high = self.intervals().T * 100.0
         is_joined = not self.axis.is_words and self.axis.cells > MOST_BINS
-        points = Points(self.axis.middles, self.counts.share * 100.0, low, high, '%', is_joined)
-        chart = Chart(scale_of(self.axis), Scale('passed [%]', -2.0, 102.0), [points])
+        shares = ErrorBars(self.axis.middles, self.counts.share * 100.0, low, high, '%', is_joined)
+        chart = Chart(scale_of(self.axis), Scale('passed [%]', -2.0, 102.0), [shares])
         return ChartFigure([chart], PANEL_WIDTH, 2.6)
 
 
@@ -187,7 +187,7 @@ def sensitivity_figure(found: Sensitivity) -> ChartFigure:
     y = Scale('', rows - 0.5, -0.5, words=tuple(found.variables))
     charts = [
         # Small negative estimates mean no influence.
-        Chart(x, y, [Cells(
+        Chart(x, y, [HeatMap(
             np.arange(-0.5, columns), np.arange(-0.5, rows), np.clip(values, 0.0, 1.0), 'index',
             '', 1.0, 'Blues', with_numbers=True,
         )], title)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, maximum_filter, minimum_filter
 
-from ballbot_ros.analysis.chart import Cells, Chart, ChartFigure, Path, Scale
+from ballbot_ros.analysis.chart import Chart, ChartFigure, Contour, HeatMap, Scale
 from ballbot_ros.analysis.figure_parts import ORANGE, Line, Table
 from ballbot_ros.controllers.design.linear_model import DesignError
 from ballbot_ros.controllers.design.loop_analysis import recoverable_states
@@ -185,10 +185,10 @@ def _stable(parameters: ParameterSet, x_axis: Axis, y_axis: Axis) -> PredictedLi
 
 
 def _start(axis: Axis) -> Floats:
-    """Return the values of an axis from which a limit is sought."""
+    """Return the values of an axis from which a limit is sought; a constant has only one."""
     if axis.column.kind is ColumnKind.INTEGER:
         return axis.span.astype(float)
-    return np.unique(np.linspace(axis.span[0], axis.span[-1], COARSE))  # one of a constant
+    return np.unique(np.linspace(axis.span[0], axis.span[-1], COARSE))
 
 
 def refined(
@@ -372,15 +372,15 @@ class PassMap:
 
     def figure(self) -> ChartFigure:
         """Return the map."""
-        shares = Cells(
+        shares = HeatMap(
             self.x.edges, self.y.edges, self.counts.share * 100.0, 'passed [%]', '%', 100.0,
             'cividis', self.counts.runs,
         )  # fmt: skip
-        measured = [Path(each, _MEASURED, 'black') for each in self.boundary]
+        measured = [Contour(each, _MEASURED, 'black') for each in self.boundary]
         predicted = []
         if self.prediction:
             line = replace(_PREDICTED, label=self.prediction.label)
-            predicted = [Path(each, line, 'white') for each in self.prediction.lines]
+            predicted = [Contour(each, line, 'white') for each in self.prediction.lines]
         chart = Chart(scale_of(self.x), scale_of(self.y), [shares, *measured, *predicted])
         return ChartFigure([chart], PANEL_WIDTH, 4.0)
 
