@@ -22,7 +22,7 @@ FOREIGN = 'evil.example'
 
 # Without a graphics card a moving scene takes all processors. The page does everything for each
 # frame except the drawing itself, which waits until a test looks at a picture.
-_DRAW_ON_DEMAND = """
+DRAW_ON_DEMAND = """
 window.isDrawing = false;
 window.drawnFrames = 0;
 let isFrameCounted = false;
@@ -81,7 +81,7 @@ class Browser:
 
     def __init__(self, page, address):
         self.page = page
-        page.add_init_script(_DRAW_ON_DEMAND)
+        page.add_init_script(DRAW_ON_DEMAND)
         width, height = page.viewport_size.values()
         # The part of the page without the panel and the notice about missing graphics hardware.
         self.scene = {'x': 0, 'y': 160, 'width': width - 360, 'height': height - 160}

@@ -54,6 +54,8 @@ match sys.argv[1:]:
         {PRINT}
     case ['-m', 'sphinx', *_]:
         exec(open(machine + '/sphinx').read())
+    case ['docs/playground/build.py', folder]:
+        write('w', machine + '/playground', folder)
     case ['-m', 'jupyter' | 'benchmark.bench', *_]:
         {PRINT}
 """
@@ -228,7 +230,10 @@ def test_the_docs_script_builds_from_nothing_with_warnings_as_errors(machine):
         file.parent.mkdir(parents=True)
         file.touch()
     output, messages = machine.start('docs').communicate(timeout=LAST_RESORT_S)
-    assert output == f'{machine.project}/docs/_build/html/index.html\n', messages
+    page, hint = output.splitlines()
+    assert page == f'{machine.project}/docs/_build/html/index.html', messages
+    assert hint.endswith('http://localhost:8000/playground/')
+    assert (machine.folder / 'playground').read_text() == 'docs/_build/html/playground\n'
     arguments, environment = json.loads((machine.project / 'docs/_build/build.log').read_text())
     assert arguments[:3] == ['-m', 'sphinx', '--fail-on-warning']
     assert environment['PWD'] == str(machine.project)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from copy import copy
 from enum import IntEnum
 from typing import Any, NamedTuple, SupportsFloat
 
@@ -400,6 +401,12 @@ class ControlProgram:
     def _use(self, parameters: ControllerParameters) -> None:
         self._p = ProgramConstants.of(parameters)
         self._constants = tick_constants(self._p)
+
+    def copy(self) -> ControlProgram:
+        """Return a program in the same state, which goes on by itself."""
+        twin = copy(self)
+        twin._glide = copy(self._glide)
+        return twin
 
     def retune(self, parameters: ControllerParameters) -> None:
         """Take over gains and thresholds from the next tick on."""

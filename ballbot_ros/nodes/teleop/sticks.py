@@ -12,8 +12,7 @@ from ballbot_ros.errors import TeleopError
 from ballbot_ros.parameters import Subset
 from ballbot_ros.parameters.timing import MAX_LEAD_TICKS, SLOW_PERIOD_NS, TICK_NS
 from ballbot_ros.recording.messages.topics import SCENARIO
-from ballbot_ros.robot.brick.bluetooth import NEUTRAL, Sticks
-from ballbot_ros.robot.brick.sensors import quantise
+from ballbot_ros.robot.brick.bluetooth import NEUTRAL, Sticks, sticks_of
 
 LIVE_SOURCES = DEVICE, JOY, VIEWER, KEYBOARD, CMD_VEL = (
     'device',
@@ -107,11 +106,6 @@ class GivenAnswers:
             if len(self._answers) > MAX_KEPT_ANSWERS:
                 del self._answers[next(iter(self._answers))]
         return answer
-
-
-def sticks_of(forward: float, rightward: float, full: int) -> Sticks:
-    """Return the sticks for shares of the full speed, -1 ... 1, and a full stick (``gp_max``)."""
-    return -quantise(forward * full), quantise(rightward * full)
 
 
 @dataclass(frozen=True)

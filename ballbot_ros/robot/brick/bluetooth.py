@@ -6,17 +6,22 @@ import struct
 from dataclasses import dataclass
 
 from ballbot_ros.errors import BallbotError
+from ballbot_ros.robot.brick.sensors import quantise
 
 PACKET_SIZE = 32
 
 _STICKS = struct.Struct('<bb30x')
 _LOG = struct.Struct('<IbbHiiihhhhi')
 
-
 Sticks = tuple[int, int]
 """Left stick vertical (up, forward, is negative) and right stick horizontal (right is positive)."""
 
 NEUTRAL: Sticks = (0, 0)
+
+
+def sticks_of(forward: float, rightward: float, full: int) -> Sticks:
+    """Return the sticks for shares of the full speed, -1 ... 1, and a full stick (``gp_max``)."""
+    return -quantise(forward * full), quantise(rightward * full)
 
 
 class PacketError(BallbotError):

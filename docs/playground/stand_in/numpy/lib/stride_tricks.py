@@ -1,0 +1,3 @@
+"""Only for imports: no run calls it."""
+
+sliding_window_view = None
