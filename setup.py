@@ -42,6 +42,110 @@ def shared_files(pattern: str) -> Iterator[tuple[str, list[str]]]:
         yield f'share/{PACKAGE}/{folder}', files
 
 
+EXTRAS = {
+    # Pinned, because these wheels are built against one another. Names without `jazzy` are
+    # those of another ROS release.
+    'ros': [
+        'ros-jazzy-rclpy==7.1.6',
+        'ros-jazzy-common-interfaces==5.3.6',
+        'ros-jazzy-rmw-fastrtps-cpp==8.4.3',
+        'ros-jazzy-rosgraph-msgs==2.0.3',
+    ],
+    # Gamepads and the keyboard.
+    'drive': [
+        'pygame-ce>=2.5',
+        'prompt_toolkit>=3.0.36',
+    ],
+    # The environments for reinforcement learning.
+    'gym': [
+        'gymnasium>=1.0',
+    ],
+    # The controller mpc.
+    'mpc': [
+        'osqp>=1.0',
+    ],
+    'parquet': [
+        'pyarrow>=14',
+    ],
+    # The interactive figures of reports.
+    'report': [
+        'plotly>=5.24',
+    ],
+    # Studies of many runs.
+    'study': [
+        'numba>=0.58',
+        'pyarrow>=15',
+        'SALib>=1.5',
+    ],
+    # Studies on a Dask cluster, all of whose machines need the same release of distributed.
+    'cluster': [
+        'distributed>=2024.8',
+        'numba>=0.58',
+        'pyarrow>=15',
+    ],
+    # The 3D viewer. viewer/guarded_server.py uses internals of viser, so it stays in one minor
+    # series.
+    'viewer': [
+        'viser>=1.1,<1.2',
+        'websockets>=13.1',
+        'trimesh>=4.0',
+    ],
+    # Pictures and films of the 3D scene.
+    'film': [
+        'imageio-ffmpeg>=0.5',
+        'playwright>=1.50',
+    ],
+    # Run.frame.
+    'pandas': [
+        'pandas>=2.1',
+    ],
+    # Notebooks, as in docs/notebooks.
+    'notebook': [
+        'pandas>=2.1',
+        'jupytext>=1.16',
+        'jupyterlab>=4.0',
+    ],
+    # ruff and mypy stay in one minor series, since newer ones are stricter.
+    'test': [
+        'build>=1.0',
+        'pytest>=7.4',
+        'pytest-xdist>=3.4',
+        'pytest-timeout>=2.2',
+        'hypothesis>=6.98',
+        'ruff>=0.17,<0.18',
+        'mypy>=2.4,<2.5',
+        'numpydoc>=1.8',
+        'colcon-common-extensions>=0.3',
+        'cyclonedds>=11.0',
+        'distributed>=2024.8',
+        'duckdb>=1.0',
+        'gymnasium>=1.0',
+        'mcap-ros2-support>=0.5',
+        'moviepy>=2.0',
+        'numba>=0.58',
+        'osqp>=1.0',
+        'pandas>=2.1',
+        'polars>=1.0',
+        'pyarrow>=15',
+        'pyte>=0.8',
+        'SALib>=1.5',
+        'types-PyYAML>=6.0',
+        'yourdfpy>=0.0.56',
+    ],
+    # The documentation site.
+    'docs': [
+        'sphinx>=8.1',
+        'myst-nb>=1.2',
+        'myst-parser>=4.0.1',
+        'furo>=2024.8.6',
+        'gymnasium>=1.0',
+        'pandas>=2.1',
+    ],
+}
+
+FOR_USERS = 'drive', 'viewer', 'film', 'report', 'study', 'parquet', 'pandas', 'gym', 'mpc'
+"""The extras that commands and the library need on this machine."""
+
 setup(
     name=PACKAGE,
     version=version(),
@@ -95,102 +199,7 @@ setup(
         'click>=8.1',
         'rich>=13.7',
     ],
-    extras_require={
-        # Pinned, because these wheels are built against one another. Names without `jazzy` are
-        # those of another ROS release.
-        'ros': [
-            'ros-jazzy-rclpy==7.1.6',
-            'ros-jazzy-common-interfaces==5.3.6',
-            'ros-jazzy-rmw-fastrtps-cpp==8.4.3',
-            'ros-jazzy-rosgraph-msgs==2.0.3',
-        ],
-        # Gamepads and the keyboard.
-        'drive': [
-            'pygame-ce>=2.5',
-            'prompt_toolkit>=3.0.36',
-        ],
-        # The environments for reinforcement learning.
-        'gym': [
-            'gymnasium>=1.0',
-        ],
-        # The controller mpc.
-        'mpc': [
-            'osqp>=1.0',
-        ],
-        'parquet': [
-            'pyarrow>=14',
-        ],
-        # The interactive figures of reports.
-        'report': [
-            'plotly>=5.24',
-        ],
-        # Studies of many runs.
-        'study': [
-            'numba>=0.58',
-            'pyarrow>=15',
-            'SALib>=1.5',
-        ],
-        # Studies on a Dask cluster, all of whose machines need the same release of distributed.
-        'cluster': [
-            'distributed>=2024.8',
-            'numba>=0.58',
-            'pyarrow>=15',
-        ],
-        # The 3D viewer. viewer/guarded_server.py uses internals of viser, so it stays in one minor
-        # series.
-        'viewer': [
-            'viser>=1.1,<1.2',
-            'websockets>=13.1',
-            'trimesh>=4.0',
-            'imageio-ffmpeg>=0.5',
-            'playwright>=1.50',
-        ],
-        # Run.frame.
-        'pandas': [
-            'pandas>=2.1',
-        ],
-        # Notebooks, as in docs/notebooks.
-        'notebook': [
-            'pandas>=2.1',
-            'jupytext>=1.16',
-            'jupyterlab>=4.0',
-        ],
-        # ruff and mypy stay in one minor series, since newer ones are stricter.
-        'test': [
-            'pytest>=7.4',
-            'pytest-xdist>=3.4',
-            'pytest-timeout>=2.2',
-            'hypothesis>=6.98',
-            'ruff>=0.17,<0.18',
-            'mypy>=2.4,<2.5',
-            'numpydoc>=1.8',
-            'colcon-common-extensions>=0.3',
-            'cyclonedds>=11.0',
-            'distributed>=2024.8',
-            'duckdb>=1.0',
-            'gymnasium>=1.0',
-            'mcap-ros2-support>=0.5',
-            'moviepy>=2.0',
-            'numba>=0.58',
-            'osqp>=1.0',
-            'pandas>=2.1',
-            'polars>=1.0',
-            'pyarrow>=15',
-            'pyte>=0.8',
-            'SALib>=1.5',
-            'types-PyYAML>=6.0',
-            'yourdfpy>=0.0.56',
-        ],
-        # The documentation site.
-        'docs': [
-            'sphinx>=8.1',
-            'myst-nb>=1.2',
-            'myst-parser>=4.0.1',
-            'furo>=2024.8.6',
-            'gymnasium>=1.0',
-            'pandas>=2.1',
-        ],
-    },
+    extras_require={**EXTRAS, 'all': [each for name in FOR_USERS for each in EXTRAS[name]]},
     zip_safe=True,
     entry_points={
         'ballbot_ros.controllers': [

@@ -83,15 +83,28 @@ class ViewerError(BallbotError):
     """A page can't be served, or a picture can't be rendered."""
 
 
+class MissingExtraError(BallbotError):
+    """A package is not installed.
+
+    Attributes
+    ----------
+    extra : str
+        The extra of setup.py that has it.
+    """
+
+    def __init__(self, text: str, extra: str = '') -> None:
+        super().__init__(text)
+        self.extra = extra
+
+
 @contextmanager
-def importing_viewer() -> Iterator[None]:
-    """Turn a missing package of the viewer into a ViewerError that says how to install it."""
+def importing(extra: str, alternative: str = '') -> Iterator[None]:
+    """Turn a missing package into a MissingExtraError, to which an alternative may be appended."""
     try:
         yield
     except ImportError as error:
-        raise ViewerError(
-            f'package not found ({error}): install it with `pip install "ballbot_ros[viewer]"`'
-        ) from None
+        remedy = f'install it with `pip install "ballbot_ros[{extra}]"`{alternative}'
+        raise MissingExtraError(f'package not found ({error}): {remedy}', extra) from None
 
 
 class WorldError(BallbotError):

@@ -1,8 +1,8 @@
 # Sourced by the other scripts and by .ci/run. `prepare_environment run` sets `project`, the source
-# tree, and `venv`, its virtual environment, which it creates or updates if necessary;
-# `prepare_environment` with another word adds the extra of this name: `test` the test tools, `docs`
-# those of the documentation site, `notebook` JupyterLab. If it fails, it exits with one line and
-# status 2.
+# tree, and `venv`, its virtual environment, which it creates or updates if necessary, with what a
+# first run needs; the command installs more when it needs it. With another word it installs
+# everything and the extra of this name: `test` the test tools, `docs` those of the documentation
+# site, `notebook` JupyterLab. If it fails, it exits with one line and status 2.
 
 project=$(dirname "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")")
 
@@ -12,13 +12,16 @@ fail() {
 }
 
 prepare_environment() {
-  local options=() extras=ros,drive,gym,mpc,viewer,pandas,report,study modules=ensurepip
+  local options=() extras=drive,viewer,gym,mpc modules=ensurepip
   venv=$project/.venv
   if [[ ${ROS_DISTRO:-} == jazzy ]]; then
-    venv+=-jazzy options=(--system-site-packages) extras=drive,gym,mpc,viewer,pandas,report,study modules+=,numpy,rclpy
-  elif [[ -n ${ROS_DISTRO:-} ]]; then
-    echo "note: the sourced ROS is $ROS_DISTRO, not jazzy: using the ROS 2 wheels" >&2
-    unset ROS_DISTRO {AMENT,CMAKE,COLCON}_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH
+    venv+=-jazzy options=(--system-site-packages) modules+=,numpy,rclpy
+  else
+    extras=ros,$extras
+    if [[ -n ${ROS_DISTRO:-} ]]; then
+      echo "note: the sourced ROS is $ROS_DISTRO, not jazzy: using the ROS 2 wheels" >&2
+      unset ROS_DISTRO {AMENT,CMAKE,COLCON}_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH
+    fi
   fi
   is_current "$1" || set_up "$1" || exit
   # An installed copy of the package, as in a sourced workspace, would hide this source tree.
@@ -49,19 +52,17 @@ set_up() (
   log=$venv/setup.log numpy=
   # Nothing failed: do not go on to say so.
   trap 'echo >&2; exit 130' INT
-  echo "Setting up ${venv##*/}: about a minute the first time ..." >&2
+  echo "Setting up ${venv##*/} for scripts/${0##*/}, the first time ..." >&2
   # If two scripts start at once, the second one waits and then has nothing to do.
   cd "$project" && exec {lock}<setup.py && flock "$lock" || exit 2
   ! is_current "$1" || exit 0
   # Create it if its first set-up was interrupted, or if it was moved or its Python replaced.
   [[ -e $venv/run.stamp && $("$venv/bin/pip" -V 2>/dev/null) == *" $venv/"* ]] || create
-  [[ $1 == run ]] || extras+=,$1
+  [[ $1 == run ]] || extras+=,all,$1
   # The sourced message packages need the numpy that they were built for.
   [[ $venv == *.venv ]] || numpy=$("$venv/bin/python" -c 'import numpy; print(numpy.__version__)')
-  "$venv/bin/python" -m pip install --no-input -e ".[$extras]" ${numpy:+"numpy==$numpy"} \
-    >"$log" 2>&1 || fail "cannot install the packages (no network?):" \
-    "$(grep -o 'ERROR: .*' "$log" | tail -n 1) (details in $log)"
-  index_package || exit 2
+  "$venv/bin/python" -m ballbot_ros.cli.installation "${0##*/}" "$log" -e ".[$extras]" \
+    ${numpy:+"numpy==$numpy"} && index_package || exit 2
   for purpose in run "$1"; do stamp >"$venv/$purpose.stamp"; done
 )
 

@@ -13,7 +13,7 @@ from graph import Node, Run, call, free_domain
 
 from ballbot_ros.cli import progress
 from ballbot_ros.controllers import controller_program
-from ballbot_ros.engine.compilation import NO_BACKGROUND
+from ballbot_ros.engine.compilation import NO_BACKGROUND, can_compile, has_kept_code
 from ballbot_ros.errors import ViewerError
 from ballbot_ros.files import COMMAND_ENV
 from ballbot_ros.nodes.middleware import prepare_middleware
@@ -40,6 +40,15 @@ controller_program.NOTABLE_SHARE, controller_program.NOTABLE_MS = 1.0, math.inf
 # SIGHUP, and all processes that it starts would inherit this.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
+
+
+def pytest_report_header():
+    ready = (
+        'ready'
+        if can_compile() and has_kept_code()
+        else 'the first tests compile it, in about a minute'
+    )
+    return f'compiled code: {ready}'
 
 
 @pytest.fixture

@@ -20,7 +20,7 @@ from ballbot_ros.analysis.run_metrics import (
     reference_position,
     reference_speed,
 )
-from ballbot_ros.errors import BallbotError
+from ballbot_ros.errors import importing
 from ballbot_ros.parameters.timing import SECOND_NS
 from ballbot_ros.recording.messages.topics import (
     BATTERY_STATE,
@@ -191,12 +191,8 @@ def frame_of(run: RunData) -> pandas.DataFrame:
     BallbotError
         If pandas is not installed.
     """
-    try:
+    with importing('pandas'):
         import pandas
-    except ImportError:
-        raise BallbotError(
-            'pandas not found: install it with `pip install "ballbot_ros[pandas]"`'
-        ) from None
     ticks = next(run.series[t] for t in (PLANT_IMU, PLANT_ODOM, *run.series) if t in run.series)
     columns: dict[str, Floats] = {}
     for signal in signals_of(run):

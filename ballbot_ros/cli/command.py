@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 from importlib import import_module
 
 import click
 
 from ballbot_ros import __version__
-from ballbot_ros.errors import BallbotError, printable, similar
+from ballbot_ros.cli.extras import YES, offer
+from ballbot_ros.errors import BallbotError, MissingExtraError, printable, similar
 from ballbot_ros.files import program
 from ballbot_ros.process import STANDARD_OUTPUT, open_standard_streams, prepare_standard_output
 
@@ -34,6 +36,7 @@ COMMANDS = {
     'conform': 'Test a node of your own against its contract.',
     'codegen': 'Generate the controller as C for the brick, or check it.',
     'doctor': 'Check that this machine is ready.',
+    'install': 'Install what some commands need.',
 }
 """The line of each command in the help of `ballbot`; the module of the same name declares it."""
 
@@ -70,6 +73,8 @@ class _LazyGroup(click.Group):
     """
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        if YES in [*itertools.takewhile(lambda word: word != '--', args)]:
+            args = [YES, *(word for word in args if word != YES)]
         try:
             return super().parse_args(ctx, args)
         except click.NoSuchOption as error:
@@ -90,14 +95,22 @@ class _LazyGroup(click.Group):
         name, command, rest = super().resolve_command(ctx, args)
         return name, load_command(name) if name else command, rest
 
+    def invoke(self, ctx: click.Context) -> object:
+        try:
+            return super().invoke(ctx)
+        except MissingExtraError as error:
+            offer(error.extra)
+            raise BallbotError(f'{error}; {YES} does so') from None
+
 
 @click.group(
     cls=_LazyGroup,
     commands=[click.Command(name, short_help=line) for name, line in COMMANDS.items()],
     context_settings={'help_option_names': ['-h', '--help'], 'max_content_width': 100},
 )
+@click.option(YES, is_flag=True, help='Install what a command needs, without asking.')
 @click.version_option(__version__, prog_name='ballbot')
-def ballbot() -> None:
+def ballbot(*, yes: bool) -> None:
     """Simulate, measure and record the LEGO NXT Ballbot."""
 
 

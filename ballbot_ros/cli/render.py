@@ -11,7 +11,7 @@ import click
 
 from ballbot_ros.cli.options import NEW_FILE, RECORDING, FloatRange
 from ballbot_ros.cli.progress import file_progress
-from ballbot_ros.errors import ViewerError, did_you_mean, importing_viewer
+from ballbot_ros.errors import ViewerError, did_you_mean, importing
 from ballbot_ros.parameters.timing import TICK_S
 from ballbot_ros.process import DeferredSignals
 from ballbot_ros.viewer.address import require_viser
@@ -147,7 +147,7 @@ def command(
     require_viser()
     browser_program()
     # Imported only here: viser takes a second.
-    with importing_viewer(), DeferredSignals():
+    with importing('film'), DeferredSignals():
         from ballbot_ros.cli.recordings import read_playback_runs
         from ballbot_ros.viewer.render import Rendering
 

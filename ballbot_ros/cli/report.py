@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from ballbot_ros.cli.extras import offer
 from ballbot_ros.cli.options import PATH, RECORDING
 
 
@@ -31,6 +32,7 @@ def command(recording: Path, output: Path | None, number: int | None, as_json: b
     Exit status: 0 if the report was written, whatever its verdict; 2 for invalid arguments or a
     file that is not a recording of a ballbot.
     """
+    offer('report')
     # Imported only here: it takes half a second.
     from ballbot_ros.analysis.page import check_folder
     from ballbot_ros.analysis.recorded_scenario import outside_pushes

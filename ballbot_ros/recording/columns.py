@@ -19,7 +19,7 @@ import numpy as np
 from rosbags.interfaces import Nodetype
 from rosbags.typesys.store import Typestore
 
-from ballbot_ros.errors import RecordingError
+from ballbot_ros.errors import RecordingError, importing
 
 Value = bool | int | float | str
 Get = Callable[[Any], Any]
@@ -373,17 +373,12 @@ def load_pyarrow() -> Any:
 
     Raises
     ------
-    RecordingError
+    MissingExtraError
         If it is not installed.
     """
-    try:
+    with importing('parquet', ', or use --to csv'):
         import pyarrow
         import pyarrow.parquet
-    except ImportError:
-        raise RecordingError(
-            'pyarrow not found: install it with `pip install "ballbot_ros[parquet]"`, '
-            'or use --to csv'
-        ) from None
     return pyarrow
 
 

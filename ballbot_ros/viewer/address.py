@@ -9,7 +9,7 @@ import socket
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from ballbot_ros.errors import ViewerError, importing_viewer
+from ballbot_ros.errors import ViewerError, importing
 
 USUAL_PORT, NEXT_FREE = 8080, -1
 """The port of a page; and, instead of a port: the usual one or the next one that is free."""
@@ -19,8 +19,8 @@ LOOPBACK = ('127.0.0.1', 'localhost', '::1')
 
 
 def require_viser() -> None:
-    """Raise ViewerError if viser is not installed."""
-    with importing_viewer():
+    """Raise MissingExtraError if viser is not installed."""
+    with importing('viewer'):
         import viser  # noqa: F401
 
 

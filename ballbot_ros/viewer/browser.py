@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from ballbot_ros.errors import ViewerError, importing_viewer, one_line
+from ballbot_ros.errors import ViewerError, importing, one_line
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -33,9 +33,9 @@ def browser_program() -> str:
 
 @contextmanager
 def browser_page(width: int, height: int) -> Iterator[Page]:
-    """Open a page of this size [px]; ViewerError without Playwright or a browser that starts."""
+    """Open a page of this size [px]; BallbotError without Playwright or a browser that starts."""
     program = browser_program()
-    with importing_viewer():
+    with importing('film'):
         from playwright.sync_api import Error, sync_playwright
     with sync_playwright() as playwright:
         try:

@@ -50,6 +50,11 @@ match sys.argv[1:]:
         exec(open(machine + '/pip').read())
         program = "'''", 'from ballbot_ros.cli.main import main', "'''", '{PRINT}'
         write('w', os.path.dirname(__file__) + '/ballbot', '#!{INTERPRETER} -IS', *program)
+    case ['-m', 'ballbot_ros.cli.installation', *_]:
+        import runpy
+        sys.path.insert(0, '{ROOT}')
+        sys.executable, sys.argv = __file__, sys.argv[2:]
+        runpy.run_module('ballbot_ros.cli.installation', run_name='__main__')
     case ['-m', 'pytest', *_]:
         {PRINT}
     case ['-m', 'sphinx', *_]:
@@ -255,18 +260,18 @@ def test_the_notebook_script_opens_markdown_as_notebooks(machine):
     assert run.arguments == ['-m', 'jupyter', 'lab', '--notebook-dir', folder, '--no-browser']
     assert (
         machine.calls()[-1]
-        == 'pip install --no-input -e .[ros,drive,gym,mpc,viewer,pandas,report,study,notebook]'
+        == 'pip install --no-input --no-compile -e .[ros,drive,viewer,gym,mpc,all,notebook]'
     )
     (settings,) = (machine.project / '.venv').rglob('overrides.json')
     assert 'Jupytext Notebook' in str(json.loads(settings.read_text()))
 
 
 def test_the_benchmark_has_the_packages_of_all_its_parts_and_its_help_needs_none(machine):
-    for words, extra in (['--help'], ''), ([], ',cluster'):
+    for words, extra in (['--help'], ''), ([], ',all,cluster'):
         assert machine.run('bench', *words).arguments == ['-m', 'benchmark.bench', *words]
         assert (
             machine.calls()[-1]
-            == f'pip install --no-input -e .[ros,drive,gym,mpc,viewer,pandas,report,study{extra}]'
+            == f'pip install --no-input --no-compile -e .[ros,drive,viewer,gym,mpc{extra}]'
         )
 
 
@@ -345,14 +350,14 @@ def test_each_script_installs_what_it_needs_once(machine):
     assert machine.run('run').messages.startswith('Setting up .venv')
     venv, pip = machine.calls()
     assert venv == f'venv {machine.venv}'
-    assert pip == 'pip install --no-input -e .[ros,drive,gym,mpc,viewer,pandas,report,study]'
+    assert pip == 'pip install --no-input --no-compile -e .[ros,drive,viewer,gym,mpc]'
     machine.run('test')
     assert machine.calls() == [
-        'pip install --no-input -e .[ros,drive,gym,mpc,viewer,pandas,report,study,test]'
+        'pip install --no-input --no-compile -e .[ros,drive,viewer,gym,mpc,all,test]'
     ]
     machine.start('docs').communicate(timeout=LAST_RESORT_S)
     assert machine.calls() == [
-        'pip install --no-input -e .[ros,drive,gym,mpc,viewer,pandas,report,study,docs]'
+        'pip install --no-input --no-compile -e .[ros,drive,viewer,gym,mpc,all,docs]'
     ]
     assert machine.run('run').messages == machine.run('test').messages == ''
     assert machine.calls() == []
@@ -365,11 +370,11 @@ def test_changed_requirements_and_nodes_update_the_environment(machine):
         (machine.project / name).write_text("    node: ClassVar[str] = 'second'")
         machine.run('run')
         assert machine.calls() == [
-            'pip install --no-input -e .[ros,drive,gym,mpc,viewer,pandas,report,study]'
+            'pip install --no-input --no-compile -e .[ros,drive,viewer,gym,mpc]'
         ], name
     machine.run('test')
     assert machine.calls() == [
-        'pip install --no-input -e .[ros,drive,gym,mpc,viewer,pandas,report,study,test]'
+        'pip install --no-input --no-compile -e .[ros,drive,viewer,gym,mpc,all,test]'
     ]
 
 
@@ -476,7 +481,7 @@ def test_a_sourced_jazzy_gets_an_environment_without_the_wheels(bare_machine):
     environment = machine.run('run', **jazzy).environment
     assert machine.calls() == [
         f'venv --system-site-packages {machine.venv}-jazzy',
-        'pip install --no-input -e .[drive,gym,mpc,viewer,pandas,report,study] numpy==1.26.4',
+        'pip install --no-input --no-compile -e .[drive,viewer,gym,mpc] numpy==1.26.4',
     ]
     jazzy['PYTHONPATH'] = f'{machine.project}:{jazzy["PYTHONPATH"]}'
     assert environment.items() >= jazzy.items()

@@ -12,7 +12,7 @@ import pytest
 import ballbot_ros as bb
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.cli.recordings import read_playback_run
-from ballbot_ros.errors import ViewerError
+from ballbot_ros.errors import MissingExtraError, ViewerError
 from ballbot_ros.parameters import VIEWER, Dimensions, ParameterSet, ViewerParameters
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.robot.brick.brick import Tone
@@ -162,7 +162,7 @@ def test_a_run_with_a_viewer_needs_viser_and_separate_processes(monkeypatch):
         with pytest.raises(ViewerError, match=f'requires --processes separate, not {processes}'):
             require_viewer(parameters, processes)
     monkeypatch.setitem(sys.modules, 'viser', None)
-    with pytest.raises(ViewerError, match='viser'):
+    with pytest.raises(MissingExtraError, match='viser'):
         require_viewer(parameters)
 
 

@@ -11,7 +11,7 @@ from gymnasium import spaces
 from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 
-from ballbot_ros.errors import EnvironmentConfigurationError, importing_viewer, short_repr
+from ballbot_ros.errors import EnvironmentConfigurationError, importing, short_repr
 from ballbot_ros.lab.environments.configuration import BALANCE, DRIVE, Task
 from ballbot_ros.lab.environments.episode import EnvironmentState, new_episode
 from ballbot_ros.lab.environments.setup import DEVICES, Setup, checked_action
@@ -172,7 +172,7 @@ class BallbotEnv(gymnasium.Env[Floats, NDArray[np.float32]]):
         self._require_start()
         if self._painter is None:
             # Imported only here: it takes seconds, and few episodes are drawn.
-            with importing_viewer():
+            with importing('film'):
                 from ballbot_ros.viewer.render import Painter, present_frames
 
             plant = self._setup.parameters.of(PlantParameters)

@@ -22,7 +22,7 @@ import scipy
 import ballbot_ros
 import ballbot_ros.lab.studies.worker_task
 from ballbot_ros.engine.compilation import code_sha256
-from ballbot_ros.errors import StudyError, one_line
+from ballbot_ros.errors import StudyError, importing, one_line
 from ballbot_ros.lab.studies.execution import StudyObserver, WorkersOfJob
 from ballbot_ros.lab.studies.job import Job, PackedJob
 from ballbot_ros.lab.studies.manifest import PartSummary
@@ -193,11 +193,9 @@ def _task_text() -> str:
 
 def _connect(address: str) -> Client:
     """Return a client of a scheduler that has the same release of Dask."""
-    try:
+    with importing('cluster'):
         from distributed import Client
         from distributed.versions import VersionMismatchWarning
-    except ImportError:
-        raise StudyError("--cluster needs Dask: pip install 'ballbot_ros[cluster]'") from None
     try:
         # In a thread, since this one may have a loop of its own, such as that of a notebook.
         with ThreadPoolExecutor(1) as pool:

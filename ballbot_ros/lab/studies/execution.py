@@ -20,7 +20,7 @@ from ballbot_ros.errors import BallbotError, StudyError, one_line
 from ballbot_ros.lab.studies.data_set import StudyFolder, begin_or_resume
 from ballbot_ros.lab.studies.job import Job
 from ballbot_ros.lab.studies.manifest import PartSummary
-from ballbot_ros.lab.studies.part_file import EncodedPart
+from ballbot_ros.lab.studies.part_file import EncodedPart, load_pyarrow
 from ballbot_ros.lab.studies.programs import programs_of, why_not_compiled
 from ballbot_ros.lab.studies.runs import Advance, Samples
 from ballbot_ros.nodes.processes import END_WITH_PARENT, end_with_parent, exit_description
@@ -282,6 +282,7 @@ def run_study(
     BallbotError
         If the folder is another study's or can't be written, or a run is not possible.
     """
+    load_pyarrow()  # before the folder is created
     with begin_or_resume(job.folder, job.record, datetime.now().astimezone()) as folder:
         if again and folder.resumed:
             folder.restart(datetime.now().astimezone())

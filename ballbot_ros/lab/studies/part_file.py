@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.engine.rows import Column
-from ballbot_ros.errors import StudyError, one_line
+from ballbot_ros.errors import StudyError, importing, one_line
 from ballbot_ros.files import read_bytes
 from ballbot_ros.lab.studies.columns import AFTER, NUMBER, SEED, TICKS, ColumnKind, ResultColumn
 from ballbot_ros.lab.studies.manifest import PartSummary, StudyRecord
@@ -257,14 +257,12 @@ def load_pyarrow() -> Any:
 
     Raises
     ------
-    StudyError
+    MissingExtraError
         If it is not installed.
     """
-    try:
+    with importing('study'):
         import pyarrow
         import pyarrow.parquet
-    except ImportError:
-        raise StudyError("studies need pyarrow: pip install 'ballbot_ros[study]'") from None
     return pyarrow
 
 

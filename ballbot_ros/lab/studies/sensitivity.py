@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.engine.rows import Column
-from ballbot_ros.errors import BallbotError
+from ballbot_ros.errors import importing
 from ballbot_ros.robot.arithmetic import Floats
 
 MAX_SAMPLE = 20_000
@@ -176,10 +176,6 @@ def _spread(values: Column, random: np.random.Generator) -> Floats:
 
 
 def _methods() -> tuple[Any, Any]:
-    try:
+    with importing('study'):
         from SALib.analyze import pawn, rbd_fast
-    except ImportError:
-        raise BallbotError(
-            'SALib not found: install it with `pip install "ballbot_ros[study]"`'
-        ) from None
     return rbd_fast, pawn

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.engine.rows import Column
-from ballbot_ros.errors import BallbotError, StudyError
+from ballbot_ros.errors import StudyError, importing
 from ballbot_ros.lab.studies.columns import (
     DUTY_SHA256,
     FALLEN,
@@ -276,12 +276,8 @@ class StudyData:
         BallbotError
             If pandas is not installed, or a part is damaged.
         """
-        try:
+        with importing('pandas'):
             import pandas  # noqa: F401
-        except ImportError:
-            raise BallbotError(
-                'pandas not found: install it with `pip install "ballbot_ros[pandas]"`'
-            ) from None
         frame: pandas.DataFrame = self.table().to_pandas()
         frame[DUTY_SHA256.name] = [each.hex() for each in frame[DUTY_SHA256.name]]
         return frame

@@ -11,7 +11,7 @@ from study_folders import MEASURES, NOW, record, rows_of, write_study
 
 pytest.importorskip('pyarrow')
 
-from ballbot_ros.errors import BallbotError, StudyError
+from ballbot_ros.errors import MissingExtraError, StudyError
 from ballbot_ros.lab.studies.data_set import begin_or_resume
 from ballbot_ros.lab.studies.part_file import PartRows, write_part
 from ballbot_ros.lab.studies.runs import Results
@@ -192,7 +192,7 @@ def test_missing_and_damaged_parts_are_named(tmp_path, folder):
 def test_missing_packages_are_named(data, folder, monkeypatch):
     with monkeypatch.context() as patched:
         patched.setitem(sys.modules, 'pyarrow', None)
-        text = refusal(StudyError, StudyData.open, folder)
-        assert "pip install 'ballbot_ros[study]'" in text
+        text = refusal(MissingExtraError, StudyData.open, folder)
+        assert 'ballbot_ros[study]' in text
     monkeypatch.setitem(sys.modules, 'pandas', None)
-    assert 'ballbot_ros[pandas]' in refusal(BallbotError, data.frame)
+    assert 'ballbot_ros[pandas]' in refusal(MissingExtraError, data.frame)
