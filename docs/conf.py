@@ -11,9 +11,10 @@ from sphinx import addnodes
 from sphinx.application import Sphinx
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT))
+sys.path[:0] = [str(ROOT), str(ROOT / 'scripts/programs')]
 
 from ballbot_ros import __version__  # noqa: E402
+from benchmark.reference_pages import command_help, parameter_tables  # noqa: E402
 
 project = 'ballbot_ros'
 author = project_copyright = 'ballbot_ros developers'
@@ -68,11 +69,20 @@ INCLUDED_IN = {str(ROOT / 'README'): 'index', str(ROOT / 'CONTRIBUTING'): 'contr
 
 def setup(app: Sphinx) -> None:
     """Adapt the pages, which are written for GitHub, to the site."""
+    app.connect('config-inited', write_references)
     app.connect('include-read', adapt_included_links)
     app.connect('doctree-read', adapt_links)
     app.connect('doctree-read', adapt_diagrams)
     app.connect('autodoc-process-docstring', protect_first_colon, priority=400)
     app.connect('autodoc-skip-member', skip_tuple_fields)
+
+
+def write_references(app: Sphinx, config: object) -> None:
+    """Write what pages include of the code: the parameters, and the help of the commands."""
+    folder = ROOT / 'docs/api/packages'
+    folder.mkdir(exist_ok=True)
+    (folder / 'parameters.txt').write_text(parameter_tables(), encoding='utf-8')
+    (folder / 'commands.txt').write_text(command_help(), encoding='utf-8')
 
 
 def adapt_included_links(app: Sphinx, file: Path, parent: str, content: list[str]) -> None:

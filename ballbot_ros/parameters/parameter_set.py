@@ -1,7 +1,7 @@
 """The nodes, their parameters, and a set of values that are checked when they are set.
 
 The ROS declarations, the validation of parameter files, ``config/ballbot.yaml`` and
-``docs/parameters.md`` are all derived from :data:`TABLE`.
+the page of parameters on the documentation site are all derived from :data:`TABLE`.
 """
 
 from __future__ import annotations

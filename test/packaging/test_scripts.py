@@ -11,6 +11,7 @@ from types import SimpleNamespace
 
 import pytest
 from graph import LAST_RESORT_S, wait_for
+from terminal import Terminal
 
 ROOT = Path(__file__).resolve().parents[2]
 TOOLS = (
@@ -216,6 +217,28 @@ def test_run_passes_its_arguments_to_the_command(machine):
     assert machine.run('run').arguments == ['run', 'stationary']
     words = ['autonomous', '--set', 'a b', '', '*']
     assert machine.run('run', *words).arguments == words
+
+
+def test_a_first_run_at_a_terminal_with_a_browser_offers_to_watch_it(machine, monkeypatch):
+    for day in ('2026-01-01', '2026-01-02'):
+        recording = machine.folder / f'runs/{day}_stationary/stationary.mcap'
+        recording.parent.mkdir(parents=True)
+        recording.touch()
+    words = [machine.project / 'scripts/run']
+    monkeypatch.chdir(machine.folder)
+    terminal = Terminal()
+    process = terminal.start(words, **machine.environment, BROWSER='any')
+    terminal.wait_for_text(b'Enter: watch it in 3D')
+    terminal.press(b'\n')
+    terminal.wait_for_text(b'[["view", "runs/2026-01-02_stationary/stationary.mcap"]')
+    assert process.wait(LAST_RESORT_S) == 0
+    process = terminal.start(words, **machine.environment)
+    assert process.wait(LAST_RESORT_S) == 0
+    terminal = Terminal()
+    process = terminal.start(words, **machine.environment, BROWSER='any')
+    terminal.wait_for_text(b'Enter: watch it in 3D')
+    terminal.press(b'\x03')
+    assert process.wait(LAST_RESORT_S) == 0
 
 
 def test_the_test_script_runs_pytest_with_chosen_plugins(machine):

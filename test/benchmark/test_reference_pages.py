@@ -4,9 +4,10 @@ from pathlib import Path
 
 import pytest
 
+from ballbot_ros.cli.command import COMMANDS
 from ballbot_ros.parameters import ALL_NODES, TABLE, ParameterSet
 from ballbot_ros.parameters.files import read_parameter_file
-from benchmark.parameter_pages import default_file, reference_page
+from benchmark.reference_pages import command_help, default_file, parameter_tables
 
 ROOT = Path(__file__).parents[2]
 
@@ -15,11 +16,17 @@ def test_the_default_file_is_the_table():
     assert (ROOT / 'config/ballbot.yaml').read_text(encoding='utf-8') == default_file()
 
 
-def test_the_reference_page_is_the_table():
-    page = (ROOT / 'docs/parameters.md').read_text(encoding='utf-8')
-    assert page == reference_page()
-    for row in TABLE:
-        assert f'| `{row.name}` |' in page
+def test_the_tables_of_the_site_have_every_parameter():
+    tables = parameter_tables()
+    assert [row.name for row in TABLE if f'| `{row.name}` |' not in tables] == []
+
+
+def test_the_page_of_commands_has_every_command_and_option():
+    text = command_help()
+    for name in COMMANDS:
+        assert f'\n## ballbot {name}\n' in f'\n{text}'
+    assert '## ballbot study rerun' in text
+    assert '--real-time-factor' in text
 
 
 def test_the_default_file_sets_every_default():

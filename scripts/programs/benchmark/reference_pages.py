@@ -1,9 +1,11 @@
-"""The documents generated from the parameter table: default file and reference page."""
+"""What is generated from the code: the file of defaults, and the references of the site."""
 
 from __future__ import annotations
 
+import click
 import yaml
 
+from ballbot_ros.cli.command import COMMANDS, load_command
 from ballbot_ros.parameters.parameter import Parameter, TakesEffect, Value
 from ballbot_ros.parameters.parameter_set import ALL_NODES, TABLE
 from ballbot_ros.parameters.plant import PlantParameters
@@ -36,18 +38,9 @@ def default_file() -> str:
 _NOTES = {TakesEffect.IMMEDIATELY: ' (*at once*)', TakesEffect.READ_ONLY: ' (*read-only*)'}
 
 
-def reference_page() -> str:
-    """Return the text of ``docs/parameters.md``."""
-    lines = [
-        '# Parameters',
-        '',
-        'Generated from `ballbot_ros/parameters` by `scripts/generate`. Sections and equations are',
-        'those of the document; *facts* marks values that it does not contain, from data of the',
-        'devices and other work of its author; *project* marks additions of this simulator.',
-        '',
-        'A value set on a running node (`ros2 param set`) takes effect in the next run, which',
-        '`plant_sim/reset` begins, unless the parameter takes effect *at once* or is *read-only*.',
-    ]
+def parameter_tables() -> str:
+    """Return the tables of ``docs/parameters.md`` on the site."""
+    lines: list[str] = []
     for nodes in _groups():
         lines += [
             '',
@@ -75,6 +68,18 @@ def reference_page() -> str:
     for name, (formula, unit, source) in DERIVED.items():
         lines.append(f'| {formula} | {getattr(physical, name):.6g} | {unit} | {source} |')
     return '\n'.join(lines) + '\n'
+
+
+def command_help() -> str:
+    """Return the help of all commands, for ``docs/commands.md`` on the site."""
+    return '\n'.join(_help(name, load_command(name)) for name in COMMANDS)
+
+
+def _help(name: str, command: click.Command) -> str:
+    context = click.Context(command, info_name=f'ballbot {name}', max_content_width=90)
+    text = f'## ballbot {name}\n\n```text\n{command.get_help(context)}\n```\n'
+    inner = command.commands if isinstance(command, click.Group) else {}
+    return '\n'.join([text, *(_help(f'{name} {one}', each) for one, each in inner.items())])
 
 
 def _groups() -> list[tuple[str, ...]]:
