@@ -60,8 +60,10 @@ match sys.argv[1:]:
         {PRINT}
     case ['-m', 'sphinx', *_]:
         exec(open(machine + '/sphinx').read())
-    case ['docs/playground/build.py', folder]:
+    case [script, folder] if script.endswith('docs/playground/build.py'):
         write('w', machine + '/playground', folder)
+    case [script, *_] if script.endswith('docs/playground/serve.py'):
+        {PRINT}
     case ['-m', 'jupyter' | 'benchmark.bench', *_]:
         {PRINT}
 """
@@ -266,6 +268,12 @@ def test_the_docs_script_builds_from_nothing_with_warnings_as_errors(machine):
     assert arguments[:3] == ['-m', 'sphinx', '--fail-on-warning']
     assert environment['PWD'] == str(machine.project)
     assert not any(file.exists() for file in old)
+
+
+def test_the_playground_script_builds_the_page_and_serves_it(machine):
+    page = f'{machine.project}/docs/_build/playground'
+    assert machine.run('playground').arguments[1:] == [page]
+    assert (machine.folder / 'playground').read_text() == f'{page}\n'
 
 
 def test_a_failed_build_of_the_site_shows_its_log(machine):
