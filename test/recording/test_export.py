@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from recorded_bytes import UNCOMPRESSED, flip, write_foreign
 
-from ballbot_ros.errors import RecordingError
+from ballbot_ros.errors import MissingExtraError, RecordingError
 from ballbot_ros.recording import columns
 from ballbot_ros.recording.columns import ColumnHints, ComputedColumn, TopicColumns
 from ballbot_ros.recording.export import Exporter
@@ -315,7 +315,7 @@ def test_a_parquet_column_without_values_keeps_its_type(recording, monkeypatch):
 def test_a_missing_pyarrow_is_named(recording, monkeypatch):
     recording.add('/text', STRING, 10**9, data='a')
     monkeypatch.setitem(sys.modules, 'pyarrow', None)
-    with pytest.raises(RecordingError, match=r'^pyarrow not found: install it with `pip install '):
+    with pytest.raises(MissingExtraError, match=r'pyarrow.*, or use --to csv$'):
         export(recording, to='parquet')
     assert not recording.writer.path.with_name('tables').exists()
 

@@ -385,7 +385,7 @@ def test_mistakes_are_told_on_one_line(command, folder, tmp_path, monkeypatch):
         assert message in errors
     monkeypatch.setitem(sys.modules, 'SALib.analyze', None)
     status, _, errors = command('study', 'report', folder)
-    assert (status, 'SALib not found' in errors) == (2, True)
+    assert (status, 'ballbot_ros[study]' in errors) == (2, True)
 
 
 def test_a_damaged_part_is_an_error(tmp_path):
