@@ -64,7 +64,11 @@ html_copy_source = False
 html_show_sphinx = False
 
 # The pages that include a file from outside this folder.
-INCLUDED_IN = {str(ROOT / 'README'): 'index', str(ROOT / 'CONTRIBUTING'): 'contributing'}
+INCLUDED_IN = {
+    str(ROOT / 'README'): 'index',
+    str(ROOT / 'CONTRIBUTING'): 'contributing',
+    str(ROOT / 'CHANGELOG'): 'changelog',
+}
 
 
 def setup(app: Sphinx) -> None:
