@@ -39,9 +39,9 @@ suppress_warnings = ['ref.python']
 myst_heading_anchors = 4
 
 # Notebooks are executed at each build; an exception in a cell is a warning, which fails the build.
-# They run in a temporary folder, so that their files do not stay in the source tree.
+# They run in their own folder, so that they can import lessons.py, and write no files.
 nb_execution_mode = 'force'
-nb_execution_in_temp = True
+nb_execution_in_temp = False
 nb_execution_show_tb = True
 nb_execution_timeout = 300
 
