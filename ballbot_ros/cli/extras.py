@@ -9,8 +9,20 @@ from pathlib import Path
 import click
 
 from ballbot_ros.cli.installation import EXTRAS, install, missing, name_of
+from ballbot_ros.errors import BallbotError
+from ballbot_ros.files import own_command
 
 YES = '--yes'
+
+
+def require(*extras: str) -> None:
+    """As :func:`offer`; raise BallbotError if something is still missing."""
+    offer(*extras)
+    if wanted := [each for each in extras if missing(each)]:
+        purposes = ' and '.join(EXTRAS[each].purpose for each in wanted)
+        packages = ', '.join(name_of(package) for each in wanted for package in missing(each))
+        remedy = own_command('install', *wanted)
+        raise BallbotError(f'{purposes}: needs {packages}: `{remedy}`, or give {YES}')
 
 
 def offer(*extras: str) -> None:

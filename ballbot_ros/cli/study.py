@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from ballbot_ros.cli.extras import offer
+from ballbot_ros.cli.extras import offer, require
 from ballbot_ros.cli.options import PATH, processes_option
 from ballbot_ros.errors import similar
 from ballbot_ros.run.requirements import Processes
@@ -88,7 +88,7 @@ def run(
     finished one is not run again. Exit status: 0 if all runs are done, whether they passed or not;
     2 for a mistake in the arguments; 130 after Ctrl-C.
     """
-    offer('study', *(['cluster'] if cluster else []))
+    require('study', *(['cluster'] if cluster else []))
     from ballbot_ros.cli.study_output import StudyProgress, print_study_json, print_summary
     from ballbot_ros.lab.studies.execution import LocalWorkers, folder_of, run_study
     from ballbot_ros.lab.studies.job import job_of
@@ -191,7 +191,8 @@ def report(folder: Path, output: Path | None) -> int:
 
     Exit status: 0 if the report was written; 2 for invalid arguments or a folder without results.
     """
-    offer('study', 'report')
+    require('study')
+    offer('report')
     from ballbot_ros.lab.studies.report import study_report
     from ballbot_ros.lab.studies.report_page import check_output
     from ballbot_ros.lab.studies.study_data import StudyData

@@ -49,6 +49,7 @@ const ANSWERS = {
   loaded() {
     isReady = true;
     for (const each of Object.values(controls)) each.disabled = false;
+    find('live').hidden = false;
     start(controls.scenario.value);
   },
   failed: ({ text }) => notice(`The simulator can't run here: ${text}`, 'bad'),
@@ -68,6 +69,7 @@ const ANSWERS = {
     }
     if (isPlaying && rows.at(-1)?.end) {
       play(false);
+      controls.play.disabled = true;
       notice(`It ${ENDS[rows.at(-1).end]}. Go back on the time line, or start again.`, 'bad');
     }
   },
@@ -83,7 +85,7 @@ const ANSWERS = {
     const isSame = hash === golden;
     node.dataset.kind = isSame ? 'good' : 'bad';
     node.textContent = `${isSame ? '✓ The same bits as everywhere' : `✗ Not those of other machines, ${golden}`}: `
-      + `${hash} (${scenario}, ${seconds.toFixed(1)} s)`;
+      + `${hash} (${scenario}, computed in ${seconds.toFixed(1)} s)`;
     controls.check.disabled = false;
   },
 };
@@ -114,6 +116,7 @@ function play(is) {
     notice('');
   }
   isPlaying = is;
+  controls.play.disabled = false;
   controls.play.textContent = is ? 'Pause' : 'Go on';
   worker.postMessage({ kind: 'play', isPlaying: is, rate: controls.slow.checked ? SLOW : 1 });
 }
@@ -150,6 +153,7 @@ function takeInput() {
     const time = Math.round(MARKS_PER_S * controls.time.value) / MARKS_PER_S;
     shown = rowAt(rows, time) ?? (time < first.time ? first : last);
     showGain(shown.gain);
+    controls.play.disabled = false;
     notice('Change something, or press “Go on”: the run continues from here.');
   };
   controls.check.onclick = () => {
@@ -226,6 +230,7 @@ scene = new Scene(find('scene'), data.robot, {
   push: (x, y) => act({ kind: 'push', x, y }),
 });
 takeInput();
+find('about').hidden = !/\/playground\/(index.html)?$/.test(location.pathname); // elsewhere it is not part of the site
 begin();
 requestAnimationFrame(frame);
 

@@ -54,6 +54,8 @@ export class Scene {
     this.#ghost = new Robot(shape, COLOURS.light.ghost);
     this.#ghost.visible = false;
     this.#arrow.visible = false;
+    // The arrow starts inside the body, which must not hide it.
+    for (const part of [this.#arrow.line, this.#arrow.cone]) Object.assign(part, { renderOrder: 1 }).material.depthTest = false;
     this.#sun.castShadow = true;
     this.#sun.shadow.mapSize.set(1024, 1024);
     for (const side of ['left', 'bottom']) this.#sun.shadow.camera[side] = -0.6;
@@ -136,46 +138,49 @@ export class Scene {
   }
 
   #takeDrags(aim, push) {
-    let force = null;
+    let start = null; // where the drag began
+    let force = [0, 0];
     this.#canvas.addEventListener('pointerdown', (event) => {
-      if (!event.isPrimary || event.button || !this.#ray(event).intersectObject(this.#robot).length) return;
+      if (!event.isPrimary || event.button || !this.#isOnRobot(event)) return;
+      start = event;
       force = [0, 0];
       this.#controls.enabled = false;
       this.#canvas.setPointerCapture(event.pointerId);
     }, { capture: true });
     this.#canvas.addEventListener('pointermove', (event) => {
-      if (force) {
-        force = this.#force(event);
+      if (start) {
+        force = this.#force(event.clientX - start.clientX, event.clientY - start.clientY);
         aim(Math.hypot(...force));
-      } else this.#canvas.style.cursor = this.#ray(event).intersectObject(this.#robot).length ? 'grab' : '';
+      } else this.#canvas.style.cursor = this.#isOnRobot(event) ? 'grab' : '';
     });
     const release = ({ type }) => {
-      if (!force) return;
+      if (!start) return;
       this.#controls.enabled = true;
       this.#arrow.visible = false;
       aim(0);
       if (type === 'pointerup' && Math.hypot(...force) >= MIN_FORCE) push(force[0], -force[1]);
-      force = null;
+      start = null;
     };
     for (const type of ['pointerup', 'pointercancel']) this.#canvas.addEventListener(type, release);
   }
 
-  #ray({ clientX, clientY }) {
+  #isOnRobot({ clientX, clientY }) {
     const { left, top, width, height } = this.#canvas.getBoundingClientRect();
     const caster = new THREE.Raycaster();
     const point = new THREE.Vector2((2 * (clientX - left)) / width - 1, 1 - (2 * (clientY - top)) / height);
     caster.setFromCamera(point, this.#camera);
-    return caster;
+    return caster.intersectObject(this.#robot.hull).length > 0;
   }
 
-  /** Return the force of a drag to the pointer, x and y in `map` [N], and show its arrow. */
-  #force(event) {
+  /** Return the force of a drag by pixels, x and y in `map` [N], and show its arrow. */
+  #force(right, down) {
     const { x, y } = this.#robot.position;
     const grip = new THREE.Vector3(x, y, this.#grip);
-    const plane = new THREE.Plane(new THREE.Vector3(0, 0, 1), -this.#grip);
-    const point = this.#ray(event).ray.intersectPlane(plane, new THREE.Vector3());
-    if (!point) return [0, 0];
-    const pull = point.sub(grip).clampLength(0, MAX_FORCE / NEWTONS_PER_METRE);
+    const distance = this.#camera.position.distanceTo(grip);
+    const metresPerPixel = (2 * distance * Math.tan((this.#camera.fov * Math.PI) / 360)) / this.#canvas.clientHeight;
+    const ahead = this.#camera.getWorldDirection(new THREE.Vector3()).setZ(0).normalize();
+    const pull = new THREE.Vector3(ahead.y * right - ahead.x * down, -ahead.x * right - ahead.y * down, 0)
+      .multiplyScalar(metresPerPixel).clampLength(0, MAX_FORCE / NEWTONS_PER_METRE);
     const length = pull.length();
     this.#arrow.visible = length > 0.005;
     this.#arrow.position.copy(grip);
@@ -210,6 +215,7 @@ class Robot extends THREE.Group {
   #ball = new THREE.Group();
   #wheels;
   #material = null;
+  hull = new THREE.Mesh(); // what can be grasped, also between the parts
 
   constructor(shape, ghost) {
     super();
@@ -228,6 +234,11 @@ class Robot extends THREE.Group {
     this.#body.add(...this.#wheels);
     for (const each of [this.#body, this.#ball]) each.position.z = shape.ballRadius;
     this.add(this.#body, this.#ball);
+    const box = new THREE.Box3().setFromObject(this.#body);
+    this.hull.geometry = new THREE.BoxGeometry(...box.getSize(new THREE.Vector3()).toArray());
+    this.hull.position.copy(box.getCenter(new THREE.Vector3())).sub(this.#body.position);
+    this.hull.visible = false;
+    this.#body.add(this.hull);
   }
 
   colour(colour) {
