@@ -32,7 +32,9 @@ def offer(*extras: str) -> None:
     ``--yes`` or the environment ``CI``.
     """
     wanted = [each for each in extras if missing(each)]
-    is_agreed = click.get_current_context().find_root().params['yes'] or bool(os.environ.get('CI'))
+    # A command that is called without its group has no such option.
+    options = click.get_current_context().find_root().params
+    is_agreed = options.get('yes', False) or bool(os.environ.get('CI'))
     if not wanted or not (is_agreed or (sys.stdin.isatty() and sys.stderr.isatty())):
         return
     packages = list(dict.fromkeys(package for each in wanted for package in missing(each)))

@@ -12,7 +12,9 @@ from graph import call
 from packaging.requirements import Requirement
 
 from ballbot_ros.cli import extras, installation
+from ballbot_ros.cli.command import load_command
 from ballbot_ros.cli.installation import CORE_MB, EXTRAS, Downloads, InstallationError, install
+from ballbot_ros.errors import BallbotError
 
 PIP = """\
 Looking in indexes: https://index.example/simple
@@ -165,6 +167,12 @@ def test_without_a_terminal_nothing_is_installed_unasked(lacking):
     done = call('report', __file__)
     assert done.returncode == 2
     assert 'plotly' not in done.stderr
+    assert lacking == []
+
+
+def test_a_command_can_be_called_without_its_group(lacking):
+    with pytest.raises(BallbotError, match=r'not a recording|MCAP'):
+        load_command('report').main([__file__], standalone_mode=False)
     assert lacking == []
 
 
