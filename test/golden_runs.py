@@ -18,6 +18,7 @@ import platform
 import struct
 import sys
 import warnings
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -38,6 +39,7 @@ from ballbot_ros.parameters import (
     ParameterSet,
     parameters_of,
 )
+from ballbot_ros.parameters.brick_time import KernelChoice, LinkParameters, TaskCosts
 from ballbot_ros.robot.random_numbers import bits_53, philox4x32, uniform
 
 RANDOM_FILE = Path(__file__).parent / 'machines' / 'random_runs.json'
@@ -60,6 +62,7 @@ _LEFT_ALONE = {
     'body_width', 'body_depth', 'cone_rays',
     'time_start', 'ts2_period', 'ts3_period',
     'actuator_delay', 'actuator_delay_jitter', 'delay', 'delay_jitter',
+    *(each.name for cls in (KernelChoice, LinkParameters, TaskCosts) for each in fields(cls)),
 }  # fmt: skip
 
 

@@ -29,6 +29,7 @@ from ballbot_ros.parameters import (
 )
 from ballbot_ros.parameters.timing import TICK_NS
 from ballbot_ros.recording.messages.topics import RUN_TOPICS
+from ballbot_ros.robot.brick.brick import MotorDuty
 from ballbot_ros.robot.world.world import World
 
 TOPICS = dataclasses.replace(RUN_TOPICS, is_same_duty=operator.eq)
@@ -299,7 +300,7 @@ class LockstepWorld:
                 self.send_duty(stamp_ns - controller.late_ns)
 
     def send_duty(self, stamp_ns, duty=None):
-        duty = duty or duty_of(stamp_ns)
+        duty = MotorDuty(*(duty or duty_of(stamp_ns)))
         self.send(self.master.on_duty, stamp_ns, duty, data_of(stamp_ns, duty))
         recorder = self.nodes.get(RECORDER)
         if recorder and recorder.answers and recorder.run:

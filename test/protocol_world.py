@@ -852,7 +852,7 @@ class ProtocolWorld:
 
     def on_tick(self, controller, stamp_ns, inputs, outputs):
         """Note a tick of a controller."""
-        self.ticks[stamp_ns] = (controller, inputs, outputs.duty)
+        self.ticks[stamp_ns] = (controller, inputs, (*outputs.duty, outputs.delay_ns))
         if self.watcher:
             self.watcher.on_tick(controller, stamp_ns, inputs, outputs)
 

@@ -13,6 +13,7 @@ from lockstep_world import DRIVERS, ROLES, LockstepWorld, data_of
 
 from ballbot_ros.controllers.document.axis import task_timings
 from ballbot_ros.controllers.document.program import ControlProgram
+from ballbot_ros.engine.brick_tasks import BrickTasks
 from ballbot_ros.lockstep import run_actions as do
 from ballbot_ros.lockstep.lockstep import DueTick, LockstepTicks, SampleReaction
 from ballbot_ros.lockstep.lockstep_master import LockstepMaster
@@ -34,6 +35,7 @@ from ballbot_ros.recording.messages.topics import (
     GAMEPAD_JOY,
     GYRO_IMU,
 )
+from ballbot_ros.robot.brick.brick import MotorDuty
 from ballbot_ros.robot.brick.sensors import battery_mv
 
 
@@ -107,6 +109,7 @@ class Brick:
 
     def join(self, run):
         self._program = ControlProgram(self._parameters)
+        self._brick = BrickTasks(self._parameters)
         self._ticks.begin(run.start_ns, self._tasks)
         for timer in self._timers.values():
             timer.next_ns = None
@@ -161,7 +164,7 @@ class Brick:
             for task in tick.untimed:
                 self._timers[task].start(tick.time_ns)
         inputs = device_inputs(lambda topic: self._ticks.gate.newest(topic.name))
-        outputs = self._program.run(tick.tasks, tick.time_ns // MILLISECOND_NS, inputs)
+        outputs = self._brick.run(self._program, tick.time_ns, tick.tasks, inputs)
         self._hands.answer(tick.time_ns, inputs, outputs, self._program)
 
 
@@ -173,7 +176,7 @@ class Hands:
         self._duties = {}
 
     def answer(self, stamp_ns, inputs, outputs, program):
-        self._duties = {stamp_ns: outputs.duty}
+        self._duties = {stamp_ns: MotorDuty(*outputs.duty, outputs.delay_ns)}
         self.resend(stamp_ns)
 
     def resend(self, stamp_ns):

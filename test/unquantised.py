@@ -15,7 +15,7 @@ import numpy as np
 from ballbot_ros.controllers.document import axis
 from ballbot_ros.controllers.document.axis import ProgramConstants, Single
 from ballbot_ros.controllers.document.program import max_motor_voltage
-from ballbot_ros.engine.devices import ENCODER_DEVICE, GYRO_DEVICE, AnyDevice, longest_delay
+from ballbot_ros.engine.devices import ENCODER_DEVICE, GYRO_DEVICE, AnyDevice
 from ballbot_ros.engine.plant import Plant
 from ballbot_ros.parameters import ControllerParameters, ParameterSet, PlantParameters
 from ballbot_ros.parameters.timing import FIRST_TICK_NS
@@ -74,7 +74,7 @@ def run_unquantised(
     for push in pushes:
         plant.push(push)
     devices: tuple[AnyDevice, ...] = (GYRO_DEVICE, ENCODER_DEVICE)
-    plant.keep_steps(max(longest_delay(parameters.of(each.parameters)) for each in devices))
+    plant.keep_steps(max(each.longest_delay(parameters.of(each.parameters)) for each in devices))
     measures = [device.sampled(parameters.of(device.parameters)) for device in devices]
     gains, *others = axis.constants_of(ProgramConstants.of(parameters.of(ControllerParameters)))
     constants = cast(axis.Constants, (tuple(map(number, gains)), *map(number, others)))

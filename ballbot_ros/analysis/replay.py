@@ -25,6 +25,7 @@ from ballbot_ros.analysis.recorded_runs import (
 from ballbot_ros.analysis.recorded_scenario import PushPairs
 from ballbot_ros.controllers.codegen.implementation import implementation_for
 from ballbot_ros.controllers.loading import public_reference
+from ballbot_ros.engine.brick_tasks import BrickTasks
 from ballbot_ros.engine.closed_loop import ClosedLoop
 from ballbot_ros.engine.compiled_loop import CompiledLoop, pays
 from ballbot_ros.engine.law_runs import FAULTS
@@ -369,7 +370,7 @@ def replay_controller(
     sink = partial(comparator.add_replayed, epoch=run.epoch)
     messages = ControllerMessages(lambda topic: partial(sink, topic))
     retuned = _RetunedProgram(recording, inputs, parameters, messages)
-    program = retuned.program
+    program, tasks = retuned.program, BrickTasks(parameters.of(ControllerParameters))
     now = run.start_ns
     for topic, raw in _messages(recording, inputs):
         comparator.add_recorded(topic, raw.stamp_ns, raw.data, run.epoch)
@@ -384,7 +385,7 @@ def replay_controller(
             elapsed = now - run.start_ns
             retuned.repeat(now)
             with _RecordingErrorContext(reader, 'the inputs', now):
-                outputs = program.tick(elapsed // MILLISECOND_NS, now // MILLISECOND_NS, readings)
+                outputs = tasks.tick(program, now, elapsed // MILLISECOND_NS, readings)
                 messages.tick(now, outputs, program)
             yield ReplayedTick(now, readings, outputs)
             now += TICK_NS

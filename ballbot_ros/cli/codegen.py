@@ -15,6 +15,7 @@ from ballbot_ros.controllers.codegen.application import (
     STACK_BYTES,
     parameter_hash,
     write_application,
+    write_times,
 )
 from ballbot_ros.controllers.codegen.folder_check import (
     BuiltApplication,
@@ -32,7 +33,7 @@ from ballbot_ros.controllers.codegen.toolchain import (
     missing_tool,
 )
 from ballbot_ros.controllers.document.axis import TS1_MS
-from ballbot_ros.engine.scenario_steps import check_sequences
+from ballbot_ros.engine.scenario_steps import MEASURED_SEQUENCES, check_sequences
 from ballbot_ros.errors import CodegenError, RecordingError
 from ballbot_ros.files import own_command, temporary_folder
 from ballbot_ros.parameters import CONTROLLER, ControllerParameters, ParameterSet
@@ -67,12 +68,16 @@ def _read(path: Path) -> ParameterSet:
 def check(folder: Path) -> int:
     """Compare and measure the application in `folder`; return 0 if it is equal, else 1.
 
+    The measured instructions are also written there.
+
     Raises
     ------
     CodegenError
-        If the folder is incomplete; or, after all checks that are possible, if a tool is missing.
+        If the folder is incomplete; or, after all checks that are possible, if a tool is missing,
+        or the instructions can't be written.
     """
-    sequences = check_sequences(read_folder_parameters(folder))
+    parameters = read_folder_parameters(folder)
+    sequences = check_sequences(parameters)
     console = Console(highlight=False, markup=False, soft_wrap=True)
     skipped = ''
     for name, target in (('software', HOST), ('processor', ARM)):
@@ -92,7 +97,10 @@ def check(folder: Path) -> int:
             line = f'    {title}: {result.ticks} ticks of {len(sequences)} sequences'
             console.print(Text.assemble(('equal', 'green'), line))
             if target is ARM:
-                _print_cost(console, built.cost(sequences[-2:]))
+                cost = built.cost(sequences[-MEASURED_SEQUENCES:])
+                _print_cost(console, cost)
+                values = parameters.of(ControllerParameters)
+                print(write_times(folder, values, cost.instructions))
     if skipped:
         raise CodegenError(skipped)
     return 0
@@ -155,7 +163,7 @@ def _time(instructions: int) -> tuple[str, str, str]:
     'checked',
     type=PATH,
     help='Folder to compare with the Python controller, bit for bit, on this machine and on an '
-    'emulated ARM processor, and to measure.',
+    'emulated ARM processor, and to measure; writes times.yaml there.',
 )
 def command(
     output: Path | None, params: Path | None, mode: str | None, checked: Path | None

@@ -47,6 +47,7 @@ from ballbot_ros.robot.brick.brick import (
     DeviceOutputs,
     as_numbers,
 )
+from ballbot_ros.robot.brick.job_times import JobTimes
 from ballbot_ros.robot.brick.schedule import Schedule
 from ballbot_ros.robot.plant.model import PhysicalParameters
 
@@ -243,6 +244,7 @@ class ControllerProgram:
     Attributes
     ----------
     loaded : LoadedController
+    tasks : sequence of TaskTiming
     controller : Controller
         The instance of the class that runs.
     x, y : Estimates
@@ -268,6 +270,7 @@ class ControllerProgram:
         self._name = loaded.cls.__name__
         self.times = times
         times.reset()
+        self.tasks = loaded.tasks
         self._schedule = Schedule(loaded.tasks)
         self._user = parameters
         self._glide = Glide(settings)
@@ -307,24 +310,44 @@ class ControllerProgram:
         """Run the tasks due `elapsed_ms` after the start on the inputs of that time."""
         return self.run(self._schedule.due(elapsed_ms), systick_ms, inputs)
 
-    def run(self, tasks: Sequence[str], systick_ms: int, inputs: DeviceInputs) -> DeviceOutputs:
-        """Run the tasks with these names, in this order, on the inputs of a tick."""
+    def run(
+        self,
+        tasks: Sequence[str],
+        systick_ms: int,
+        inputs: DeviceInputs,
+        *,
+        is_same_tick: bool = False,
+        is_bus_busy: bool = False,
+    ) -> DeviceOutputs:
+        """Run the tasks with these names, in this order, on the inputs of a tick.
+
+        The bus does not matter: the readings of the sonar reach a controller by themselves.
+        """
         if self._start_ms is None:
             self._start_ms = systick_ms
         elapsed_ms = (systick_ms - self._start_ms) & UINT32_MASK
         self._readings = readings = next_readings(self._readings, elapsed_ms, as_numbers(inputs))
         self._brick.sonar_cm = readings.distance_cm
         started_ns = time.perf_counter_ns()
-        if self._glide.is_moving:
+        if self._glide.is_moving and not is_same_tick:
             self._move(elapsed_ms)
         try:
-            outputs = self._brick.tick(systick_ms, inputs, lambda: self._run_tasks(tasks, readings))
+            outputs = self._brick.tick(
+                systick_ms,
+                inputs,
+                lambda: self._run_tasks(tasks, readings),
+                is_same_tick=is_same_tick,
+            )
         except BaseException as error:
             duty = ', '.join(map(str, self._brick.duty))
             at = f'{self._name}.{self._task} at {elapsed_ms / SECOND_MS:.3f} s'
             raise self._error(error, f'{at}; {readings}; last duty {duty}') from None
         self.times.add(elapsed_ms, time.perf_counter_ns() - started_ns)
         return outputs
+
+    def job_time(self, task: str, outputs: DeviceOutputs, times: JobTimes) -> float:
+        """Return the declared time of a task, whatever it calls [µs]."""
+        return 0.0 if task == IDLE else times.own
 
     def _run_tasks(self, tasks: Sequence[str], readings: Readings) -> None:
         for name in tasks:

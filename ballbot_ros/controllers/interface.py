@@ -10,6 +10,8 @@ from typing import Protocol, SupportsFloat
 from ballbot_ros.parameters import ControllerParameters, Value
 from ballbot_ros.parameters.parameter import TextEnum
 from ballbot_ros.robot.brick.brick import DeviceInputs, DeviceOutputs
+from ballbot_ros.robot.brick.job_times import JobTimes
+from ballbot_ros.robot.brick.schedule import TaskTiming
 
 
 class OperatingState(TextEnum):
@@ -76,6 +78,10 @@ class Program(Protocol):
     def operating_state(self) -> OperatingState:
         """The state of figure 7-1."""
 
+    @property
+    def tasks(self) -> Sequence[TaskTiming]:
+        """Its tasks."""
+
     def retune(self, parameters: ControllerParameters) -> None:
         """Take over parameters that change during a run, from the next tick on.
 
@@ -90,8 +96,28 @@ class Program(Protocol):
     def tick(self, elapsed_ms: int, systick_ms: int, inputs: DeviceInputs) -> DeviceOutputs:
         """Run the tasks due `elapsed_ms` after the start on the inputs of that time."""
 
-    def run(self, tasks: Sequence[str], systick_ms: int, inputs: DeviceInputs) -> DeviceOutputs:
-        """Run the tasks with these names, in this order, on the inputs of a tick."""
+    def run(
+        self,
+        tasks: Sequence[str],
+        systick_ms: int,
+        inputs: DeviceInputs,
+        *,
+        is_same_tick: bool = False,
+        is_bus_busy: bool = False,
+    ) -> DeviceOutputs:
+        """Run the tasks with these names, in this order, on the inputs of a tick.
+
+        Parameters
+        ----------
+        is_same_tick : bool
+            Whether tasks have run in this tick before: its inputs are not new, and the outputs are
+            those of all of them.
+        is_bus_busy : bool
+            Whether the bus of the sonar is busy, so that there is no new reading.
+        """
+
+    def job_time(self, task: str, outputs: DeviceOutputs, times: JobTimes) -> float:
+        """Return how long the job of a task takes that has just run with some outputs [µs]."""
 
 
 GLIDE_TICKS = 125

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple, Protocol
 
 from ballbot_ros.controllers.codegen.implementation import implementation_for
 from ballbot_ros.controllers.interface import Program
+from ballbot_ros.engine.brick_tasks import BrickTasks
 from ballbot_ros.engine.devices import numbers_of
 from ballbot_ros.engine.plant import Plant
 from ballbot_ros.engine.run import longest_age, robot_constants, sample
@@ -82,6 +83,8 @@ class ClosedLoop:
         Those of the external inputs.
     program : Program
         The control program.
+    tasks : BrickTasks
+        What runs its tasks.
 
     Raises
     ------
@@ -109,7 +112,9 @@ class ClosedLoop:
         self.pushes = self._scenario.pushes_from(start_ns)
         for push in self.pushes:
             self.plant.push(push)
-        self.program = program or implementation_for(parameters.of(ControllerParameters)).make()
+        settings = parameters.of(ControllerParameters)
+        self.program = program or implementation_for(settings).make()
+        self.tasks = BrickTasks(settings)
 
     def sample(self) -> DeviceInputs:
         """Return the samples of the devices and sticks that are due now."""
@@ -142,6 +147,6 @@ class ClosedLoop:
         now_ns = truth.stamp_ns
         inputs = self.sample()
         elapsed_ms = (now_ns - self.start_ns) // MILLISECOND_NS
-        outputs = self.program.tick(elapsed_ms, now_ns // MILLISECOND_NS, inputs)
-        self.plant.tick(*outputs.duty)
+        outputs = self.tasks.tick(self.program, now_ns, elapsed_ms, inputs)
+        self.plant.tick(*outputs.duty, outputs.delay_ns)
         return Tick(truth, wall_hit, inputs, outputs)

@@ -57,6 +57,8 @@ from ballbot_ros.parameters import (
 )
 from ballbot_ros.parameters.timing import FIRST_TICK_NS
 from ballbot_ros.robot.brick.brick import Inputs
+from ballbot_ros.robot.brick.kernel import kernel_size
+from ballbot_ros.robot.brick.link import longest_analog_steps
 from ballbot_ros.robot.plant.ground_truth import GroundTruth
 from ballbot_ros.robot.world.world import World
 
@@ -154,12 +156,18 @@ class TickColumns(NamedTuple):
     program : rows
         The states of the program after each tick: of the document's, or
         :class:`~ballbot_ros.engine.law_runs.LawState`.
+    duty : ndarray of int64, shape (n, 2)
+        The duties [%].
+    delay_ns : ndarray of int64
+        Time until they leave the brick.
     """
 
     truth: GroundTruth
     wall_hit: NDArray[np.bool_]
     inputs: Inputs
     program: Rows
+    duty: NDArray[np.int64]
+    delay_ns: NDArray[np.int64]
 
 
 class CompiledLoop:
@@ -193,7 +201,7 @@ class CompiledLoop:
         parameters: ParameterSet,
         events: EventSource,
     ) -> None:
-        self._plant, self.program = loop.plant, program
+        self._plant, self._tasks, self.program = loop.plant, loop.tasks, program
         rows = RobotRows(parameters, {}, 1)
         rows[PlantParameters]['duration'] = _ENDLESS_S
         if law := own_law(program):
@@ -205,10 +213,10 @@ class CompiledLoop:
             programs, state = program_rows(rows[ControllerParameters]), rows_of([program.state])
         self._tables = (
             rows[PlantParameters], rows[GyroParameters], rows[EncoderParameters],
-            rows[SonarParameters], programs,
+            rows[SonarParameters], rows[ControllerParameters], programs,
             floor_of(loop.world), events_of([events]),
         )  # fmt: skip
-        self._rings = rings_of(rows)
+        self._rings = rings_of(rows, len(program.tasks))
         self._robots = new_robots(1, state)
 
     def advance(self, ticks: int) -> RunLog:
@@ -223,12 +231,14 @@ class CompiledLoop:
         """Make ticks as :meth:`advance` does; return also everything in them."""
         log, rows = self._advance(ticks, ticks)
         plant = columns_of(PlantState, rows['plant'])
-        volts: Any = np.asarray(plant.volts, np.float32).astype(np.float64)
+        volts: Any = np.asarray(plant.measured_volts, np.float32).astype(np.float64)
         return log, TickColumns(
             self._plant.truth_of(plant, volts),
             np.asarray(plant.in_contact),
             columns_of(Inputs, rows['inputs']),
             rows['program'],
+            rows['duty'],
+            rows['delay_ns'],
         )
 
     def _advance(self, ticks: int, traced: int) -> tuple[RunLog, Rows]:
@@ -254,11 +264,13 @@ class CompiledLoop:
                 state._replace(pushes=len(saved.push_times) // 2),
                 saved.push_times,
                 saved.push_forces,
-                *(tuple(each[0].tolist()) for each in self._rings),
+                *(tuple(each[0].tolist()) for each in self._rings[:3]),
             )
         )
         if isinstance(self.program, ControlProgram):
             self.program.state = state_of(ProgramState, robot['program'])
+            kernel = self._rings.kernel[0].tolist()
+            self._tasks.restore_state(self.program, FIRST_TICK_NS, kernel)
 
 
 def floor_of(world: World | None) -> FloorTables:
@@ -269,12 +281,15 @@ def floor_of(world: World | None) -> FloorTables:
     return FloorTables(world.footprint.sides, world.footprint.walls_before)
 
 
-def rings_of(rows: RobotRows) -> Rings:
-    """Return the empty rings of robots."""
-    plants = rows[PlantParameters]
+def rings_of(rows: RobotRows, tasks: int) -> Rings:
+    """Return the empty rings of robots whose programs have a number of tasks."""
+    plants, gyros = rows[PlantParameters], rows[GyroParameters]
     delays = plants['actuator_delay'] + plants['actuator_delay_jitter']
-    waiting = waiting_count(int(delays.max(initial=0)))
+    is_timed = bool((plants['kernel'] | plants['link']).any())
+    waiting = waiting_count(int(delays.max(initial=0)), is_timed)
     ages = [rows[each]['delay'] + rows[each]['delay_jitter'] for each in DEVICES]
+    longest_link = longest_analog_steps(True, float(gyros['converter_period'].max(initial=0.0)))
+    ages[DEVICES.index(GyroParameters)] += np.where(gyros['link'], longest_link, 0)
     longest = max(int(each.max(initial=0)) for each in ages)
     kept = STEP_VALUES * (longest + 1) if longest else 0
     count = len(plants)
@@ -282,6 +297,7 @@ def rings_of(rows: RobotRows) -> Rings:
         np.zeros((count, waiting), np.int64),
         np.zeros((count, 2 * waiting), np.int64),
         np.zeros((count, kept)),
+        np.zeros((count, kernel_size(tasks) if is_timed else 0), np.int64),
     )
 
 

@@ -6,7 +6,7 @@ A reading is that of the present state, or of an earlier step if the samples hav
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from types import SimpleNamespace
@@ -32,6 +32,8 @@ from ballbot_ros.parameters import (
     SonarParameters,
 )
 from ballbot_ros.parameters.timing import SLOW_PERIOD_NS, STEP_NS, TICK_NS
+from ballbot_ros.robot.brick.job_times import JobTimes, whole_time
+from ballbot_ros.robot.brick.link import NO_LINK, Link, analog_age, drawn_link, longest_analog_steps
 from ballbot_ros.robot.brick.sensors import GyroConstants as PlaneGyro
 from ballbot_ros.robot.brick.sensors import (
     drawn_delay,
@@ -142,13 +144,27 @@ def delay_number(device: str) -> np.uint64:
 
 
 GYRO_DELAY, ENCODER_DELAY, SONAR_DELAY = map(delay_number, ('gyro', 'encoder', 'sonar'))
+LINK = device_number('link')
+
+
+def link_constants(p: Any) -> Link:
+    """Return the link of a run for the parameters of a node that has those of the link."""
+    if not p.link:
+        return NO_LINK
+    key = noise_key(p.seed)
+    of_link, of_converter = uniform_pair(key, LINK, 0)
+    of_battery, _ = uniform_pair(key, LINK, 1)
+    return drawn_link(p.link_phase, p.converter_period, of_link, of_converter, of_battery)
 
 
 EXACT = choice(SonarParameters, 'distance_model', 'exact')
 
 
 class GyroConstants(NamedTuple):
-    """Both gyros; `noise` is the standard deviation [deg/s], dead times are in steps."""
+    """Both gyros; `noise` is the standard deviation [deg/s], dead times are in steps.
+
+    The link adds to them.
+    """
 
     x: PlaneGyro
     y: PlaneGyro
@@ -156,6 +172,7 @@ class GyroConstants(NamedTuple):
     delay: int
     jitter: int
     key: Key
+    link: Link
 
 
 class EncoderConstants(NamedTuple):
@@ -190,7 +207,7 @@ def gyro_constants(p: Any) -> GyroConstants:
     return GyroConstants(
         (p.zero_rate_offset_x, p.rate_limit, p.noise, p.drift, period_ns, phase_x),
         (p.zero_rate_offset_y, p.rate_limit, p.noise, p.drift, period_ns, phase_y),
-        p.noise, p.delay, p.delay_jitter, key,
+        p.noise, p.delay, p.delay_jitter, key, link_constants(p),
     )  # fmt: skip
 
 
@@ -206,6 +223,17 @@ def sonar_constants(p: Any) -> SonarConstants:
         p.distance_model == EXACT, p.noise_cm, p.dropout_probability,
         p.min_range_cm, p.max_range_cm, p.delay, p.delay_jitter, noise_key(p.seed),
     )  # fmt: skip
+
+
+JOB = device_number('job')
+
+
+def varied(times: JobTimes, time_us: float, key: Key, task: int, now_ns: int) -> int:
+    """Return the time of a job that begins in a tick [µs], with its random variation."""
+    chance = 0.0
+    if times.variation:
+        chance, _ = uniform_pair(key, JOB + np.uint64(task), now_ns // TICK_NS)
+    return whole_time(times, time_us, chance)
 
 
 def read_gyro(
@@ -306,6 +334,8 @@ class Device(Generic[P, Measured, Reading]):
         Field of :class:`~ballbot_ros.robot.brick.brick.DeviceInputs` that holds its readings.
     measured : callable
         Returns the measured quantity of a true state.
+    link_of : callable
+        Returns the link that the samples pass.
     make : callable
         Creates a device from its parameters and returns its read function. A reading depends only
         on the measured quantity and the stamp, never on earlier readings. Raises BallbotError if
@@ -316,29 +346,68 @@ class Device(Generic[P, Measured, Reading]):
     field: str
     measured: Callable[[TrueState], Measured]
     make: Callable[[P], Read[Measured, Reading]]
+    link_of: Callable[[P], Link] = lambda parameters: NO_LINK
 
     @property
     def period_ns(self) -> int:
         """Sampling period in sim time [ns]."""
         return self.parameters.period_ns
 
-    def age_of(self, parameters: P) -> Callable[[int], int]:
-        """Return the function that gives the age [steps] of the sample with a stamp [ns]."""
+    def age_of(self, parameters: P) -> Callable[[int], tuple[int, float]]:
+        """Return the function that gives the age of the sample with a stamp [ns].
+
+        The age is that of the older one of two steps [steps], and the share of the later one.
+        """
         delay, jitter, key = parameters.delay, parameters.delay_jitter, noise_key(parameters.seed)
         number = delay_number(self.parameters.node.removesuffix('_driver'))
-        return lambda stamp_ns: sample_age(delay, jitter, key, number, self.period_ns, stamp_ns)
+        link = self.link_of(parameters)
+
+        def age(stamp_ns: int) -> tuple[int, float]:
+            age = sample_age(delay, jitter, key, number, self.period_ns, stamp_ns)
+            older, share = analog_steps(link, stamp_ns)
+            return age + older, share
+
+        return age
 
     def sampled(self, parameters: P) -> Callable[[GroundTruth], Measured]:
         """Return the function that measures the quantity of the sample at a tick."""
-        measured, age_of = self.measured, self.age_of(parameters)
-        if not longest_delay(parameters):
-            return measured
-        return lambda truth: measured(truth.steps[-1 - age_of(truth.stamp_ns)])
+        age_of = self.age_of(parameters)
+        if not self.longest_delay(parameters):
+            return self.measured
+        return lambda truth: self.measured_of(truth.steps, *age_of(truth.stamp_ns))
+
+    def measured_of(self, steps: Sequence[MeasuredState], age: int, share: float) -> Measured:
+        """Return the quantity at an age as in :meth:`age_of`; the newest step is the last one."""
+        older = steps[-1 - age]
+        if share:
+            pairs = zip(older, steps[-age], strict=True)
+            older = MeasuredState(
+                *((between(x, xx, share), between(y, yy, share)) for (x, y), (xx, yy) in pairs)
+            )
+        return self.measured(older)
+
+    def longest_delay(self, parameters: P) -> int:
+        """Return the longest dead time of the samples [steps]."""
+        link = self.link_of(parameters)
+        longest = longest_analog_steps(link.is_on, link.converter_ns / STEP_NS)
+        return parameters.delay + parameters.delay_jitter + longest
 
 
-def longest_delay(parameters: DeviceParameters) -> int:
-    """Return the longest dead time of a device's samples [steps]."""
-    return parameters.delay + parameters.delay_jitter
+def analog_steps(link: Link, stamp_ns: int) -> tuple[int, float]:
+    """Return how many steps before a stamp an analog value was measured, rounded up, and a share.
+
+    It was measured between that step and the next one, after this share of the time.
+    """
+    if not link.is_on:
+        return 0, 0.0
+    age_ns = analog_age(link, stamp_ns)
+    older = -(-age_ns // STEP_NS)
+    return older, (older * STEP_NS - age_ns) / STEP_NS
+
+
+def between(earlier: float, later: float, share: float) -> float:
+    """Return the value after a share of the time between two values."""
+    return earlier + (later - earlier) * share
 
 
 def _gyro(parameters: GyroParameters) -> Read[Pair, tuple[int, int]]:
@@ -356,7 +425,7 @@ def _sonar(parameters: SonarParameters) -> Read[Pair, int]:
     return lambda position, stamp_ns: read_sonar(constants, *position, sides, stamp_ns)
 
 
-GYRO_DEVICE = Device(GyroParameters, 'gyro', lambda truth: truth.psi_rate, _gyro)
+GYRO_DEVICE = Device(GyroParameters, 'gyro', lambda truth: truth.psi_rate, _gyro, link_constants)
 ENCODER_DEVICE = Device(EncoderParameters, 'revolutions', lambda truth: truth.motor_angle, _encoder)
 SONAR_DEVICE = Device(SonarParameters, 'sonar_cm', lambda truth: truth.position, _sonar)
 

@@ -36,7 +36,10 @@ from ballbot_ros.engine.rows import has_column, kind_of, row_functions_of, rows_
 from ballbot_ros.engine.run import simulate_run, simulate_runs
 from ballbot_ros.errors import short_repr
 from ballbot_ros.parameters.timing import TICK_MS
+from ballbot_ros.robot.arithmetic import Ints
 from ballbot_ros.robot.brick.brick import NO_SAMPLE, Inputs
+from ballbot_ros.robot.brick.job_times import JobTimes
+from ballbot_ros.robot.brick.kernel import set_task
 from ballbot_ros.robot.compiler_hints import inlined, with_globals
 
 FAULTS = (ValueError, ArithmeticError, LookupError)
@@ -57,16 +60,33 @@ def begin_program(program: Any, begun_ms: int) -> tuple[Any, int]:
     return read_constants(program), 0
 
 
+def due_tasks(timers: int, elapsed_ms: int) -> tuple[int, int]:
+    """Return the only task, as a bit, and the timers."""
+    return 1, timers
+
+
 @inlined
-def program_step(
-    constants: Any, timers: int, state: LawState, inputs: Inputs, elapsed_ms: int, systick_ms: int
-) -> tuple[LawState, int]:
-    """Return the state after a tick; ValueError if the law gives no duty."""
-    readings = next_readings(state.readings, elapsed_ms, inputs)
-    own, (duty_x, duty_y) = law(constants, state.own, readings)
-    if not (-MAX_DUTY <= duty_x <= MAX_DUTY and -MAX_DUTY <= duty_y <= MAX_DUTY):
-        raise ValueError('no duty')
-    return LawState(duty_x, duty_y, readings, own), timers
+def run_tasks(
+    constants: Any, state: LawState, inputs: Inputs, tasks: int, elapsed_ms: int, systick_ms: int
+) -> LawState:
+    """Return the state after a tick, perhaps without the task; ValueError if there is no duty."""
+    duty_x, duty_y, readings, own = state
+    readings = next_readings(readings, elapsed_ms, inputs)
+    if tasks:
+        own, (duty_x, duty_y) = law(constants, own, readings)
+        if not (-MAX_DUTY <= duty_x <= MAX_DUTY and -MAX_DUTY <= duty_y <= MAX_DUTY):
+            raise ValueError('no duty')
+    return LawState(duty_x, duty_y, readings, own)
+
+
+def set_tasks(kernel: Ints, timers: int) -> None:
+    """Set the only task in a kernel."""
+    set_task(kernel, 0, 1, TICK_MS)
+
+
+def time_of_job(times: JobTimes, task: int, state: LawState) -> float:
+    """Return how long a tick takes [µs]."""
+    return times.own
 
 
 def read_constants(program: Any) -> Any:
@@ -94,7 +114,8 @@ def some_ticks(program: Any, robot: Any) -> None:
     constants, timers = begin_program(program, 0)
     state = read_program_state(robot)
     for tick in range(2):
-        state, timers = program_step(constants, timers, state, NOTHING_READ, tick * TICK_MS, 0)
+        tasks, timers = due_tasks(timers, tick * TICK_MS)
+        state = run_tasks(constants, state, NOTHING_READ, tasks, tick * TICK_MS, 0)
     write_program_state(robot, state)
 
 
@@ -157,13 +178,18 @@ class LawCode:
             _problems[self._name] = problem
         return _problems[self._name]
 
-    def _places(self) -> dict[str, Callable[..., Any]]:
-        """Return the functions that take the places of those of the document's program."""
+    def _places(self) -> dict[str, object]:
+        """Return what takes the places of functions and tasks of the document's program."""
         read_own, _ = row_functions_of(self._kinds[0])
         read, write = row_functions_of(self._kinds[1])
         return {
             'begin_program': with_globals(begin_program, {'read_constants': read_own}),
-            'program_step': with_globals(program_step, {'law': compiled(self._law)}),
+            'due_tasks': due_tasks,
+            'run_tasks': with_globals(run_tasks, {'law': compiled(self._law)}),
+            'set_tasks': set_tasks,
+            'time_of_job': time_of_job,
+            'DUTY_TASK': 0,
+            'BUS_TASK': -1,
             'read_program_state': read,
             'write_program_state': write,
         }

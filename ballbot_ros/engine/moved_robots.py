@@ -15,11 +15,10 @@ from ballbot_ros.controllers.policy import (
     observer_tick,
     percent,
 )
+from ballbot_ros.engine.devices import varied
 from ballbot_ros.engine.plant_tick import (
-    Ints,
     PlantConstants,
     PlantState,
-    Reals,
     initial_state,
     plant_constants,
     plant_tick,
@@ -36,9 +35,31 @@ from ballbot_ros.engine.run import (
 )
 from ballbot_ros.engine.scenario.scenario import signal_value
 from ballbot_ros.parameters import DEVICES, ControllerParameters, PlantParameters
-from ballbot_ros.parameters.timing import FIRST_TICK_NS, MILLISECOND_NS, SLOW_PERIOD_NS
-from ballbot_ros.robot.arithmetic import Floats
+from ballbot_ros.parameters.timing import (
+    FIRST_TICK_NS,
+    MILLISECOND_NS,
+    SLOW_PERIOD_NS,
+    TICK_MS,
+    TICK_NS,
+)
+from ballbot_ros.robot.arithmetic import Floats, Ints, Reals
+from ballbot_ros.robot.brick.job_times import JobTimes, job_times, kernel_constants
+from ballbot_ros.robot.brick.kernel import (
+    DUTY_X,
+    DUTY_Y,
+    NEXT_X,
+    NEXT_Y,
+    KernelConstants,
+    duty_effect,
+    next_event,
+    set_duty,
+    set_task,
+    start_kernel,
+    take_time,
+)
+from ballbot_ros.robot.brick.link import is_sending
 from ballbot_ros.robot.compiler_hints import inlined
+from ballbot_ros.robot.random_numbers import Key
 from ballbot_ros.robot.world.world import Cells
 
 TrueState = tuple[float, float, float, float, float, float, float, float, float]
@@ -55,7 +76,7 @@ def true_state(constants: PlantConstants, state: PlantState) -> TrueState:
         constants.radius * state.x[2], constants.radius * state.y[2],
         state.x[1], state.y[1], state.x[3], state.y[3],
         # In its message the voltage has single precision.
-        np.float64(np.float32(state.volts)),
+        np.float64(np.float32(state.measured_volts)),
     )  # fmt: skip
 
 
@@ -68,6 +89,8 @@ def move_robot(
     observer: ObserverState,
     duty_x: int,
     duty_y: int,
+    times: JobTimes,
+    kernel_law: KernelConstants,
     ticks: int,
     vertical_times: Any,
     vertical_values: Any,
@@ -76,6 +99,7 @@ def move_robot(
     effects_ns: Any,
     waiting_duties: Ints,
     steps: Any,
+    kernel: Ints,
     sides: Cells,
     walls_before: Cells,
 ) -> tuple[PlantState, ObserverState]:
@@ -88,16 +112,30 @@ def move_robot(
     ----------
     time_start : int
         How long the gyros are calibrated [ms].
+    times, kernel_law, kernel : JobTimes, KernelConstants, sequence of int
+        Of the task that sets the duty.
     vertical_times, vertical_values, horizontal_times, horizontal_values : sequence of float
         The points of both stick signals.
     effects_ns, waiting_duties, steps, sides, walls_before : sequence
         As in :func:`~ballbot_ros.engine.plant_tick.plant_tick`.
     """
     push_times, push_forces = effects_ns[:0], steps[:0]  # none, of the types of some
+    is_timed, key = constants.plant.has_late_duties, constants.plant.key
+    delay_ns = 0
+    if is_new and is_timed:
+        set_task(kernel, 0, 1, TICK_MS)
+        sends = is_sending(constants.gyro.link, state.time_ns)
+        start_kernel(kernel, state.time_ns // 1000, sends)
+    set_x, set_y = duty_x, duty_y
     for tick in range(ticks):
         if tick or not is_new:
+            if is_timed:
+                now_ns = state.time_ns
+                run_task(kernel_law, kernel, times, key, now_ns, duty_x, duty_y)
+                set_x, set_y = kernel[DUTY_X], kernel[DUTY_Y]
+                delay_ns = max(duty_effect(kernel_law, kernel) * 1000 - now_ns, 0)
             state = plant_tick(
-                constants.plant, state, duty_x, duty_y, push_times, push_forces,
+                constants.plant, state, set_x, set_y, delay_ns, push_times, push_forces,
                 effects_ns, waiting_duties, steps, sides, walls_before,
             )  # fmt: skip
         elapsed_ns = state.time_ns - FIRST_TICK_NS
@@ -111,6 +149,27 @@ def move_robot(
         if state.is_stopped:
             break
     return state, observer
+
+
+def run_task(
+    kernel_law: KernelConstants,
+    kernel: Ints,
+    times: JobTimes,
+    key: Key,
+    now_ns: int,
+    duty_x: int,
+    duty_y: int,
+) -> None:
+    """Run the only task of a program in a tick: it sets a duty."""
+    while True:
+        event = next_event(kernel_law, kernel, (now_ns + TICK_NS) // 1000)
+        if event < 0:
+            return
+        if event % 2:
+            set_duty(kernel, kernel[NEXT_X], kernel[NEXT_Y])
+        else:
+            kernel[NEXT_X], kernel[NEXT_Y] = duty_x, duty_y
+            take_time(kernel, 0, varied(times, times.own, key, 0, now_ns))
 
 
 PARAMETERS: dict[str, Any] = {
@@ -165,7 +224,8 @@ def move_robots(
         if robots[run].ticks:
             move_row(
                 floor.sides, floor.walls_before, vertical[run], horizontal[run],
-                rings.effects_ns[run], rings.waiting_duties[run], rings.steps[run], robots[run],
+                rings.effects_ns[run], rings.waiting_duties[run], rings.steps[run],
+                rings.kernel[run], robots[run],
             )  # fmt: skip
 
 
@@ -177,6 +237,7 @@ def move_row(
     effects_ns: Ints,
     waiting_duties: Ints,
     steps: Reals,
+    kernel: Ints,
     robot: Any,
 ) -> None:
     """Move one of the robots of :func:`move_robots`."""
@@ -195,9 +256,10 @@ def move_row(
     duty_x, duty_y = percent(robot.action[0]), percent(robot.action[1])
     state, observer = move_robot(
         constants, robot.settings.time_start, is_new,
-        read_plant(robot.plant), read_observer(robot.observer), duty_x, duty_y, robot.ticks,
+        read_plant(robot.plant), read_observer(robot.observer), duty_x, duty_y,
+        job_times(robot.settings), kernel_constants(robot.settings), robot.ticks,
         vertical[:, 0], vertical[:, 1], horizontal[:, 0], horizontal[:, 1],
-        effects_ns, waiting_duties, steps, sides, walls_before,
+        effects_ns, waiting_duties, steps, kernel, sides, walls_before,
     )  # fmt: skip
     write_plant(robot.plant, state)
     write_observer(robot.observer, observed(observer))

@@ -69,7 +69,7 @@ class Plant:
         self.state = initial_state(c, start_ns)
         self._push_times: list[int] = []
         self._push_forces: list[float] = []
-        waiting = waiting_count(c.actuator_delay + c.actuator_jitter)
+        waiting = waiting_count(c.actuator_delay + c.actuator_jitter, c.has_late_duties)
         self._effects_ns = [NEVER_NS] * waiting
         self._waiting_duties = [0] * (2 * waiting)
         self.kept_steps: list[float] = []
@@ -121,10 +121,14 @@ class Plant:
         self._push_forces += (*push.force, *push.torque)
         self.state = self.state._replace(pushes=self.pushes + 1)
 
-    def tick(self, duty_x: int, duty_y: int) -> None:
-        """Advance by one tick of 4 ms under integer duties within -100 ... 100 %."""
+    def tick(self, duty_x: int, duty_y: int, delay_ns: int = 0) -> None:
+        """Advance by one tick of 4 ms under integer duties within -100 ... 100 %.
+
+        They leave the brick `delay_ns` after the present time, if the plant has late duties.
+        """
         self.state = plant_tick(
-            self.constants, self.state, duty_x, duty_y, self._push_times, self._push_forces,
+            self.constants, self.state, duty_x, duty_y, delay_ns,
+            self._push_times, self._push_forces,
             self._effects_ns, self._waiting_duties, self.kept_steps, self.sides, self._walls_before,
         )  # fmt: skip
 
@@ -158,7 +162,7 @@ class Plant:
 
     def truth(self) -> GroundTruth:
         """Return the current state of the robot."""
-        volts: float = _FLOAT32.unpack(_FLOAT32.pack(self.state.volts))[0]
+        volts: float = _FLOAT32.unpack(_FLOAT32.pack(self.state.measured_volts))[0]
         return self.truth_of(self.state, volts, self.steps if self.kept_steps else ())
 
     def truth_of(

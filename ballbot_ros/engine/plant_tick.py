@@ -2,23 +2,33 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
-from ballbot_ros.engine.devices import choice, uniform_pair
+from ballbot_ros.engine.devices import choice, link_constants, uniform_pair
 from ballbot_ros.parameters import PlantParameters
-from ballbot_ros.parameters.timing import SLOW_PERIOD_NS, STEP_NS, STEPS_PER_TICK, TICK_NS
+from ballbot_ros.parameters.timing import (
+    BATTERY_PERIOD_NS,
+    SLOW_PERIOD_NS,
+    STEP_NS,
+    STEPS_PER_TICK,
+    TICK_NS,
+)
+from ballbot_ros.robot.arithmetic import Ints, Reals
 from ballbot_ros.robot.brick.sensors import drawn_delay
 from ballbot_ros.robot.compiler_hints import inlined
 from ballbot_ros.robot.plant.ground_truth import Pair
 from ballbot_ros.robot.plant.integration import (
     Equations,
     ForceCoefficients,
+    LinearRates,
     PlaneState,
     TransitionCoefficients,
     advance_linear,
+    advance_linear_part,
     advance_nonlinear,
     discrete_matrices,
     equations_of,
+    linear_rates,
 )
 from ballbot_ros.robot.plant.laws import (
     add_push_forces,
@@ -41,23 +51,6 @@ from ballbot_ros.robot.plant.model import MassMatrix, gear_ratio, mass_matrix, t
 from ballbot_ros.robot.random_numbers import Key, device_number, noise_key
 from ballbot_ros.robot.world.world import Cells, Footprint, half_cells, is_blocked
 
-
-class Ints(Protocol):
-    """Whole numbers in a buffer, a list or an array, shape (n,)."""
-
-    def __len__(self) -> int: ...
-    def __getitem__(self, at: int, /) -> int: ...
-    def __setitem__(self, at: int, value: int, /) -> None: ...
-
-
-class Reals(Protocol):
-    """Real numbers in a buffer, a list or an array, shape (n,)."""
-
-    def __len__(self) -> int: ...
-    def __getitem__(self, at: int, /) -> float: ...
-    def __setitem__(self, at: int, value: float, /) -> None: ...
-
-
 STEP_S = STEP_NS * 1e-9
 NEVER_NS = 2**62
 
@@ -68,6 +61,9 @@ ACTUATOR_DELAY = device_number('actuator delay')
 
 STEP_VALUES = 6
 """Numbers of a kept step: motor angles [rad], pitch rates [rad/s] and positions [m] of x and y."""
+
+LATEST_DUTY = 20
+"""Most steps after its tick after which a duty leaves the brick and acts."""
 
 PUSH_VALUES = 4
 """Numbers of a push: forces [N] and torques [N·m] on planes x and y."""
@@ -82,6 +78,8 @@ class PlantConstants(NamedTuple):
         Whether the planes follow the linear model.
     transition, force_coefficients : tuple of float
         Of the linear model, see :func:`~ballbot_ros.robot.plant.integration.discrete_matrices`.
+    rates : tuple of float
+        Of the linear model, see :func:`~ballbot_ros.robot.plant.integration.linear_rates`.
     equations : tuple of float
         Of the nonlinear model, see :func:`~ballbot_ros.robot.plant.integration.equations_of`.
     alpha : float
@@ -110,6 +108,10 @@ class PlantConstants(NamedTuple):
         Half of the body's depth and width [cells].
     actuator_delay, actuator_jitter : int
         Dead time of the motors [steps].
+    has_late_duties : bool
+        Whether duties may take effect later than they are commanded.
+    battery_age_ns : int
+        Age of the battery's samples.
     key : tuple of uint64
         Of the random numbers.
     """
@@ -117,6 +119,7 @@ class PlantConstants(NamedTuple):
     is_linear: bool
     transition: TransitionCoefficients
     force_coefficients: ForceCoefficients
+    rates: LinearRates
     equations: Equations
     alpha: float
     mass: MassMatrix
@@ -147,6 +150,8 @@ class PlantConstants(NamedTuple):
     half_v: float
     actuator_delay: int
     actuator_jitter: int
+    has_late_duties: bool
+    battery_age_ns: int
     key: Key
 
 
@@ -165,6 +170,8 @@ class PlantState(NamedTuple):
         Motor voltages [V].
     charge, volts : float
         Charge drawn from the battery [A·s], and its terminal voltage [V].
+    measured_volts : float
+        The voltage that a sample now has [V].
     pushes : int
         Number of active and pending pushes.
     is_fallen, is_stopped : bool
@@ -187,6 +194,7 @@ class PlantState(NamedTuple):
     voltage_y: float
     charge: float
     volts: float
+    measured_volts: float
     pushes: int
     is_fallen: bool
     is_stopped: bool
@@ -205,7 +213,7 @@ def initial_state(constants: PlantConstants, start_ns: int, pushes: int = 0) -> 
         start_ns,
         (0.0, constants.start_psi_x, 0.0, 0.0),
         (0.0, constants.start_psi_y, 0.0, 0.0),
-        0.0, 0.0, 0.0, 0.0, 0.0, constants.full_volts,
+        0.0, 0.0, 0.0, 0.0, 0.0, constants.full_volts, constants.full_volts,
         pushes, False, False, False, False, -1, 0.0, 0.0, 0.0, 0.0,
     )  # fmt: skip
 
@@ -216,6 +224,7 @@ def plant_tick(
     state: PlantState,
     duty_x: int,
     duty_y: int,
+    delay_ns: int,
     push_times: Ints,
     push_forces: Reals,
     effects_ns: Ints,
@@ -228,6 +237,8 @@ def plant_tick(
 
     Parameters
     ----------
+    delay_ns : int
+        Time until the duties leave the brick. It counts only if `has_late_duties`.
     push_times, push_forces : sequence of int, sequence of float
         Start and end [ns] of each push, and its :data:`PUSH_VALUES`; both are changed.
     effects_ns, waiting_duties : sequence of int
@@ -238,21 +249,23 @@ def plant_tick(
         As in :class:`~ballbot_ros.robot.world.world.Footprint`; without rows if there are no walls.
     """
     (
-        is_linear, transition, force_coefficients, equations, alpha, mass,
+        is_linear, transition, force_coefficients, rates, equations, alpha, mass,
         ratio, radius, height, back_emf, ohms, dead_zone, volt_slope, volt_offset,
         start_x, start_y, start_psi_x, start_psi_y, start_rate_x, start_rate_y,
         hold_until_ns, fall_angle, half_play,
         is_draining, idle_current, full_volts, charge_slope, battery_ohms,
-        stops_at_hit, half_u, half_v, actuator_delay, actuator_jitter, key,
+        stops_at_hit, half_u, half_v, actuator_delay, actuator_jitter, has_late_duties,
+        battery_age_ns, key,
     ) = constants  # fmt: skip
     (
-        time_ns, x, y, shaft_x, shaft_y, voltage_x, voltage_y, charge, volts, pushes,
+        time_ns, x, y, shaft_x, shaft_y, voltage_x, voltage_y, charge, volts, measured_volts,
+        pushes,
         is_fallen, is_stopped, since_sample, in_contact, hit_ns, hit_x, hit_y, tried_x, tried_y,
     ) = state  # fmt: skip
     has_walls = len(sides) > 0
     kept = len(steps) // STEP_VALUES
     newest = time_ns // STEP_NS
-    is_delayed = actuator_delay + actuator_jitter > 0
+    is_delayed = has_late_duties or actuator_delay + actuator_jitter > 0
     if pushes:
         pushes = without_expired(push_times, push_forces, pushes, time_ns)
     if is_delayed:
@@ -260,67 +273,83 @@ def plant_tick(
         if actuator_jitter:
             chance, _ = uniform_pair(key, ACTUATOR_DELAY, time_ns // TICK_NS)
             delay = drawn_delay(actuator_delay, actuator_jitter, chance)
-        note_duty(effects_ns, waiting_duties, time_ns, delay * STEP_NS, duty_x, duty_y)
+        if has_late_duties:
+            delay_ns += delay * STEP_NS
+        else:
+            delay_ns = delay * STEP_NS
+        note_duty(effects_ns, waiting_duties, time_ns, delay_ns, duty_x, duty_y)
     elif not is_draining:
         voltage_x = motor_voltage(duty_x, volts, dead_zone, volt_slope, volt_offset)
         voltage_y = motor_voltage(duty_y, volts, dead_zone, volt_slope, volt_offset)
     for _ in range(STEPS_PER_TICK):
-        if is_delayed or is_draining:
-            if is_delayed:
-                duty_x, duty_y = duty_at(effects_ns, waiting_duties, time_ns)
-            voltage_x = motor_voltage(duty_x, volts, dead_zone, volt_slope, volt_offset)
-            voltage_y = motor_voltage(duty_y, volts, dead_zone, volt_slope, volt_offset)
-            if is_draining:
-                current = supply_current(
-                    duty_x, duty_y,
-                    motor_current(voltage_x, x[2], x[3], back_emf, ohms),
-                    motor_current(voltage_y, y[2], y[3], back_emf, ohms),
-                )  # fmt: skip
-                charge, volts = discharge(
-                    charge, current, STEP_S, idle_current, full_volts, charge_slope, battery_ohms
-                )
-        if time_ns >= hold_until_ns and not is_fallen:
-            if is_release(time_ns, hold_until_ns):
-                x, y = released(x, start_rate_x), released(y, start_rate_y)
-            before_x, before_y = x, y
-            theta_x = psi_x = theta_y = psi_y = 0.0
-            if pushes:
-                theta_x, psi_x = forces_of(
-                    push_times, push_forces, pushes, time_ns, 0, x[1], radius, height
-                )
-                theta_y, psi_y = forces_of(
-                    push_times, push_forces, pushes, time_ns, 1, y[1], radius, height
-                )
-            if is_linear:
-                x = advance_linear(transition, force_coefficients, x, voltage_x, theta_x, psi_x)
-                y = advance_linear(transition, force_coefficients, y, voltage_y, theta_y, psi_y)
-            else:
-                x, y = advance_nonlinear(
-                    equations, alpha, STEP_S, x, y, voltage_x, voltage_y,
-                    theta_x, psi_x, theta_y, psi_y,
-                )  # fmt: skip
-            if has_walls:
-                start = start_x, start_y
-                outline = Footprint(sides, walls_before, half_u, half_v)
-                tried = ball_position(start, radius, x[0], y[0])
-                if is_blocked(outline, tried):
-                    x, y = stopped_planes(
-                        before_x, before_y, x, y, start, radius, mass, is_linear, outline
+        step_ns, step_end_ns = time_ns, time_ns + STEP_NS
+        while time_ns < step_end_ns:
+            end_ns, dt = step_end_ns, STEP_S
+            if is_delayed or is_draining:
+                if is_delayed:
+                    duty_x, duty_y, end_ns = duty_at(
+                        effects_ns, waiting_duties, time_ns, step_end_ns
                     )
-                    if not (in_contact or since_sample):
-                        hit_ns = time_ns + STEP_NS
-                        hit_x, hit_y = ball_position(start, radius, x[0], y[0])
-                        tried_x, tried_y = tried
-                    since_sample = True
-            if has_fallen(x[1], y[1], fall_angle):
-                is_fallen = True
-                x, y = state_after_fall(x, fall_angle), state_after_fall(y, fall_angle)
-            if half_play:
-                wheel_x = wheel_angle(ratio, x[0], x[1], start_psi_x)
-                wheel_y = wheel_angle(ratio, y[0], y[1], start_psi_y)
-                shaft_x = shaft_angle(shaft_x, wheel_x, half_play)
-                shaft_y = shaft_angle(shaft_y, wheel_y, half_play)
-        time_ns += STEP_NS
+                    if end_ns - time_ns < STEP_NS:
+                        dt = (end_ns - time_ns) * 1e-9
+                voltage_x = motor_voltage(duty_x, volts, dead_zone, volt_slope, volt_offset)
+                voltage_y = motor_voltage(duty_y, volts, dead_zone, volt_slope, volt_offset)
+                if is_draining:
+                    current = supply_current(
+                        duty_x, duty_y,
+                        motor_current(voltage_x, x[2], x[3], back_emf, ohms),
+                        motor_current(voltage_y, y[2], y[3], back_emf, ohms),
+                    )  # fmt: skip
+                    charge, volts = discharge(
+                        charge, current, dt, idle_current, full_volts, charge_slope, battery_ohms
+                    )
+            if step_ns >= hold_until_ns and not is_fallen:
+                if time_ns == step_ns and is_release(time_ns, hold_until_ns):
+                    x, y = released(x, start_rate_x), released(y, start_rate_y)
+                before_x, before_y = x, y
+                theta_x = psi_x = theta_y = psi_y = 0.0
+                if pushes:
+                    theta_x, psi_x = forces_of(
+                        push_times, push_forces, pushes, time_ns, 0, x[1], radius, height
+                    )
+                    theta_y, psi_y = forces_of(
+                        push_times, push_forces, pushes, time_ns, 1, y[1], radius, height
+                    )
+                if not is_linear:
+                    x, y = advance_nonlinear(
+                        equations, alpha, dt, x, y, voltage_x, voltage_y,
+                        theta_x, psi_x, theta_y, psi_y,
+                    )  # fmt: skip
+                elif end_ns - time_ns == STEP_NS:
+                    x = advance_linear(transition, force_coefficients, x, voltage_x, theta_x, psi_x)
+                    y = advance_linear(transition, force_coefficients, y, voltage_y, theta_y, psi_y)
+                else:
+                    x = advance_linear_part(rates, dt, x, voltage_x, theta_x, psi_x)
+                    y = advance_linear_part(rates, dt, y, voltage_y, theta_y, psi_y)
+                if has_walls:
+                    start = start_x, start_y
+                    outline = Footprint(sides, walls_before, half_u, half_v)
+                    tried = ball_position(start, radius, x[0], y[0])
+                    if is_blocked(outline, tried):
+                        x, y = stopped_planes(
+                            before_x, before_y, x, y, start, radius, mass, is_linear, outline
+                        )
+                        if not (in_contact or since_sample):
+                            hit_ns = end_ns
+                            hit_x, hit_y = ball_position(start, radius, x[0], y[0])
+                            tried_x, tried_y = tried
+                        since_sample = True
+                if has_fallen(x[1], y[1], fall_angle):
+                    is_fallen = True
+                    x, y = state_after_fall(x, fall_angle), state_after_fall(y, fall_angle)
+                if half_play:
+                    wheel_x = wheel_angle(ratio, x[0], x[1], start_psi_x)
+                    wheel_y = wheel_angle(ratio, y[0], y[1], start_psi_y)
+                    shaft_x = shaft_angle(shaft_x, wheel_x, half_play)
+                    shaft_y = shaft_angle(shaft_y, wheel_y, half_play)
+            time_ns = end_ns
+        if battery_age_ns and (time_ns + battery_age_ns) % BATTERY_PERIOD_NS == 0:
+            measured_volts = volts
         if kept:
             newest += 1
             at = newest % kept * STEP_VALUES
@@ -334,7 +363,8 @@ def plant_tick(
             is_stopped = True
             voltage_x = voltage_y = 0.0
     return PlantState(
-        time_ns, x, y, shaft_x, shaft_y, voltage_x, voltage_y, charge, volts, pushes,
+        time_ns, x, y, shaft_x, shaft_y, voltage_x, voltage_y, charge, volts,
+        measured_volts if battery_age_ns else volts, pushes,
         is_fallen, is_stopped, since_sample, in_contact, hit_ns, hit_x, hit_y, tried_x, tried_y,
     )  # fmt: skip
 
@@ -410,22 +440,38 @@ def note_duty(
     waiting_duties[2 * at], waiting_duties[2 * at + 1] = duty_x, duty_y
 
 
-def duty_at(effects_ns: Ints, waiting_duties: Ints, now_ns: int) -> tuple[int, int]:
-    """Return the duty [%] that acts: the newest one that has taken effect, or none."""
+def duty_at(
+    effects_ns: Ints, waiting_duties: Ints, now_ns: int, end_ns: int
+) -> tuple[int, int, int]:
+    """Return the duty [%] that acts now, and until when, `end_ns` at the latest.
+
+    It is the newest one that has taken effect, or none.
+    """
     count = len(effects_ns)
     newest = now_ns // TICK_NS
     for age in range(count):
         at = (newest - age) % count
-        if effects_ns[at] <= now_ns:
-            return waiting_duties[2 * at], waiting_duties[2 * at + 1]
-    return 0, 0
+        effect_ns = effects_ns[at]
+        if effect_ns <= now_ns:
+            return waiting_duties[2 * at], waiting_duties[2 * at + 1], end_ns
+        end_ns = min(end_ns, effect_ns)
+    return 0, 0, end_ns
 
 
-def waiting_count(longest_delay: int) -> int:
-    """Return the size of the ring of duties for the longest dead time of the motors [steps].
+def waiting_count(longest_delay: int, has_late_duties: bool) -> int:
+    """Return the size of the ring of duties.
 
     The dead time of the last of so many duties is over at any time; without one, none wait.
+
+    Parameters
+    ----------
+    longest_delay : int
+        Longest dead time of the motors [steps].
+    has_late_duties : bool
+        Whether duties may leave the brick later than they are commanded.
     """
+    if has_late_duties:
+        longest_delay += LATEST_DUTY
     return -(-longest_delay // STEPS_PER_TICK) + 1 if longest_delay else 0
 
 
@@ -458,8 +504,9 @@ def plant_constants(p: Any, start_ns: int) -> PlantConstants:
     """
     transition, force_coefficients = discrete_matrices(p, STEP_S)
     ratio = gear_ratio(p)
+    has_late_duties = p.kernel or p.link
     return PlantConstants(
-        p.plant_model == LINEAR, transition, force_coefficients, equations_of(p),
+        p.plant_model == LINEAR, transition, force_coefficients, linear_rates(p), equations_of(p),
         torque_per_volt(p), mass_matrix(p), ratio, p.ball_radius, p.body_height,
         p.back_emf_constant * ratio, p.motor_resistance,
         p.dead_zone, p.voltage_slope, p.voltage_offset,
@@ -469,5 +516,6 @@ def plant_constants(p: Any, start_ns: int) -> PlantConstants:
         p.battery_model == DRAINING, p.idle_current, p.battery_voltage,
         capacity_slope(p.battery_capacity), p.battery_resistance, p.on_wall_hit == STOP_AT_HIT,
         half_cells(p.body_depth), half_cells(p.body_width),
-        p.actuator_delay, p.actuator_delay_jitter, noise_key(p.seed),
+        p.actuator_delay, p.actuator_delay_jitter, has_late_duties,
+        link_constants(p).battery_age_ns, noise_key(p.seed),
     )  # fmt: skip

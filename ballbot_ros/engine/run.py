@@ -15,13 +15,18 @@ from numpy.typing import NDArray
 
 from ballbot_ros.controllers.document.axis import LCD_MS
 from ballbot_ros.controllers.document.program import (
+    BUS_BUSY,
+    BUS_TASK,
+    DUTY_TASK,
     INIT,
     LCD,
+    SAME_TICK,
     TS1,
     TS2,
     TS3,
     ProgramState,
     TickConstants,
+    job_time,
     program_tick,
     tick_constants,
 )
@@ -32,6 +37,8 @@ from ballbot_ros.engine.devices import (
     EncoderConstants,
     GyroConstants,
     SonarConstants,
+    analog_steps,
+    between,
     encoder_constants,
     gyro_constants,
     read_encoder,
@@ -39,14 +46,13 @@ from ballbot_ros.engine.devices import (
     read_sonar,
     sample_age,
     sonar_constants,
+    varied,
 )
 from ballbot_ros.engine.plant_tick import (
     NEVER_NS,
     STEP_VALUES,
-    Ints,
     PlantConstants,
     PlantState,
-    Reals,
     initial_state,
     motor_angles,
     plant_constants,
@@ -65,11 +71,23 @@ from ballbot_ros.parameters.timing import (
     TICK_MS,
     TICK_NS,
 )
-from ballbot_ros.robot.arithmetic import Floats
+from ballbot_ros.robot.arithmetic import Floats, Ints, Reals
 from ballbot_ros.robot.brick.brick import NO_SAMPLE, UINT32_MASK, Inputs
+from ballbot_ros.robot.brick.job_times import JobTimes, job_times, kernel_constants
+from ballbot_ros.robot.brick.kernel import (
+    DUTY_X,
+    DUTY_Y,
+    duty_effect,
+    is_bus_busy,
+    next_event,
+    set_duty,
+    set_task,
+    start_kernel,
+    take_time,
+)
+from ballbot_ros.robot.brick.link import is_sending, longest_analog_steps
 from ballbot_ros.robot.brick.sensors import battery_mv
 from ballbot_ros.robot.compiler_hints import inlined
-from ballbot_ros.robot.random_numbers import Key
 from ballbot_ros.robot.world.world import Cells
 
 
@@ -99,7 +117,14 @@ def robot_constants(
 
 def longest_age(constants: RobotConstants) -> int:
     """Return the longest dead time of all samples [steps]."""
-    return max(each.delay + each.jitter for each in constants[1:])
+    _, gyro, encoder, sonar = constants
+    link = gyro.link
+    of_gyro = longest_analog_steps(link.is_on, link.converter_ns / STEP_NS)
+    return max(
+        gyro.delay + gyro.jitter + of_gyro,
+        encoder.delay + encoder.jitter,
+        sonar.delay + sonar.jitter,
+    )
 
 
 @inlined
@@ -125,11 +150,16 @@ def sample(
     rate_x, rate_y = state.x[3], state.y[3]
     angle_x, angle_y = motor_angles(plant, state)
     if len(steps):
-        at = kept_step(gyro.delay, gyro.jitter, gyro.key, GYRO_DELAY, TICK_NS, now_ns, steps)
+        age = sample_age(gyro.delay, gyro.jitter, gyro.key, GYRO_DELAY, TICK_NS, now_ns)
+        older, share = analog_steps(gyro.link, now_ns)
+        at = place_of_step(age + older, now_ns, steps)
         rate_x, rate_y = steps[at + 2], steps[at + 3]
-        at = kept_step(
-            encoder.delay, encoder.jitter, encoder.key, ENCODER_DELAY, TICK_NS, now_ns, steps
-        )
+        if share:
+            at = place_of_step(age + older - 1, now_ns, steps)
+            rate_x = between(rate_x, steps[at + 2], share)
+            rate_y = between(rate_y, steps[at + 3], share)
+        age = sample_age(encoder.delay, encoder.jitter, encoder.key, ENCODER_DELAY, TICK_NS, now_ns)
+        at = place_of_step(age, now_ns, steps)
         angle_x, angle_y = steps[at], steps[at + 1]
     gyro_x, gyro_y = read_gyro(gyro, rate_x, rate_y, now_ns)
     revolution_x, revolution_y = read_encoder(angle_x, angle_y)
@@ -137,32 +167,24 @@ def sample(
     if now_ns % SLOW_PERIOD_NS == 0:
         x, y = position(plant, state)
         if len(steps):
-            at = kept_step(
-                sonar.delay, sonar.jitter, sonar.key, SONAR_DELAY, SLOW_PERIOD_NS, now_ns, steps
+            age = sample_age(
+                sonar.delay, sonar.jitter, sonar.key, SONAR_DELAY, SLOW_PERIOD_NS, now_ns
             )
+            at = place_of_step(age, now_ns, steps)
             x, y = steps[at + 4], steps[at + 5]
         sonar_cm = read_sonar(sonar, x, y, sides, now_ns)
     else:
         vertical = horizontal = NO_SAMPLE
     if now_ns % BATTERY_PERIOD_NS == 0:
         # In its message the voltage has single precision.
-        reading_mv = battery_mv(float(np.float32(state.volts)))
+        reading_mv = battery_mv(float(np.float32(state.measured_volts)))
     return Inputs(
         gyro_x, gyro_y, revolution_x, revolution_y, sonar_cm, reading_mv, vertical, horizontal
     )
 
 
-def kept_step(
-    delay: int,
-    jitter: int,
-    key: Key,
-    device: np.uint64,
-    period_ns: int,
-    stamp_ns: int,
-    steps: Reals,
-) -> int:
-    """Return where the step that a sample measures is in the ring of the kept ones."""
-    age = sample_age(delay, jitter, key, device, period_ns, stamp_ns)
+def place_of_step(age: int, stamp_ns: int, steps: Reals) -> int:
+    """Return where the step of some age is in the ring of the kept ones."""
     return (stamp_ns // STEP_NS - age) % (len(steps) // STEP_VALUES) * STEP_VALUES
 
 
@@ -216,12 +238,14 @@ class Rings(NamedTuple):
     """What the plants of runs still know of earlier ticks; the first axis is that of the runs.
 
     Their size suffices for the longest dead times of all runs; the arguments of
-    :func:`~ballbot_ros.engine.plant_tick.plant_tick` with these names are a row.
+    :func:`~ballbot_ros.engine.plant_tick.plant_tick` with these names are a row. So are the states
+    of the kernels, see :mod:`~ballbot_ros.robot.brick.kernel`; they are empty if none has one.
     """
 
     effects_ns: NDArray[np.int64]
     waiting_duties: NDArray[np.int64]
     steps: Floats
+    kernel: NDArray[np.int64]
 
 
 class RunLog(NamedTuple):
@@ -259,9 +283,15 @@ def new_robots(count: int, programs: Rows) -> Rows:
 
 
 def tick_type(program: np.dtype[np.void]) -> np.dtype[np.void]:
-    """Return the type of a tick: the plant before it, the samples, and the program after it."""
+    """Return the type of a tick.
+
+    It has the plant before it, the samples, the program after it, the duty, and its delay [ns].
+    """
     plant, inputs = row_type(PlantState), row_type(Inputs)
-    return np.dtype([('plant', plant), ('inputs', inputs), ('program', program)])
+    return np.dtype(
+        [('plant', plant), ('inputs', inputs), ('program', program),
+         ('duty', 'i8', (2,)), ('delay_ns', 'i8')]
+    )  # fmt: skip
 
 
 read_plant_state, write_plant_state = row_functions(PlantState)
@@ -299,15 +329,8 @@ def begin_program(program: Any, begun_ms: int) -> tuple[TickConstants, TaskTimer
 
 
 @inlined
-def program_step(
-    law: TickConstants,
-    timers: TaskTimers,
-    state: ProgramState,
-    inputs: Inputs,
-    elapsed_ms: int,
-    systick_ms: int,
-) -> tuple[ProgramState, TaskTimers]:
-    """Return program and timers after the tasks due `elapsed_ms` after the start of the run."""
+def due_tasks(timers: TaskTimers, elapsed_ms: int) -> tuple[int, TaskTimers]:
+    """Return the tasks due `elapsed_ms` after the start of the run, as bits, and the timers."""
     ts2_period, ts3_period, ts2_ms, ts3_ms, lcd_ms = timers
     tasks = TS1 if elapsed_ms else TS1 | INIT
     # The next time of each task is one to compare with: remainders take longer.
@@ -320,10 +343,35 @@ def program_step(
     if elapsed_ms == lcd_ms:
         tasks |= LCD
         lcd_ms += LCD_MS
-    return (
-        program_tick(law, state, inputs, tasks, systick_ms),
-        TaskTimers(ts2_period, ts3_period, ts2_ms, ts3_ms, lcd_ms),
-    )
+    return tasks, TaskTimers(ts2_period, ts3_period, ts2_ms, ts3_ms, lcd_ms)
+
+
+@inlined
+def run_tasks(
+    law: TickConstants,
+    state: ProgramState,
+    inputs: Inputs,
+    tasks: int,
+    elapsed_ms: int,
+    systick_ms: int,
+) -> ProgramState:
+    """Return the program after some tasks, as bits, `elapsed_ms` after the start of the run."""
+    return program_tick(law, state, inputs, tasks, systick_ms)
+
+
+def set_tasks(kernel: Ints, timers: TaskTimers) -> None:
+    """Set the tasks of the program in a kernel."""
+    set_task(kernel, 0, 5, 0)
+    set_task(kernel, 1, 4, TICK_MS)
+    set_task(kernel, 2, 3, timers.ts2_period)
+    set_task(kernel, 3, 2, timers.ts3_period)
+    set_task(kernel, 4, 1, LCD_MS)
+
+
+def time_of_job(times: JobTimes, task: int, state: ProgramState) -> float:
+    """Return how long the job of a task takes that leads to a state [µs]."""
+    has_tone = state.has_started_tone or state.distance_tone_hz > 0
+    return job_time(times, task, state.control_mode, state.has_logged, has_tone)
 
 
 def simulate_runs(
@@ -331,6 +379,7 @@ def simulate_runs(
     gyros: Rows,
     encoders: Rows,
     sonars: Rows,
+    controllers: Rows,
     programs: Rows,
     floor: FloorTables,
     events: Events,
@@ -344,7 +393,7 @@ def simulate_runs(
 
     Parameters
     ----------
-    plants, gyros, encoders, sonars : rows
+    plants, gyros, encoders, sonars, controllers : rows
         The parameters of the nodes.
     programs : rows
         The constants of the programs.
@@ -364,11 +413,11 @@ def simulate_runs(
     for run in range(len(plants)):
         own = run if len(events.vertical) > 1 else 0
         simulate_run(
-            plants[run], gyros[run], encoders[run], sonars[run], programs[run],
+            plants[run], gyros[run], encoders[run], sonars[run], controllers[run], programs[run],
             floor.sides, floor.walls_before,
             events.push_times[own].copy(), events.push_forces[own].copy(),
             events.vertical[own], events.horizontal[own],
-            rings.effects_ns[run], rings.waiting_duties[run], rings.steps[run],
+            rings.effects_ns[run], rings.waiting_duties[run], rings.steps[run], rings.kernel[run],
             log.position[run], log.psi[run], log.duty[run], traces[run], robots[run], most,
         )  # fmt: skip
 
@@ -378,6 +427,7 @@ def simulate_run(
     gyro: object,
     encoder: object,
     sonar: object,
+    controller: Any,
     program: object,
     sides: Cells,
     walls_before: Cells,
@@ -388,6 +438,7 @@ def simulate_run(
     effects_ns: Ints,
     waiting_duties: Ints,
     steps: Reals,
+    kernel: Ints,
     positions: Floats,
     pitches: Floats,
     duties: NDArray[np.int8],
@@ -404,6 +455,11 @@ def simulate_run(
     first = robot.ticks
     law, timers = begin_program(program, first * TICK_MS)
     brick = read_program_state(robot.program)
+    is_timed, key = constants.plant.has_late_duties, constants.plant.key
+    times, kernel_law = job_times(controller), kernel_constants(controller)
+    if first == 0 and is_timed:
+        set_tasks(kernel, timers)
+        start_kernel(kernel, start_ns // 1000, is_sending(constants.gyro.link, start_ns))
     if first == 0:
         state = initial_state(constants.plant, start_ns, pushes)
         clear_rings(constants.plant, effects_ns, steps)
@@ -413,7 +469,7 @@ def simulate_run(
         state = read_plant_state(robot.plant)
     ticks = min(round(plant.duration * SECOND_NS) // TICK_NS - first, most)
     is_traced = len(trace) > 0
-    done = vertical = horizontal = 0
+    done = vertical = horizontal = delay_ns = 0
     while done < ticks and not state.is_stopped:
         now_ns = state.time_ns
         positions[done, 0], positions[done, 1] = position(constants.plant, state)
@@ -425,15 +481,48 @@ def simulate_run(
         inputs = sample(constants, state, vertical, horizontal, steps, sides)
         elapsed_ms = (now_ns - start_ns) // MILLISECOND_NS
         systick_ms = now_ns // MILLISECOND_NS & UINT32_MASK
-        brick, timers = program_step(law, timers, brick, inputs, elapsed_ms, systick_ms)
-        duties[done, 0], duties[done, 1] = brick.duty_x, brick.duty_y
+        tasks, timers = due_tasks(timers, elapsed_ms)
+        is_same_tick = False
+        while True:
+            task = -1
+            if is_timed:
+                event = next_event(kernel_law, kernel, (now_ns + TICK_NS) // 1000)
+                if event < 0:
+                    if is_same_tick:
+                        break
+                    tasks = 0
+                elif event % 2:
+                    if event // 2 == DUTY_TASK:
+                        set_duty(kernel, brick.duty_x, brick.duty_y)
+                    continue
+                else:
+                    task = event // 2
+                    tasks = 1 << task
+                    if is_same_tick:
+                        tasks |= SAME_TICK
+                    if task == BUS_TASK and is_bus_busy(kernel, times.sonar):
+                        tasks |= BUS_BUSY
+            brick = run_tasks(law, brick, inputs, tasks, elapsed_ms, systick_ms)
+            if not is_timed:
+                break
+            is_same_tick = True
+            if task >= 0:
+                time_us = time_of_job(times, task, brick)
+                take_time(kernel, task, varied(times, time_us, key, task, now_ns))
+        duty_x, duty_y = brick.duty_x, brick.duty_y
+        if is_timed:
+            duty_x, duty_y = kernel[DUTY_X], kernel[DUTY_Y]
+            delay_ns = max(duty_effect(kernel_law, kernel) * 1000 - now_ns, 0)
+        duties[done, 0], duties[done, 1] = duty_x, duty_y
         if is_traced:
             write_plant_state(trace[done].plant, state)
             write_inputs(trace[done].inputs, inputs)
             write_program_state(trace[done].program, brick)
+            trace[done].duty[0], trace[done].duty[1] = duty_x, duty_y
+            trace[done].delay_ns = delay_ns
         done += 1
         state = plant_tick(
-            constants.plant, state, brick.duty_x, brick.duty_y,
+            constants.plant, state, duty_x, duty_y, delay_ns,
             push_times, push_forces,
             effects_ns, waiting_duties, steps, sides, walls_before,
         )  # fmt: skip

@@ -4,7 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from ballbot_ros.controllers.codegen.folder_check import InputSequence, ProgramInput, random_steps
+from ballbot_ros.controllers.codegen.folder_check import (
+    InputSequence,
+    ProgramInput,
+    path_steps,
+    random_steps,
+)
 from ballbot_ros.controllers.document.axis import TS1_MS
 from ballbot_ros.engine.closed_loop import ClosedLoop
 from ballbot_ros.engine.scenario.reader import load_scenario, scenario_names
@@ -15,6 +20,9 @@ from ballbot_ros.parameters.timing import FIRST_TICK_NS, MILLISECOND_NS
 RANDOM_SEQUENCES = 50
 RANDOM_TICKS = 150
 """Length of a random sequence after calibration."""
+
+MEASURED_SEQUENCES = 3
+"""The last ones, which together take all paths; the others only compare the programs."""
 
 
 def scenario_steps(parameters: ParameterSet, scenario: Scenario) -> Iterator[ProgramInput]:
@@ -28,7 +36,10 @@ def scenario_steps(parameters: ParameterSet, scenario: Scenario) -> Iterator[Pro
 
 
 def check_sequences(parameters: ParameterSet) -> list[InputSequence]:
-    """Return the inputs of every shipped scenario with these parameters, and random sequences."""
+    """Return the inputs of a check with these parameters.
+
+    They are those of every shipped scenario, random sequences, and one through all modes.
+    """
     sequences = []
     for name in scenario_names():
         scenario = load_scenario(name)
@@ -36,9 +47,11 @@ def check_sequences(parameters: ParameterSet) -> list[InputSequence]:
         together.update(scenario.parameters)
         together.update(parameters)
         sequences.append(InputSequence(name, list(scenario_steps(together, scenario))))
-    calibration = int(parameters.of(ControllerParameters).time_start) // TS1_MS
+    controller = parameters.of(ControllerParameters)
+    calibration = int(controller.time_start) // TS1_MS
     ticks = min(calibration, 2500) + RANDOM_TICKS
     for seed in range(RANDOM_SEQUENCES):
         steps = list(random_steps(seed, ticks, out_of_range=seed % 2 == 1))
         sequences.append(InputSequence(f'random sequence {seed}', steps))
+    sequences.append(InputSequence('sequence through all modes', list(path_steps(controller))))
     return sequences

@@ -10,6 +10,7 @@ from ballbot_ros.lockstep.run_actions import Outcome
 from ballbot_ros.lockstep.run_master import Phase, RunMaster, event
 from ballbot_ros.parameters.timing import FREE_RUNNING_SILENCE_S, RESEND_S, SECOND_NS, TICK_S
 from ballbot_ros.robot.brick.bluetooth import NEUTRAL
+from ballbot_ros.robot.brick.brick import MotorDuty
 from ballbot_ros.robot.brick.schedule import Schedule, TaskTiming
 
 
@@ -44,11 +45,9 @@ class FreeRunningMaster(RunMaster):
         ):
             self._pacer.late_ticks += 1
         is_silent = self._duty_s is None or self._now_s - self._duty_s > FREE_RUNNING_SILENCE_S
-        self._tick((0, 0) if is_silent else self._duty)
+        self._tick(MotorDuty(0, 0) if is_silent else self._duty)
 
-    def _take_duty(
-        self, stamp_ns: int, duty: tuple[int, int], data: bytes, *, is_stop: bool
-    ) -> None:
+    def _take_duty(self, stamp_ns: int, duty: MotorDuty, data: bytes, *, is_stop: bool) -> None:
         self._duty, self._duty_s = duty, self._now_s
 
     def _note_early(self, topic: str, stamp_ns: int) -> None:
@@ -61,7 +60,7 @@ class FreeRunningMaster(RunMaster):
 
     def _prepare(self, start_ns: int) -> None:
         super()._prepare(start_ns)
-        self._duty = (0, 0)
+        self._duty = MotorDuty(0, 0)
         self._duty_s = None
 
     def _begin(self) -> None:

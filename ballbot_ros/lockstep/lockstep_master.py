@@ -17,6 +17,7 @@ from ballbot_ros.lockstep.run_actions import Outcome
 from ballbot_ros.lockstep.run_master import STARTUP_WARN_S, Phase, RunMaster
 from ballbot_ros.parameters import CONTROLLER, RECORDER
 from ballbot_ros.parameters.timing import MAX_LEAD_TICKS, RESEND_S, SECOND_NS
+from ballbot_ros.robot.brick.brick import MotorDuty
 from ballbot_ros.robot.plant.ground_truth import GroundTruth
 
 WARN_S = 0.3
@@ -26,13 +27,11 @@ class LockstepMaster(RunMaster):
     """Conducts runs in lockstep."""
 
     is_lockstep = True
-    _duty: tuple[int, int] | None
+    _duty: MotorDuty | None
 
     # Events
 
-    def _take_duty(
-        self, stamp_ns: int, duty: tuple[int, int], data: bytes, *, is_stop: bool
-    ) -> None:
+    def _take_duty(self, stamp_ns: int, duty: MotorDuty, data: bytes, *, is_stop: bool) -> None:
         if is_stop:
             # Not an answer: the controller is leaving, and another one may take its place.
             return

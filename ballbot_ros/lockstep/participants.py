@@ -9,8 +9,9 @@ from typing import NamedTuple, cast
 from ballbot_ros.errors import one_line
 from ballbot_ros.files import OUR_PACKAGE
 from ballbot_ros.lockstep.lockstep import RunIdentity
-from ballbot_ros.parameters import parameters_of
+from ballbot_ros.parameters import GYRO, parameters_of
 from ballbot_ros.parameters.timing import SECOND_NS
+from ballbot_ros.robot.brick.link import longest_analog_steps
 
 MAP_HASH = 'map_sha256'
 """Parameter that identifies the map by its content, since the same file may have another path on
@@ -83,6 +84,10 @@ class Participant:
             if declared and name in self.parameters:
                 value = declared.check(self.parameters[name], f'{self} announces ')
                 longest += cast(int, value)
+        if self.role == GYRO and self.parameters.get('link'):
+            row = parameters_of(GYRO)['converter_period']
+            period = row.check(self.parameters.get(row.name, row.default), f'{self} announces ')
+            longest += longest_analog_steps(True, cast(float, period))
         return longest
 
     def __str__(self) -> str:

@@ -31,6 +31,7 @@ from ballbot_ros.lockstep.run_actions import (
 from ballbot_ros.lockstep.run_participants import Graph, RunParticipants, RunTopics
 from ballbot_ros.parameters import CONTROLLER, PLANT, PlantParameters, Value, parameters_of
 from ballbot_ros.parameters.timing import FIRST_TICK_NS, SECOND_NS, TICK_NS, next_start_ns
+from ballbot_ros.robot.brick.brick import MotorDuty
 from ballbot_ros.robot.plant.ground_truth import Pair, Push
 
 DISCOVERY_S = 1.0
@@ -180,7 +181,7 @@ class RunMaster(ABC):
 
     @event
     def on_duty(
-        self, stamp_ns: int, duty: tuple[int, int] | None, data: bytes, *, is_stop: bool = False
+        self, stamp_ns: int, duty: MotorDuty | None, data: bytes, *, is_stop: bool = False
     ) -> None:
         """Process a duty of motors B and C [%]; None if the message has no valid duty.
 
@@ -192,6 +193,12 @@ class RunMaster(ABC):
             self._note_early(self._topics.duty, stamp_ns)
         elif duty is None:
             text = f'{self._topics.duty}: duty ignored: not whole numbers within -100 … 100 %'
+            self._act(do.Log(text, do.Severity.WARNING))
+        elif duty.delay_ns and not self._plant.constants.has_late_duties:
+            text = (
+                f'{self._topics.duty}: duty ignored: vector.z is {duty.delay_ns / 1e9:g} s, which '
+                'takes plant_sim.kernel or plant_sim.link'
+            )
             self._act(do.Log(text, do.Severity.WARNING))
         else:
             self._take_duty(stamp_ns, duty, data, is_stop=is_stop)
@@ -389,11 +396,11 @@ class RunMaster(ABC):
         elif not self._plant.stopped:
             self._act(do.RaiseError(str(self._plant.newest_hit)))
 
-    def _tick(self, duty: tuple[int, int]) -> None:
+    def _tick(self, duty: MotorDuty) -> None:
         """Advance the plant by a tick."""
         if self.log.ticks == 0:
             self._first_tick_s = self._now_s
-        self.log.add(self._truth, *duty)
+        self.log.add(self._truth, duty.x, duty.y)
         self._plant.tick(*duty)
         self._clear_warning()
         self._participants.liveness.reset()
@@ -519,9 +526,7 @@ class RunMaster(ABC):
         """Note an answer with a stamp from before the run [ns], which does not count."""
 
     @abstractmethod
-    def _take_duty(
-        self, stamp_ns: int, duty: tuple[int, int], data: bytes, *, is_stop: bool
-    ) -> None:
+    def _take_duty(self, stamp_ns: int, duty: MotorDuty, data: bytes, *, is_stop: bool) -> None:
         """Process a duty of this run."""
 
     @abstractmethod

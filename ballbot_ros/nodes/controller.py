@@ -19,6 +19,7 @@ from ballbot_ros.controllers.codegen.implementation import (
     require_implementation,
 )
 from ballbot_ros.controllers.controller import every_tick
+from ballbot_ros.engine.brick_tasks import BrickTasks
 from ballbot_ros.errors import ControllerError
 from ballbot_ros.lockstep.free_running import FreeRunningTicks
 from ballbot_ros.lockstep.lockstep import (
@@ -137,6 +138,7 @@ class ControllerNode(BallbotNode[ControllerParameters]):
         self._make_implementation = make_implementation
         self._implementation = make_implementation(self.parameters)
         self._program = self._implementation.make()
+        self._tasks = BrickTasks(self.parameters)
         self._program_parameters = self.parameters
         self._lockstep = self.parameters.lockstep
         if self._lockstep:
@@ -253,6 +255,7 @@ class ControllerNode(BallbotNode[ControllerParameters]):
 
     def _on_run(self, run: RunIdentity) -> None:
         self._program = self._implementation.make()
+        self._tasks = BrickTasks(self.parameters)
         self._program_parameters = self.parameters
         self._is_running = True
         self._messages.begin()
@@ -308,7 +311,7 @@ class ControllerNode(BallbotNode[ControllerParameters]):
         inputs = device_inputs(lambda topic: self._gate.newest(topic.name))
         try:
             self._retune(tick.time_ns)
-            outputs = self._program.run(tick.tasks, tick.time_ns // MILLISECOND_NS, inputs)
+            outputs = self._tasks.run(self._program, tick.time_ns, tick.tasks, inputs)
         except ControllerError as error:
             self._abort(str(error))
             return

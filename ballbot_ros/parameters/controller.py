@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
-from ballbot_ros.parameters.nodes import LockstepChoice, Radii, StickScale
+from ballbot_ros.parameters.brick_time import KernelChoice, LinkParameters, TaskCosts
+from ballbot_ros.parameters.nodes import DeviceSeed, LockstepChoice, Radii, StickScale
 from ballbot_ros.parameters.parameter import (
     NodeParameters,
     TakesEffect,
@@ -33,7 +34,16 @@ UINT32_BOUNDS = (0, 2**32 - 1)
 
 
 @dataclass(frozen=True, kw_only=True)
-class ControllerParameters(Radii, StickScale, LockstepChoice, NodeParameters):
+class ControllerParameters(
+    Radii,
+    StickScale,
+    LockstepChoice,
+    DeviceSeed,
+    KernelChoice,
+    LinkParameters,
+    TaskCosts,
+    NodeParameters,
+):
     """The parameters of ``controller``."""
 
     node: ClassVar[str] = 'controller'

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
+from ballbot_ros.parameters.brick_time import LinkParameters
 from ballbot_ros.parameters.parameter import (
     DriverParameters,
     NodeParameters,
@@ -125,7 +126,7 @@ class DeviceParameters(DeviceSeed, DriverParameters):
 
 
 @dataclass(frozen=True, kw_only=True)
-class GyroParameters(DeviceParameters):
+class GyroParameters(DeviceParameters, LinkParameters):
     """The parameters of ``gyro_driver``."""
 
     node: ClassVar[str] = 'gyro_driver'

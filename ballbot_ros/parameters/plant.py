@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
+from ballbot_ros.parameters.brick_time import KernelChoice, LinkParameters
 from ballbot_ros.parameters.nodes import (
     DeviceSeed,
     Dimensions,
@@ -26,7 +27,15 @@ from ballbot_ros.parameters.parameter import (
 
 @dataclass(frozen=True, kw_only=True)
 class PlantParameters(
-    Dimensions, Masses, MapChoice, ScenarioChoice, LockstepChoice, DeviceSeed, NodeParameters
+    Dimensions,
+    Masses,
+    MapChoice,
+    ScenarioChoice,
+    LockstepChoice,
+    DeviceSeed,
+    KernelChoice,
+    LinkParameters,
+    NodeParameters,
 ):
     """The parameters of ``plant_sim``."""
 

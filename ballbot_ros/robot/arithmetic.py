@@ -12,6 +12,7 @@ The functions take and return plain numbers, so that numba can compile them unch
 from __future__ import annotations
 
 import math
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,23 @@ from numpy.typing import NDArray
 from ballbot_ros.robot.compiler_hints import inlined
 
 Floats = NDArray[np.float64]
+
+
+class Ints(Protocol):
+    """Whole numbers in a buffer, a list or an array, shape (n,)."""
+
+    def __len__(self) -> int: ...
+    def __getitem__(self, at: int, /) -> int: ...
+    def __setitem__(self, at: int, value: int, /) -> None: ...
+
+
+class Reals(Protocol):
+    """Real numbers in a buffer, a list or an array, shape (n,)."""
+
+    def __len__(self) -> int: ...
+    def __getitem__(self, at: int, /) -> float: ...
+    def __setitem__(self, at: int, value: float, /) -> None: ...
+
 
 TWO_PI = 2.0 * math.pi
 

@@ -9,8 +9,11 @@ from generated import need
 from graph import call, record
 
 from ballbot_ros.cli import codegen
+from ballbot_ros.controllers.codegen.application import program_sha256
 from ballbot_ros.engine import scenario_steps
 from ballbot_ros.errors import CodegenError
+from ballbot_ros.parameters import ControllerParameters
+from ballbot_ros.parameters.files import read_parameter_file
 from ballbot_ros.recording.reader import RecordingReader
 
 SHORT = ('--set=plant_sim.duration=2.0', '--set=gyro_driver.noise=0.7')
@@ -61,7 +64,7 @@ def test_an_untouched_folder_is_equal_and_is_measured(tmp_path, parameters, few_
     text = capsys.readouterr().out
     for loop in ('software in the loop (this machine)',
                  'processor in the loop (ARM7TDMI, emulated)'):  # fmt: skip
-        assert f'equal    {loop}: 2650 ticks of 3 sequences' in text
+        assert f'equal    {loop}: 3050 ticks of 4 sequences' in text
     counts = {
         words[1]: int(words[3])
         for words in map(str.split, text.splitlines())
@@ -80,6 +83,17 @@ def test_an_untouched_folder_is_equal_and_is_measured(tmp_path, parameters, few_
     rom = f'SRAM {data + cleared + stacks} B of 65536'
     assert rom in text
     assert f'flash {code + constants + data} B of 229376' in text
+    times = tmp_path / 'c/times.yaml'
+    assert text.splitlines()[-1] == str(times)
+    written = read_parameter_file(times).of(ControllerParameters)
+    assert {
+        'task_init': written.init_instructions,
+        'task_ts1': written.control_instructions + written.log_instructions,
+        'task_ts2': written.obstacle_instructions,
+        'task_ts3': written.state_instructions + written.tone_instructions,
+        'task_lcd': written.display_instructions,
+    } == counts
+    assert written.times_of == program_sha256()[:16]
 
 
 @pytest.mark.parametrize(
@@ -185,6 +199,7 @@ def test_a_check_that_could_not_run_does_not_count_as_passed(
     assert 'equal' in text
     assert 'skipped' in text
     assert 'install it with `apt install gcc-arm-none-eabi`' in text
+    assert not (tmp_path / 'c/times.yaml').exists()
 
 
 def result_of(run):

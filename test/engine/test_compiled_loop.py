@@ -15,7 +15,7 @@ pytest.importorskip('numba')
 
 from drawn_runs import drawn_run
 
-from ballbot_ros.controllers.document.program import INITIAL_STATE
+from ballbot_ros.controllers.document.program import INITIAL_STATE, TASK_NUMBERS
 from ballbot_ros.engine.closed_loop import ClosedLoop
 from ballbot_ros.engine.compilation import compiled_and_kept
 from ballbot_ros.engine.compiled_loop import CompiledLoop, events_of, floor_of, rings_of
@@ -39,14 +39,15 @@ def simulate(parameters, scenario, simulate_many=None):
     ticks = round(plant.duration * SECOND_NS) // TICK_NS
     log = RunLog(np.zeros((1, ticks, 2)), np.zeros((1, ticks, 2)), np.zeros((1, ticks, 2), np.int8))
     ends = new_robots(1, rows_of([INITIAL_STATE]))
-    tables = [rows[cls] for cls in (PlantParameters, *DEVICES)]
+    tables = [rows[cls] for cls in (PlantParameters, *DEVICES, ControllerParameters)]
     tables.append(program_rows(rows[ControllerParameters]))
     events, nothing = events_of([scenario]), np.zeros((1, 0), tick_type(ends.dtype['program']))
     if simulate_many:  # plain Python reads the names of a row in a record array only
         tables = [each.view(np.recarray) for each in tables]
         ends = ends.view(np.recarray)
     run = simulate_many or compiled_and_kept(simulate_runs)
-    run(*tables, floor_of(World.of(plant)), events, rings_of(rows), log, nothing, ends, ticks)
+    rings = rings_of(rows, len(TASK_NUMBERS))
+    run(*tables, floor_of(World.of(plant)), events, rings, log, nothing, ends, ticks)
     return log, ends[0]
 
 
@@ -99,7 +100,9 @@ def test_random_runs_over_the_bounds_of_all_parameters(part):
 
 def test_random_runs_move_fall_hit_walls_and_use_all_devices():
     """The comparison is worth something only if much happens in the runs."""
-    seen = dict.fromkeys(('fallen', 'stopped', 'contact', 'moving', 'pushed', 'delayed'), 0)
+    seen = dict.fromkeys(
+        ('fallen', 'stopped', 'contact', 'moving', 'pushed', 'delayed', 'link', 'kernel'), 0
+    )
     for seed in range(200):
         parameters, scenario = drawn_run(seed)
         log, end = simulate(parameters, scenario)
@@ -109,8 +112,12 @@ def test_random_runs_move_fall_hit_walls_and_use_all_devices():
         seen['moving'] += not end['plant']['is_fallen'] and bool(log.duty.any())
         seen['pushed'] += bool(scenario.pushes)
         seen['delayed'] += parameters.of(GyroParameters).delay > 0
+        for name in ('link', 'kernel'):
+            seen[name] += getattr(parameters.of(PlantParameters), name)
     assert min(seen.values()) >= 5, seen
-    assert all(30 <= seen[name] <= 170 for name in ('fallen', 'moving', 'pushed', 'delayed')), seen
+    assert all(
+        30 <= seen[name] <= 170 for name in ('fallen', 'moving', 'pushed', 'delayed', 'link')
+    ), seen
 
 
 @pytest.mark.parametrize('seed', [0, 1, 5, 14])

@@ -12,6 +12,7 @@ from ballbot_ros.lockstep.participants import Announcement, Objection, Publisher
 from ballbot_ros.lockstep.run_actions import Outcome
 from ballbot_ros.parameters import CONTROLLER, GYRO
 from ballbot_ros.parameters.timing import FREE_RUNNING_SILENCE_S, TICK_NS, TICK_S
+from ballbot_ros.robot.brick.brick import MotorDuty
 
 START_NS = 1_000_000_000
 
@@ -29,6 +30,7 @@ def begun(**values):
 
 
 def send_duty(world, duty=(10, -20), stamp_ns=START_NS):
+    duty = duty and MotorDuty(*duty)
     world.dispatch(world.master.on_duty, stamp_ns, duty, data_of(stamp_ns, duty))
 
 

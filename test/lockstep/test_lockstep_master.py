@@ -34,6 +34,7 @@ from ballbot_ros.lockstep.run_actions import Outcome, ParameterChange
 from ballbot_ros.lockstep.run_master import DISCOVERY_POLL_S, DISCOVERY_S
 from ballbot_ros.parameters import COMMON_PERIOD_NS, CONTROLLER, GYRO, PLANT, RECORDER, SONAR
 from ballbot_ros.parameters.timing import MAX_LEAD_TICKS, TICK_NS, next_start_ns
+from ballbot_ros.robot.brick.brick import MotorDuty
 
 START_NS = 1_000_000_000
 ENDLESS = 0.0
@@ -307,9 +308,8 @@ def test_a_plant_that_need_not_wait_neither_reports_nor_warns():
 def test_a_repeated_duty_changes_nothing():
     world = begun(5)
     for stamp_ns in (world.truths[-1] - TICK_NS, world.truths[0]):
-        world.dispatch(
-            world.master.on_duty, stamp_ns, duty_of(stamp_ns), data_of(stamp_ns, duty_of(stamp_ns))
-        )
+        duty = MotorDuty(*duty_of(stamp_ns))
+        world.dispatch(world.master.on_duty, stamp_ns, duty, data_of(stamp_ns, duty))
     assert world.ticks == 5
     world.advance(20).wait(1)
     assert world.summary is None
@@ -319,7 +319,7 @@ def test_a_repeated_duty_changes_nothing():
 def test_a_conflicting_duty_or_one_ahead_ends_the_run(offset):
     world = begun(5)
     stamp_ns = world.truths[-1] + offset
-    world.dispatch(world.master.on_duty, stamp_ns, (99, 99), b'another')
+    world.dispatch(world.master.on_duty, stamp_ns, MotorDuty(99, 99), b'another')
     world.wait(2)
     assert world.summary.outcome == 'failed'
     assert "'motor_duty' has a second duty stamped" in world.summary.reason
@@ -338,7 +338,7 @@ def test_an_invalid_duty_is_ignored():
 )
 def test_a_duty_of_no_tick_of_the_run_is_ignored(before):
     world = LockstepWorld() if before == 'run' else begun()
-    world.dispatch(world.master.on_duty, START_NS - TICK_NS, (99, 99), b'another')
+    world.dispatch(world.master.on_duty, START_NS - TICK_NS, MotorDuty(99, 99), b'another')
     world.start().wait(2)
     assert world.logged[-1].startswith('run 1 completed') or world.summary is None
 
@@ -346,7 +346,7 @@ def test_a_duty_of_no_tick_of_the_run_is_ignored(before):
 def test_a_controller_that_leaves_switches_off_but_answers_no_tick():
     world = begun()
     world.in_flight.clear()
-    world.dispatch(world.master.on_duty, START_NS, (0, 0), b'stop', is_stop=True)
+    world.dispatch(world.master.on_duty, START_NS, MotorDuty(0, 0), b'stop', is_stop=True)
     assert world.ticks == 0
     world.wait(1)
     assert world.summary is None
@@ -595,7 +595,7 @@ def ended_by_a_stranger(hung):
     world.nodes[hung].is_hung = True
     world.graph.strangers['motor_duty'] = [Publisher(b'stranger', '/stranger')]
     world.wait(0.2)
-    world.dispatch(world.master.on_duty, world.truths[-1], (99, 99), b'another')
+    world.dispatch(world.master.on_duty, world.truths[-1], MotorDuty(99, 99), b'another')
     del world.graph.strangers['motor_duty']
     world.wait(1.0)
     assert (world.ticks, world.summary) == (10, None)

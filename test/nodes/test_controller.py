@@ -105,11 +105,11 @@ def test_a_run_begins_with_a_new_program_and_timers_that_its_ticks_start():
             _implementation=SimpleNamespace(make=lambda: 'program', tasks='tasks'),
             _messages=SimpleNamespace(begin=lambda begun=begun: begun.append('messages')),
             _task_timers=SimpleNamespace(stop=lambda begun=begun: begun.append('timers stop')),
-            parameters='parameters',
+            parameters=ControllerParameters(),
         )
         ControllerNode._on_run(controller, RunIdentity('1 abc', 7))
         assert controller._program == 'program'
-        assert controller._program_parameters == 'parameters'
+        assert controller._program_parameters is controller.parameters
         assert begun == ['messages', (lockstep, 7, 'tasks'), 'timers stop']
 
 

@@ -77,8 +77,8 @@ def test_messages_are_passed_to_the_master():
     push = WrenchStamped(header=Header(stamp=Time(sec=2)))
     push.wrench.force.y, push.wrench.torque.x = 1.0, 3.0
     for topic, message, event in (
-        (MOTOR_DUTY, duty, ('on_duty', 8, (50, 0), duty, False)),
-        (MOTOR_DUTY, stop, ('on_duty', 9, (0, 0), stop, True)),
+        (MOTOR_DUTY, duty, ('on_duty', 8, (50, 0, 0), duty, False)),
+        (MOTOR_DUTY, stop, ('on_duty', 9, (0, 0, 0), stop, True)),
         (MOTOR_DUTY, duty[:20], ('on_duty', 8, None, duty[:20], False)),
         (RECORDER_ACK, Header(stamp=Time(sec=2)), ('on_ack', 2_000_000_000)),
         (PUSH, push, ('on_push', 2_000_000_000, (0.0, -1.0), (0.0, 3.0))),

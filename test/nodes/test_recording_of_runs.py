@@ -16,8 +16,13 @@ from ballbot_ros.recording.reader import RecordingReader
 pytestmark = pytest.mark.graph
 
 TICKS = 400
-# Dead times of everything, noise, a battery that drains and a map: what could be lost on the way.
+# A kernel, a link, dead times of everything, noise, a battery that drains and a map: what could be
+# lost on the way.
 SETTINGS = [
+    ('plant_sim', 'kernel', True),
+    ('plant_sim', 'link', True),
+    ('controller', 'time_variation', 0.4),
+    ('controller', 'kernel_defect', True),
     ('plant_sim', 'duration', 1.6),
     ('plant_sim', 'battery_model', 'draining'),
     ('plant_sim', 'actuator_delay', 1),

@@ -15,6 +15,7 @@ from stubs import bare
 
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.controllers.codegen.implementation import Implementation
+from ballbot_ros.engine.brick_tasks import BrickTasks
 from ballbot_ros.errors import ControllerError
 from ballbot_ros.lockstep.lockstep import DueTick
 from ballbot_ros.lockstep.run_actions import ParameterChange
@@ -146,6 +147,7 @@ def controller(**others):
         done=done,
         parameters=before,
         _program=program,
+        _tasks=BrickTasks(before),
         _program_parameters=before,
         _is_running=True,
         _gate=SimpleNamespace(newest=lambda name: None),

@@ -15,11 +15,17 @@ from collections.abc import Sequence
 from typing import IO, NamedTuple, Protocol
 
 from ballbot_ros.controllers.codegen.application import STATE_SIZE, named_values, plane_values
-from ballbot_ros.controllers.document.program import ControlMode, operating_state
+from ballbot_ros.controllers.document.program import (
+    TASK_NUMBERS,
+    ControlMode,
+    job_time,
+    operating_state,
+)
 from ballbot_ros.controllers.interface import OperatingState
 from ballbot_ros.errors import CodegenError
 from ballbot_ros.parameters import ControllerParameters
 from ballbot_ros.robot.brick.brick import Brick, DeviceInputs, DeviceOutputs, Tone
+from ballbot_ros.robot.brick.job_times import JobTimes
 from ballbot_ros.robot.brick.schedule import Schedule, TaskTiming
 
 MAX_DUE = 8
@@ -209,6 +215,7 @@ class CompiledProgram:
 
     Attributes
     ----------
+    tasks : sequence of TaskTiming
     state : bytes
         The C structure ``ballbot`` after the last tick.
     stack_bytes : tuple of int
@@ -220,6 +227,7 @@ class CompiledProgram:
     ) -> None:
         self._process = process
         self._autonomous = autonomous
+        self.tasks = tasks
         self._schedule = Schedule(tasks)
         self._numbers = {timing.name: number for number, timing in enumerate(tasks)}
         self.brick = Brick()
@@ -240,7 +248,15 @@ class CompiledProgram:
         """Run the tasks due `elapsed_ms` after the start; see :meth:`run`."""
         return self.run(self._schedule.due(elapsed_ms), systick_ms, inputs)
 
-    def run(self, tasks: Sequence[str], systick_ms: int, inputs: DeviceInputs) -> DeviceOutputs:
+    def run(
+        self,
+        tasks: Sequence[str],
+        systick_ms: int,
+        inputs: DeviceInputs,
+        *,
+        is_same_tick: bool = False,
+        is_bus_busy: bool = False,
+    ) -> DeviceOutputs:
         """Run `tasks`, in this order, on the inputs of a tick.
 
         Raises
@@ -248,15 +264,27 @@ class CompiledProgram:
         CodegenError
             If the program has ended, or makes an invalid call.
         """
-        return self.brick.tick(systick_ms, inputs, lambda: self._run_tasks(tasks, inputs))
+        if is_same_tick:
+            inputs = inputs._replace(sonar_cm=None, battery_mv=None, sticks=None)
+        return self.brick.tick(
+            systick_ms,
+            inputs,
+            lambda: self._run_tasks(tasks, inputs, is_bus_busy),
+            is_same_tick=is_same_tick,
+        )
 
-    def _run_tasks(self, tasks: Sequence[str], inputs: DeviceInputs) -> None:
+    def job_time(self, task: str, outputs: DeviceOutputs, times: JobTimes) -> float:
+        """Return how long the job takes that has just run [µs]."""
+        number = TASK_NUMBERS[task]
+        return job_time(times, number, self.control_mode, bool(outputs.log), bool(outputs.tones))
+
+    def _run_tasks(self, tasks: Sequence[str], inputs: DeviceInputs, is_bus_busy: bool) -> None:
         brick = self.brick
         answer = self._process.exchange(
             _encode_request(
                 systick_ms=brick.systick_ms,
                 revolutions=brick.revolutions,
-                sonar_reply_cm=brick.sonar_reply,
+                sonar_reply_cm=brick.sonar_cm if is_bus_busy else brick.sonar_reply,
                 gyro=brick.gyro,
                 battery_mv=brick.battery_mv,
                 sticks=inputs.sticks,
@@ -270,7 +298,7 @@ class CompiledProgram:
         brick.duty = answer.duty
         if answer.log:
             brick.log(*answer.log)
-        if answer.read_sonar:
+        if answer.read_sonar and not is_bus_busy:
             brick.read_sonar()
         for tone in answer.tones:
             brick.sound_tone(*tone)

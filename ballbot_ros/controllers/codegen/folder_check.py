@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -26,18 +26,21 @@ from ballbot_ros.controllers.codegen.toolchain import (
     measure_memory,
 )
 from ballbot_ros.controllers.document.axis import TS1_MS
-from ballbot_ros.controllers.document.program import ControlProgram
+from ballbot_ros.controllers.document.program import ControlMode, ControlProgram
 from ballbot_ros.errors import CodegenError
 from ballbot_ros.parameters import ControllerParameters, ParameterSet
 from ballbot_ros.parameters.files import read_parameter_file
 from ballbot_ros.parameters.timing import BATTERY_PERIOD_NS, MILLISECOND_NS, SLOW_PERIOD_NS
 from ballbot_ros.robot.brick.brick import UINT32_MASK, DeviceInputs, DeviceOutputs
+from ballbot_ros.robot.brick.schedule import Schedule
 from ballbot_ros.robot.brick.sensors import NO_DATA_CM, NO_ECHO_CM
 
 _OFFSET = 600
 _SONAR_MS = SLOW_PERIOD_NS // MILLISECOND_NS
 _BATTERY_MS = BATTERY_PERIOD_NS // MILLISECOND_NS
 _MAX_INT32 = 2**31 - 1
+_PHASE_MS = 400
+"""Duration of each phase of :func:`path_steps`, in which every task runs."""
 
 
 class ProgramInput(NamedTuple):
@@ -88,6 +91,28 @@ def random_steps(seed: int, ticks: int, *, out_of_range: bool) -> Iterator[Progr
             sticks=_sticks(draw, out_of_range) if draw.random() < 0.2 else None,
         )
         yield ProgramInput(elapsed, (start + elapsed) & UINT32_MASK, inputs)
+
+
+def path_steps(parameters: ControllerParameters) -> Iterator[ProgramInput]:
+    """Yield inputs that lead the program through all modes, however long these last.
+
+    The system time jumps to the end of the calibration, to the start of autonomous drive, and, when
+    control has been lost, to the stop. A time that leaves less than 2 s until the counter wraps
+    around is never reached.
+    """
+    latest = UINT32_MASK - 5 * _PHASE_MS
+    start, skipped = 1000, 0
+    for step in random_steps(0, 4 * _PHASE_MS // TS1_MS, out_of_range=False):
+        elapsed, inputs = step.elapsed_ms, step.inputs
+        if elapsed == _PHASE_MS:
+            skipped = max(0, min(parameters.time_start, latest) - elapsed)
+        elif elapsed == 2 * _PHASE_MS:
+            skipped = max(skipped, min(parameters.time_auto, latest) - elapsed)
+        elif elapsed == 3 * _PHASE_MS:
+            skipped += min(parameters.time_stop, latest)
+        if elapsed >= 3 * _PHASE_MS:
+            inputs = inputs._replace(revolutions=(_MAX_INT32, -_MAX_INT32))
+        yield ProgramInput(elapsed, (start + elapsed + skipped) & UINT32_MASK, inputs)
 
 
 def _distance(draw: random.Random) -> int:
@@ -161,10 +186,60 @@ class TaskCost:
     stack_bytes: int
 
 
+_PATHS = (
+    'init', 'calibration', 'control', 'stop', 'log', 'obstacle', 'state', 'tone', 'display',
+)  # fmt: skip
+_ONLY_PATHS = {'task_init': 'init', 'task_ts2': 'obstacle', 'task_lcd': 'display'}
+"""Paths of the tasks that have only one."""
+
+_ADDED_TO = {'log': 'control', 'tone': 'state'}
+"""Paths whose count is an addition to that of another one."""
+
+
+class TaskCall(NamedTuple):
+    """A call of a task: what determines its path, and its instructions."""
+
+    task: str
+    control_mode: ControlMode
+    has_logged: bool
+    has_tone: bool
+    instructions: int
+
+    @property
+    def path(self) -> str:
+        """The path of the call: its parameter is ``<path>_instructions``."""
+        if self.task == 'task_ts1':
+            if self.control_mode == ControlMode.CONTROL:
+                return 'log' if self.has_logged else 'control'
+            return 'calibration' if self.control_mode == ControlMode.CALIBRATION else 'stop'
+        if self.task == 'task_ts3':
+            return 'tone' if self.has_tone else 'state'
+        return _ONLY_PATHS[self.task]
+
+
+def path_instructions(calls: Iterable[TaskCall]) -> dict[str, int]:
+    """Return the most instructions of each path, by parameter; none of a path not taken.
+
+    If each call of task_ts1 in control sends a packet, or each of task_ts3 starts a tone, the
+    addition is 0.
+    """
+    most: dict[str, int] = {}
+    for call in calls:
+        most[call.path] = max(most.get(call.path, 0), call.instructions)
+    for path, base in _ADDED_TO.items():
+        if path in most:
+            most[path] = max(0, most[path] - most.setdefault(base, most[path]))
+    return {f'{path}_instructions': most[path] for path in _PATHS if path in most}
+
+
 class ProgramCost(NamedTuple):
-    """Cost of the program on the brick, without the platform."""
+    """Cost of the program on the brick, without the platform.
+
+    `instructions` are the most of each path, by parameter.
+    """
 
     tasks: Sequence[TaskCost]
+    instructions: Mapping[str, int]
     memory: Memory
 
 
@@ -176,7 +251,7 @@ class _RequestRecorder:
         self.requests: list[bytes] = []
 
     def exchange(self, request: bytes) -> Answer:
-        """Run a tick."""
+        """Run the tasks of a request."""
         self.requests.append(request)
         return self._process.exchange(request)
 
@@ -222,16 +297,33 @@ class BuiltApplication:
 
     def cost(self, sequences: Sequence[InputSequence]) -> ProgramCost:
         """Measure instructions on `sequences`, and memory; stack usage is that of comparisons."""
+        calls = self.calls(sequences)
         worst = dict.fromkeys((task.name for task in self._tasks), 0)
-        for sequence in sequences:
-            recorder = _RequestRecorder(BrickProcess(self._command))
-            program = self._program(recorder)
-            for step in sequence.steps:
-                program.tick(*step)
-            counted = count_instructions(self._command, recorder.requests, list(worst))
-            worst = {name: max(worst[name], counted[name]) for name in worst}
+        for call in calls:
+            worst[call.task] = max(worst[call.task], call.instructions)
         tasks = [
             TaskCost(task.name, bool(task.period_ms), worst[task.name], stack)
             for task, stack in zip(self._tasks, self._stack, strict=True)
         ]
-        return ProgramCost(tasks, measure_memory(self._scratch, len(self._tasks)))
+        memory = measure_memory(self._scratch, len(self._tasks))
+        return ProgramCost(tasks, path_instructions(calls), memory)
+
+    def calls(self, sequences: Iterable[InputSequence]) -> list[TaskCall]:
+        """Run `sequences`, and return the calls of all tasks, in order."""
+        return [call for sequence in sequences for call in self._calls(sequence)]
+
+    def _calls(self, sequence: InputSequence) -> Iterator[TaskCall]:
+        recorder = _RequestRecorder(BrickProcess(self._command))
+        program = self._program(recorder)
+        schedule = Schedule(self._tasks)
+        paths = []
+        for elapsed_ms, systick_ms, inputs in sequence.steps:
+            for number, task in enumerate(schedule.due(elapsed_ms)):
+                # A request for each task, which tells what this one has done.
+                outputs = program.run([task], systick_ms, inputs, is_same_tick=number > 0)
+                path = task, program.control_mode, bool(outputs.log), bool(outputs.tones)
+                paths.append(path)
+        names = [task.name for task in self._tasks]
+        counts = count_instructions(self._command, recorder.requests, names)
+        for path, count in zip(paths, counts, strict=True):
+            yield TaskCall(*path, count)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
+from ballbot_ros.controllers.controller import IDLE
 from ballbot_ros.controllers.controller_program import (
     ControllerProgram,
     TickTimes,
@@ -16,7 +18,7 @@ from ballbot_ros.controllers.controller_program import (
     user_parameters,
 )
 from ballbot_ros.controllers.document.axis import task_timings
-from ballbot_ros.controllers.document.program import ControlProgram
+from ballbot_ros.controllers.document.program import ControlProgram, task_load
 from ballbot_ros.controllers.interface import Program
 from ballbot_ros.controllers.loading import (
     LoadedController,
@@ -35,6 +37,7 @@ from ballbot_ros.parameters import (
     Value,
     parameters_of,
 )
+from ballbot_ros.robot.brick.job_times import interrupt_load, load_of
 from ballbot_ros.robot.brick.schedule import TaskTiming
 
 
@@ -136,6 +139,7 @@ def compose_controller(
     if reference in DOCUMENTS_PROGRAM:
         require_implementation(reference)
         parameters.declare_own(reference, ())
+        check_load(parameters.of(ControllerParameters))
         return None
     if given is None:
         reference = resolve_reference(reference, Path.cwd())
@@ -146,6 +150,39 @@ def compose_controller(
     # Create an instance, so that most mistakes are found before the run.
     implementation_for(parameters.of(ControllerParameters), loaded).make()
     return loaded
+
+
+def processor_load(p: Any, own_tasks: Sequence[TaskTiming] = ()) -> tuple[Any, Any]:
+    """Return the shares of the processor that interrupts and tasks take.
+
+    Parameters
+    ----------
+    p : row or namespace
+        Parameters of ``controller``; they may be columns.
+    own_tasks : sequence of TaskTiming
+        Those of a controller other than the document's.
+    """
+    if not own_tasks:
+        return interrupt_load(p), task_load(p)
+    periods_us = [1000.0 * each.period_ms for each in own_tasks if each.name != IDLE]
+    return interrupt_load(p), sum(load_of(p, 0.0, p.tick_time, each) for each in periods_us)
+
+
+def check_load(p: Any, own_tasks: Sequence[TaskTiming] = ()) -> None:
+    """Raise ParameterError if the processor can't bear interrupts and tasks.
+
+    The parameters are as for :func:`processor_load`.
+    """
+    of_interrupts, of_tasks = processor_load(p, own_tasks)
+    if not p.kernel:
+        return
+    if p.link_time > p.interrupt_time:
+        raise ParameterError(f'{CONTROLLER}.link_time: longer than interrupt_time')
+    if of_interrupts + of_tasks > 1.0:
+        raise ParameterError(
+            f'{CONTROLLER}: at {p.processor_clock:g} MHz the interrupts need {of_interrupts:.0%} '
+            f'of the processor and the tasks {of_tasks:.0%}, together more than 100 %'
+        )
 
 
 def implementation_for(
@@ -170,6 +207,7 @@ def implementation_for(
     if parameters.implementation not in DOCUMENTS_PROGRAM:
         return _controller(parameters, loaded or load_controller(parameters.implementation))
     tasks = task_timings(parameters.ts2_period, parameters.ts3_period)
+    check_load(parameters)
     if parameters.implementation == 'python':
         return Implementation(parameters, tasks, lambda: ControlProgram(parameters))
     return Implementation(parameters, tasks, _compiled(parameters))
@@ -179,6 +217,7 @@ def _controller(parameters: ControllerParameters, loaded: LoadedController) -> I
     if missing := missing_design(parameters, own_rows(loaded)):
         raise ParameterError(f'{CONTROLLER}.{missing[0]}: {NOT_DESIGNED}')
     user, model = user_parameters(loaded, parameters), design_model(parameters)
+    check_load(parameters, loaded.tasks)
     times = TickTimes()
     return Implementation(
         parameters,

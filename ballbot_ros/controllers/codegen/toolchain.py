@@ -223,27 +223,27 @@ def measure_memory(scratch: Path, task_count: int) -> Memory:
 
 def count_instructions(
     command: Sequence[str], requests: Sequence[bytes], tasks: Sequence[str]
-) -> dict[str, int]:
-    """Return the maximum number of instructions of a call of each task.
+) -> list[int]:
+    """Return the number of instructions of each call of a task, in order.
 
     The emulator logs each block of instructions at its translation and at each execution; a count
     is the sum of the lengths of the executed blocks. Instructions of the brick's stand-in don't
     count, as the brick has the platform's device functions instead. `command` runs the program
-    built for ARM, with a request per tick.
+    built for ARM, with the requests as its input.
 
     Raises
     ------
     CodegenError
-        If the emulator fails, or logs no instruction.
+        If the emulator fails, or logs no instruction of a call.
     """
     executable = Path(command[-1])
     symbols = _symbols(executable)
-    entries = {symbols[f'TaskMain_{name}'][0]: name for name in tasks}
+    entries = {symbols[f'TaskMain_{name}'][0] for name in tasks}
     leave = symbols['task_returned'][0]
     device_functions = _addresses(symbols, _symbols(executable.with_name('brick.o')))
-    worst = dict.fromkeys(tasks, 0)
+    counts: list[int] = []
     lengths: dict[int, int] = {}
-    block, task, count = -1, '', 0
+    block, in_task = -1, False
     trace = executable.with_name('trace.log')
     done = subprocess.run(
         [*command[:-1], '-d', 'nochain,exec,in_asm', '-D', str(trace), str(executable)],
@@ -261,15 +261,15 @@ def count_instructions(
                 # Trace 0: <host address> [<cs base>/<address>/<flags>/<flags>] <symbol>
                 address, block = int(line.split(b'/', 2)[1], 16), -1
                 if address in entries:
-                    task, count = entries[address], lengths[address]
+                    in_task = True
+                    counts.append(lengths[address])
                 elif address == leave:
-                    worst[task] = max(worst[task], count)
-                    task = ''
-                elif task and address not in device_functions:
-                    count += lengths[address]
-    if done.returncode or not all(worst.values()):
+                    in_task = False
+                elif in_task and address not in device_functions:
+                    counts[-1] += lengths[address]
+    if done.returncode or not counts or not all(counts):
         raise CodegenError(f'{command[0]}: no instructions counted, status {done.returncode}')
-    return worst
+    return counts
 
 
 def _symbols(path: Path) -> dict[str, tuple[int, int]]:

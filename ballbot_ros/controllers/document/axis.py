@@ -20,7 +20,7 @@ from ballbot_ros.robot.brick.schedule import TaskTiming
 PROGRAM_NAME = 'NXT BALLBOT'
 """First line of the display."""
 
-TASK_TS1 = 'task_ts1'
+TASK_TS1, TASK_TS2 = 'task_ts1', 'task_ts2'
 TS1_MS = TICK_MS
 """Period of task_ts1: the tick of the plant."""
 
@@ -35,7 +35,7 @@ def task_timings(ts2_ms: int, ts3_ms: int) -> tuple[TaskTiming, ...]:
     return (
         TaskTiming('task_init', 5, 0),
         TaskTiming(TASK_TS1, 4, TS1_MS),
-        TaskTiming('task_ts2', 3, ts2_ms),
+        TaskTiming(TASK_TS2, 3, ts2_ms),
         TaskTiming('task_ts3', 2, ts3_ms),
         TaskTiming('task_lcd', 1, LCD_MS),
     )

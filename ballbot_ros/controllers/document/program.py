@@ -13,6 +13,7 @@ from ballbot_ros.controllers.document.axis import (
     LCD_MS,
     ONE,
     PROGRAM_NAME,
+    TS1_MS,
     ZERO,
     AxisEstimates,
     AxisState,
@@ -38,6 +39,8 @@ from ballbot_ros.robot.brick.brick import (
     as_numbers,
     status_page,
 )
+from ballbot_ros.robot.brick.job_times import JobTimes, load_of
+from ballbot_ros.robot.brick.schedule import TaskTiming
 from ballbot_ros.robot.brick.sensors import NO_DATA_CM, NO_ECHO_CM
 from ballbot_ros.robot.compiler_hints import inlined
 
@@ -146,7 +149,16 @@ def averaged_battery(battery: Single, reading_mv: int, a_b: Single) -> Single:
 INIT, TS1, TS2, TS3, LCD = 1, 2, 4, 8, 16
 """The tasks of a tick, as bits of one number; a lower one has a higher priority."""
 
+SAME_TICK, BUS_BUSY = 32, 64
+"""Further bits: other tasks have run in this tick before; the sonar's bus is still busy."""
+
 TASK_BITS = {'task_init': INIT, 'task_ts1': TS1, 'task_ts2': TS2, 'task_ts3': TS3, 'task_lcd': LCD}
+
+TASK_NUMBERS = {name: number for number, name in enumerate(TASK_BITS)}
+"""The number of each task in the kernel."""
+
+DUTY_TASK, BUS_TASK = TASK_NUMBERS['task_ts1'], TASK_NUMBERS['task_ts2']
+"""Those that set the duty and read the sonar."""
 
 
 def tasks_due(elapsed_ms: int, ts2_period: int, ts3_period: int) -> int:
@@ -289,7 +301,7 @@ def program_tick(
     Parameters
     ----------
     tasks : int
-        As bits, such as :data:`TS1`.
+        As bits, such as :data:`TS1`, and :data:`SAME_TICK` and :data:`BUS_BUSY`.
     systick_ms : int
         uint32 system time [ms].
     """
@@ -302,17 +314,18 @@ def program_tick(
         flag_avoid, flag_auto, start_time, timer_stop, calibrated, log_counter,
         vertical, horizontal, waiting_vertical, waiting_horizontal, connected,
         sonar_cm, sonar_reply, sonar_register, battery_mv, _, _, _, _, _, duty_x, duty_y,
-        _, log_sonar_cm, _, _, _,
+        has_logged, log_sonar_cm, has_started_tone, distance_tone_hz, has_drawn,
     ) = state  # fmt: skip
     gyro_x, gyro_y, revolution_x, revolution_y, new_sonar, new_battery, stick, across = inputs
-    if new_sonar != NO_SAMPLE:
-        sonar_register = new_sonar
-    if new_battery != NO_SAMPLE:
-        battery_mv = new_battery
-    if stick != NO_SAMPLE:
-        waiting_vertical, waiting_horizontal, connected = stick, across, True
-    has_logged = has_started_tone = False
-    distance_tone_hz = 0
+    if not tasks & SAME_TICK:
+        if new_sonar != NO_SAMPLE:
+            sonar_register = new_sonar
+        if new_battery != NO_SAMPLE:
+            battery_mv = new_battery
+        if stick != NO_SAMPLE:
+            waiting_vertical, waiting_horizontal, connected = stick, across, True
+        has_logged = has_started_tone = has_drawn = False
+        distance_tone_hz = 0
 
     if tasks & INIT:
         # STOP and RUN restart the program without loading it, so nothing may remain from the
@@ -352,12 +365,16 @@ def program_tick(
 
     if tasks & TS2:  # look for an obstacle (section 7.5)
         # nxtOSEK fetches the sensor's register over I2C after the call, so the program sees a
-        # value one period of the calling task later.
-        sonar_cm, sonar_reply = sonar_reply, sonar_register
+        # value one period of the calling task later. While the bus is busy, it sees the last one.
+        if not tasks & BUS_BUSY:
+            sonar_cm, sonar_reply = sonar_reply, sonar_register
         distance_cm, echo_time = held_distance(
             distance_cm, echo_time, sonar_cm, systick_ms, sonar_hold
         )
         flag_avoid = distance_cm <= dst_thr
+
+    if tasks & LCD:
+        has_drawn = True
 
     if tasks & TS3:  # decide the state, average the battery voltage, sound (section 7.6)
         battery = averaged_battery(battery, battery_mv, a_b)
@@ -380,8 +397,48 @@ def program_tick(
         vertical, horizontal, waiting_vertical, waiting_horizontal, connected,
         sonar_cm, sonar_reply, sonar_register, battery_mv, systick_ms,
         gyro_x, gyro_y, revolution_x, revolution_y, duty_x, duty_y,
-        has_logged, log_sonar_cm, has_started_tone, distance_tone_hz, tasks & LCD > 0,
+        has_logged, log_sonar_cm, has_started_tone, distance_tone_hz, has_drawn,
     )  # fmt: skip
+
+
+def job_time(
+    times: JobTimes, task: int, control_mode: int, has_logged: bool, has_tone: bool
+) -> float:
+    """Return how long a job takes [µs].
+
+    Parameters
+    ----------
+    task : int
+        Its number: the tasks are those of :data:`TASK_BITS`.
+    control_mode : int
+        That of a job of task_ts1.
+    has_logged, has_tone : bool
+        Whether a job of task_ts1 sends a log packet, and whether one of task_ts3 starts a tone.
+    """
+    if task == 1:
+        if control_mode == CONTROL:
+            return times.control + (times.log if has_logged else 0.0)
+        return times.calibration if control_mode == CALIBRATION else times.stop
+    if task == 2:
+        return times.obstacle
+    if task == 3:
+        return times.state + (times.tone if has_tone else 0.0)
+    return times.display if task == 4 else times.init
+
+
+def task_load(p: Any) -> Any:
+    """Return the share of the processor that the tasks take in control.
+
+    The parameters may be columns.
+    """
+    log = p.log_instructions / p.log_count, p.bluetooth_time / p.log_count
+    tone = p.tone_gain > 0
+    return (
+        load_of(p, p.control_instructions + log[0], log[1], 1000.0 * TS1_MS)
+        + load_of(p, p.obstacle_instructions, 0.0, 1000.0 * p.ts2_period)
+        + load_of(p, p.state_instructions, tone * p.tone_time, 1000.0 * p.ts3_period)
+        + load_of(p, p.display_instructions, p.display_time, 1000.0 * LCD_MS)
+    )
 
 
 class ControlProgram:
@@ -408,6 +465,11 @@ class ControlProgram:
         twin._glide = copy(self._glide)
         return twin
 
+    @property
+    def tasks(self) -> tuple[TaskTiming, ...]:
+        """The tasks, as they are numbered in the kernel."""
+        return self._p.tasks
+
     def retune(self, parameters: ControllerParameters) -> None:
         """Take over gains and thresholds from the next tick on."""
         self._glide.move_to(parameters)
@@ -417,15 +479,28 @@ class ControlProgram:
         tasks = tasks_due(elapsed_ms, self._p.ts2_period, self._p.ts3_period)
         return self._run(tasks, systick_ms, inputs)
 
-    def run(self, tasks: Sequence[str], systick_ms: int, inputs: DeviceInputs) -> DeviceOutputs:
+    def run(
+        self,
+        tasks: Sequence[str],
+        systick_ms: int,
+        inputs: DeviceInputs,
+        *,
+        is_same_tick: bool = False,
+        is_bus_busy: bool = False,
+    ) -> DeviceOutputs:
         """Run `tasks` on the inputs of a tick, by priority."""
-        bits = 0
+        bits = (SAME_TICK if is_same_tick else 0) | (BUS_BUSY if is_bus_busy else 0)
         for name in tasks:
             bits |= TASK_BITS[name]
         return self._run(bits, systick_ms, inputs)
 
+    def job_time(self, task: str, outputs: DeviceOutputs, times: JobTimes) -> float:
+        """Return how long the job takes that has just run [µs]."""
+        number, mode = TASK_NUMBERS[task], self.state.control_mode
+        return job_time(times, number, mode, bool(outputs.log), bool(outputs.tones))
+
     def _run(self, tasks: int, systick_ms: int, inputs: DeviceInputs) -> DeviceOutputs:
-        if self._glide.is_moving:
+        if self._glide.is_moving and not tasks & SAME_TICK:
             self._use(self._glide.tick())
         self.state = program_tick(
             self._constants, self.state, as_numbers(inputs), tasks, systick_ms & UINT32_MASK

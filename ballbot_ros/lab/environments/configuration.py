@@ -8,12 +8,14 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from ballbot_ros.controllers.codegen.implementation import check_load
+from ballbot_ros.controllers.controller import TICK
 from ballbot_ros.engine.scenario.reader import IDEAL, load_profile
 from ballbot_ros.engine.scenario.scenario import Scenario, Segment, StickSignal
 from ballbot_ros.errors import EnvironmentConfigurationError, short_repr
@@ -26,6 +28,7 @@ from ballbot_ros.parameters import (
     ParameterSet,
     PlantParameters,
 )
+from ballbot_ros.parameters.brick_time import KernelChoice, LinkParameters, TaskCosts
 from ballbot_ros.parameters.files import (
     Parameters,
     assign_values,
@@ -34,6 +37,7 @@ from ballbot_ros.parameters.files import (
 )
 from ballbot_ros.parameters.nodes import DeviceSeed
 from ballbot_ros.parameters.timing import TICK_MS
+from ballbot_ros.robot.brick.schedule import TaskTiming
 
 TOLERATED_PITCH_RAD = 0.035
 TOLERATED_DISTANCE_M = 0.05
@@ -194,7 +198,10 @@ STEPS_MS = (TICK_MS, 5 * TICK_MS)
 MAX_DURATION_S = 1e5
 
 SETTINGS = ('time_start', 'k_thetadot', 'gp_max')
-"""The controller's parameters that have an effect: on calibration and commands."""
+"""The controller's parameters that have an effect on calibration and commands."""
+
+_OF_TIME = {each.name for cls in (KernelChoice, LinkParameters, TaskCosts) for each in fields(cls)}
+_ONE_TASK = (TaskTiming(TICK, 1, TICK_MS),)
 
 _NODES = {cls.node for cls in ROBOT_CLASSES}
 _OF_AN_EPISODE = {
@@ -229,6 +236,7 @@ def parameters_of_environment(profile: str | None, given: Parameters | None) -> 
         raise EnvironmentConfigurationError(
             f'parameters: {short_repr(given)} is neither a mapping nor a file'
         )
+    check_load(parameters.of(ControllerParameters), _ONE_TASK)
     return parameters
 
 
@@ -238,9 +246,10 @@ def _check_effect(values: Mapping[str, object]) -> None:
         for own, remedy in _OF_AN_EPISODE.items():
             if target == own or (node == '/**' and own.endswith(f'.{name}')):
                 raise ParameterError(f'{target} has no effect here: use {remedy}')
-        if node == CONTROLLER and name not in SETTINGS:
+        if node == CONTROLLER and name not in (*SETTINGS, *_OF_TIME):
             raise ParameterError(
-                f'{target} has no effect here; of the {CONTROLLER} only {", ".join(SETTINGS)} have'
+                f'{target} has no effect here; of the {CONTROLLER} only {", ".join(SETTINGS)} and '
+                "those of the brick's time have"
             )
         if node and name and node not in _NODES and node != '/**':
             raise ParameterError(

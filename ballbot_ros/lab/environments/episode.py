@@ -47,8 +47,10 @@ from ballbot_ros.engine.run import clear_rings, longest_age, robot_constants
 from ballbot_ros.lab.environments.configuration import BALANCE
 from ballbot_ros.lab.environments.setup import DEVICES as DEVICES_OBSERVED
 from ballbot_ros.lab.environments.setup import Setup, Start
-from ballbot_ros.parameters import DEVICES, PlantParameters
+from ballbot_ros.parameters import DEVICES, ControllerParameters, PlantParameters
 from ballbot_ros.parameters.timing import FIRST_TICK_NS, TICK_MS
+from ballbot_ros.robot.brick.job_times import job_times, kernel_constants
+from ballbot_ros.robot.brick.kernel import kernel_size
 from ballbot_ros.robot.world.world import World
 
 MANY_TICKS = 100_000
@@ -163,7 +165,13 @@ class _InterpretedEpisode:
             plant_constants(numbers_of(plant), FIRST_TICK_NS),
             *(numbers_of(values.of(each)) for each in DEVICES),
         )
-        waiting = waiting_count(constants.plant.actuator_delay + constants.plant.actuator_jitter)
+        waiting = waiting_count(
+            constants.plant.actuator_delay + constants.plant.actuator_jitter,
+            constants.plant.has_late_duties,
+        )
+        settings = numbers_of(values.of(ControllerParameters))
+        self._times, self._kernel_law = job_times(settings), kernel_constants(settings)
+        self._kernel = [0] * (kernel_size(1) if constants.plant.has_late_duties else 0)
         age = longest_age(constants)
         self._effects_ns, self._duties = [0] * waiting, [0] * (2 * waiting)
         self._steps = [0.0] * (STEP_VALUES * (age + 1) if age else 0)
@@ -184,8 +192,8 @@ class _InterpretedEpisode:
         _interpreted['ticks'] += ticks
         self._state, observer = move_robot(
             self._constants, settings.time_start, is_new, self._state, self._observer,
-            *self.duty, ticks, *self._points, self._effects_ns, self._duties, self._steps,
-            *self._walls,
+            *self.duty, self._times, self._kernel_law, ticks, *self._points,
+            self._effects_ns, self._duties, self._steps, self._kernel, *self._walls,
         )  # fmt: skip
         self.measured = observation_of(observer, settings)
         self.true = true_state(self._constants.plant, self._state)
@@ -198,7 +206,9 @@ class _InterpretedEpisode:
 
     def save_state(self) -> EpisodeState:
         """Return the present state."""
-        rings = tuple(self._effects_ns), tuple(self._duties), tuple(self._steps)
+        rings = (
+            tuple(self._effects_ns), tuple(self._duties), tuple(self._steps), tuple(self._kernel)
+        )  # fmt: skip
         return EpisodeState(
             self.start, self._state, self._observer, rings, self.measured, self.true
         )
@@ -207,7 +217,7 @@ class _InterpretedEpisode:
         """Continue from a state."""
         self._prepare(state.start)
         _, self._state, self._observer, rings, self.measured, self.true = state
-        self._effects_ns, self._duties, self._steps = map(list, rings)  # type: ignore[assignment]
+        self._effects_ns, self._duties, self._steps, self._kernel = map(list, rings)  # type: ignore[assignment]
 
 
 class MovedRobots:
@@ -234,7 +244,7 @@ class MovedRobots:
         for name, cls in PARAMETERS.items():
             self.rows[name] = parameters[cls]
         self._floor = floor_of(World.of(setup.parameters.of(PlantParameters)))
-        self.rings = rings_of(parameters)
+        self.rings = rings_of(parameters, 1)
         self._sticks = [np.zeros((count, 0, 2)) for _ in range(2)]
 
     def __getstate__(self) -> dict[str, Any]:

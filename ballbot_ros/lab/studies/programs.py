@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
 import numpy as np
 
-from ballbot_ros.controllers.codegen.implementation import compose_controller
+from ballbot_ros.controllers.codegen.implementation import (
+    check_load,
+    compose_controller,
+    processor_load,
+)
 from ballbot_ros.controllers.controller import LawController
 from ballbot_ros.controllers.controller_program import design_model, user_parameters
-from ballbot_ros.controllers.document.program import INITIAL_STATE
+from ballbot_ros.controllers.document.program import INITIAL_STATE, TASK_NUMBERS
 from ballbot_ros.controllers.loading import LoadedController
 from ballbot_ros.engine.compilation import (
     NO_COMPILER,
@@ -30,9 +34,15 @@ from ballbot_ros.engine.rows import (
     whole_values,
 )
 from ballbot_ros.engine.run import simulate_runs
-from ballbot_ros.parameters import CONTROLLER, ControllerParameters, ParameterSet
+from ballbot_ros.parameters import (
+    CONTROLLER,
+    ControllerParameters,
+    ParameterError,
+    ParameterSet,
+)
 from ballbot_ros.parameters.controller import MODEL, USER
 from ballbot_ros.parameters.files import assign_values, plain_values
+from ballbot_ros.robot.brick.schedule import TaskTiming
 from ballbot_ros.run.spec import RunSpec
 
 Values = Mapping[str, Column]
@@ -47,9 +57,12 @@ class Programs(Protocol):
     are_users : bool
         Whether they are written by a user. A run may then never end, so that only a process of its
         own can be ended; and it may use what the compiler does otherwise than the interpreter.
+    tasks : int
+        Number of tasks of each.
     """
 
     are_users: bool
+    tasks: int
 
     def problem(self) -> str:
         """Return why their code can't be compiled, on one line; '' if it can."""
@@ -89,6 +102,7 @@ class _DocumentsPrograms:
     """The document's program with the parameters of each run."""
 
     are_users = False
+    tasks = len(TASK_NUMBERS)
 
     def problem(self) -> str:
         """Return whether numba is missing."""
@@ -109,11 +123,14 @@ class _DocumentsPrograms:
 
     def rows(self, rows: RobotRows, values: Values, count: int) -> tuple[Rows, Rows]:
         """Return constants and initial states."""
+        check_loads(rows[ControllerParameters])
         return program_rows(rows[ControllerParameters]), rows_of([INITIAL_STATE])
 
 
 class _Laws:
     """The law of a specification's controller, with the parameters of each run."""
+
+    tasks = 1
 
     def __init__(self, spec: RunSpec, loaded: LoadedController) -> None:
         self._spec, self._loaded = spec, loaded
@@ -153,6 +170,7 @@ class _Laws:
         states = list(map(initial_state, controllers))
         if len(set(states)) == 1:
             del states[1:]
+        check_loads(rows[ControllerParameters], self._loaded.tasks)
         constants = [each.in_force for each in controllers]
         if not self._code.fits(constants, states):
             raise CompilationError('the runs differ in the number of their states or constants')
@@ -167,6 +185,18 @@ class _Laws:
         controller = loaded.cls(user, model, settings)
         assert isinstance(controller, LawController)
         return controller
+
+
+def check_loads(controllers: Rows, own_tasks: Sequence[TaskTiming] = ()) -> None:
+    """Raise ParameterError if the processor of a robot can't bear its tasks."""
+    columns = controllers.view(np.recarray)
+    load = sum(processor_load(columns, own_tasks))
+    is_late = columns.link_time > columns.interrupt_time
+    for run in np.flatnonzero(columns.kernel & ((load > 1.0) | is_late)):
+        try:
+            check_load(columns[run], own_tasks)
+        except ParameterError as error:
+            raise ParameterError(f'{error} (run {run})') from None
 
 
 def is_own(target: str) -> bool:

@@ -341,8 +341,8 @@ class CompiledSimulator:
         runs, ticks, _ = log.duty.shape
         nothing = np.zeros((runs, 0), tick_type(ends.dtype['program']))
         self._run(
-            plants, *(rows[each] for each in DEVICES), programs,
-            self._floor, events, rings_of(rows), log, nothing, ends, ticks,
+            plants, *(rows[each] for each in DEVICES), rows[ControllerParameters], programs,
+            self._floor, events, rings_of(rows, self._programs.tasks), log, nothing, ends, ticks,
         )  # fmt: skip
         results.ticks[:] = ends['ticks']
         results.failed[:] = ends['plant']['is_stopped']

@@ -77,7 +77,7 @@ def _read_duty(data: bytes) -> tuple[int, int]:
     duty = decode_duty(data)
     if duty is None:
         raise ValueError('the duties are not whole numbers within -100 … 100 %')
-    return duty
+    return duty.x, duty.y
 
 
 def _contract(role: str) -> Contract:

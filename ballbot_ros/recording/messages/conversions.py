@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.controllers.interface import PlaneEstimates
+from ballbot_ros.engine.plant_tick import LATEST_DUTY, STEP_S
 from ballbot_ros.parameters.timing import SECOND_NS
 from ballbot_ros.recording.batch import Batch, Rows
 from ballbot_ros.recording.messages.message_types import (
@@ -59,7 +60,7 @@ from ballbot_ros.recording.messages.topics import (
 from ballbot_ros.recording.schemas import encoder, new_message
 from ballbot_ros.robot.arithmetic import Floats, sine_cosine, sines_cosines
 from ballbot_ros.robot.brick.bluetooth import LogPacket
-from ballbot_ros.robot.brick.brick import Tone
+from ballbot_ros.robot.brick.brick import MotorDuty, Tone
 from ballbot_ros.robot.brick.sensors import RADIANS_PER_DEGREE, battery_mv, quantise
 from ballbot_ros.robot.plant.ground_truth import GroundTruth, Pair, Push
 
@@ -111,7 +112,7 @@ _BATTERY = MessageLayout(
         **dict.fromkeys(_UNKNOWN, math.nan),
     },
 )
-_DUTY = MessageLayout(MOTOR_DUTY.type_name, ['vector.x', 'vector.y'])
+_DUTY = MessageLayout(MOTOR_DUTY.type_name, ['vector.x', 'vector.y', 'vector.z'])
 _STATE = MessageLayout(
     CONTROLLER_STATE.type_name,
     [*elements('position', 6), *elements('velocity', 6)],
@@ -318,21 +319,27 @@ def planar_velocity(twist: Twist) -> Pair:
     return twist.linear.x, twist.linear.y
 
 
-def encode_duty(stamp_ns: int, duty: tuple[int, int]) -> bytes:
-    """Return ``motor_duty``."""
-    return _DUTY.encode(stamp_ns, *duty)
+def encode_duty(stamp_ns: int, duty: tuple[int, int], delay_ns: int = 0) -> bytes:
+    """Return ``motor_duty``: the duties [%], and the time until they take effect [s]."""
+    return _DUTY.encode(stamp_ns, *duty, delay_ns / SECOND_NS)
 
 
 def decode_real_duty(data: bytes) -> tuple[float, float]:
     """Return the numbers in ``motor_duty``, which are duties [%] if they are whole."""
-    x, y = _DUTY.decode(data)
+    x, y, _ = _DUTY.decode(data)
     return x, y
 
 
-def decode_duty(data: bytes) -> tuple[int, int] | None:
-    """Return the duties [%] of ``motor_duty``; None unless they are whole and within ±100."""
-    x, y = decode_real_duty(data)
-    return (int(x), int(y)) if x in _DUTIES and y in _DUTIES else None
+def decode_duty(data: bytes) -> MotorDuty | None:
+    """Return the content of ``motor_duty``; None unless it is allowed.
+
+    The duties are whole numbers within ±100, and the delay is not longer than
+    :data:`~ballbot_ros.engine.plant_tick.LATEST_DUTY` steps.
+    """
+    x, y, delay_s = _DUTY.decode(data)
+    if x not in _DUTIES or y not in _DUTIES or not 0.0 <= delay_s <= LATEST_DUTY * STEP_S:
+        return None
+    return MotorDuty(int(x), int(y), round(delay_s * SECOND_NS))
 
 
 def encode_controller_state(stamp_ns: int, x: PlaneEstimates, y: PlaneEstimates) -> bytes:

@@ -21,7 +21,6 @@ from ballbot_ros.engine.devices import (
     Measured,
     P,
     Reading,
-    longest_delay,
 )
 from ballbot_ros.recording.messages.conversions import (
     MOTOR_NAMES,
@@ -86,19 +85,21 @@ def encode_steps(truth: GroundTruth) -> bytes:
     return _encoder(PLANT_STEPS.type_name)(message)
 
 
-def decode_step(data: bytes, age: int) -> MeasuredState:
-    """Return the step of ``plant/steps`` that is `age` steps older than the stamp.
+def decode_steps(data: bytes, count: int) -> list[MeasuredState]:
+    """Return the newest steps of ``plant/steps``, that of the stamp last.
 
-    It raises ValueError if the message has other fields, or no such step.
+    It raises ValueError if the message has other fields, or not as many steps.
     """
     message = _decoder(PLANT_STEPS.type_name)(data)
     if _layout(message.fields) != _layout(_fields()) or message.point_step != _STEP.size:
         raise ValueError(f'the fields are not {", ".join(STEP_FIELDS)}')
-    offset = len(message.data) - (age + 1) * _STEP.size
-    if offset < 0:
-        raise ValueError(f'it has no step that is {age} steps old')
-    motor_x, motor_y, rate_x, rate_y, x, y = _STEP.unpack_from(message.data, offset)
-    return MeasuredState((motor_x, motor_y), (rate_x, rate_y), (x, -y))
+    first = len(message.data) - count * _STEP.size
+    if first < 0:
+        raise ValueError(f'it has no step that is {count - 1} steps old')
+    return [
+        MeasuredState((motor_x, motor_y), (rate_x, rate_y), (x, -y))
+        for motor_x, motor_y, rate_x, rate_y, x, y in _STEP.iter_unpack(bytes(message.data)[first:])
+    ]
 
 
 @cache
@@ -155,12 +156,15 @@ class DeviceMessages(Generic[P, Measured, Reading]):
 
     def source(self, parameters: P) -> AnsweredTopic:
         """Return what a driver with these parameters answers."""
-        if not longest_delay(parameters):
+        if not self.device.longest_delay(parameters):
             return AnsweredTopic(self.truth, lambda data, stamp_ns: self.measured(data))
-        measured, age_of = self.device.measured, self.device.age_of(parameters)
-        return AnsweredTopic(
-            PLANT_STEPS, lambda data, stamp_ns: measured(decode_step(data, age_of(stamp_ns)))
-        )
+        age_of = self.device.age_of(parameters)
+
+        def measured(data: bytes, stamp_ns: int) -> Measured:
+            age, share = age_of(stamp_ns)
+            return self.device.measured_of(decode_steps(data, age + 1), age, share)
+
+        return AnsweredTopic(PLANT_STEPS, measured)
 
 
 _GYRO = MessageLayout(

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from ballbot_ros.controllers.document.axis import PlaneValues
 from ballbot_ros.controllers.document.program import ControlProgram, ProgramState
 from ballbot_ros.controllers.interface import Program
+from ballbot_ros.engine.brick_tasks import BrickTasks
 from ballbot_ros.engine.compiled_loop import TickColumns
-from ballbot_ros.engine.rows import Rows, columns_of, state_of
-from ballbot_ros.parameters import ParameterSet
+from ballbot_ros.engine.rows import columns_of, state_of
+from ballbot_ros.parameters import ControllerParameters, ParameterSet
 from ballbot_ros.parameters.timing import BATTERY_PERIOD_NS, FIRST_TICK_NS, MILLISECOND_NS, TICK_NS
 from ballbot_ros.recording.messages.conversions import (
     encode_body,
@@ -69,6 +70,7 @@ class RunColumns:
     ) -> None:
         self._plant, self._controller = messages.plant, messages.controller
         self._make, self._make_all = make, make_all
+        self._tasks = BrickTasks(parameters.of(ControllerParameters))
         self._devices = [
             (each.device, each.encoder(parameters.of(each.device.parameters)), each.sample)
             for each in DEVICE_MESSAGES
@@ -83,7 +85,7 @@ class RunColumns:
         self._truth(columns.truth, stamps, columns.wall_hit)
         self._inputs(columns.inputs, stamps, source)
         if isinstance(program, ControlProgram):
-            self._outputs(columns.program, stamps, program)
+            self._outputs(columns, stamps, program)
         else:
             self._repeat(columns.inputs, stamps, program)
 
@@ -123,10 +125,11 @@ class RunColumns:
         for now_ns, row in zip(stamps.tolist(), rows, strict=True):
             elapsed_ms = (now_ns - FIRST_TICK_NS) // MILLISECOND_NS
             inputs = from_numbers(Inputs(*row))
-            outputs = program.tick(elapsed_ms, now_ns // MILLISECOND_NS, inputs)
+            outputs = self._tasks.tick(program, now_ns, elapsed_ms, inputs)
             self._controller.tick(now_ns, outputs, program)
 
-    def _outputs(self, rows: Rows, stamps: Stamps, program: ControlProgram) -> None:
+    def _outputs(self, columns: TickColumns, stamps: Stamps, program: ControlProgram) -> None:
+        rows = columns.program
         states = columns_of(ProgramState, rows)
         deciding = rows[['control_mode', 'flag_avoid', 'flag_auto']]
         has_event = np.append(True, deciding[1:] != deciding[:-1])
@@ -136,8 +139,8 @@ class RunColumns:
             state = state_of(ProgramState, rows[at])
             outputs, operating_state = program.outputs_of(state), program.operating_state_of(state)
             self._controller.events(int(stamps[at]), outputs, operating_state)
-        columns: Any = stamps, (states.duty_x, states.duty_y)
-        self._send(MOTOR_DUTY, stamps, encode_duty(*columns))
+        duties: Any = stamps, tuple(columns.duty.T), columns.delay_ns
+        self._send(MOTOR_DUTY, stamps, encode_duty(*duties))
         x = PlaneValues(*states.x, *states.estimates_x)
         y = PlaneValues(*states.y, *states.estimates_y)
         self._send(CONTROLLER_STATE, stamps, encode_controller_states(stamps, x, y))

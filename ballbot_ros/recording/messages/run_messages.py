@@ -85,7 +85,7 @@ class ControllerMessages:
         """Send the results of a tick at `now_ns` [ns]."""
         # Messages without a stamp go first, so that no reader sees them after the next tick.
         self.events(now_ns, outputs, program.operating_state)
-        self._duty = encode_duty(now_ns, outputs.duty)
+        self._duty = encode_duty(now_ns, outputs.duty, outputs.delay_ns)
         self._state = encode_controller_state(now_ns, program.x, program.y)
         self.resend(now_ns)
 

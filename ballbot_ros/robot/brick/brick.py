@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from ballbot_ros.robot.brick.bluetooth import LogPacket
+from ballbot_ros.robot.brick.kernel import Job
 from ballbot_ros.robot.brick.sensors import NO_DATA_CM
 
 COLUMNS = 16
@@ -118,6 +119,14 @@ def from_numbers(inputs: Inputs) -> DeviceInputs:
     )
 
 
+class MotorDuty(NamedTuple):
+    """Duty [%] of motors B (plane x) and C (plane y), and time until it leaves the brick [ns]."""
+
+    x: int
+    y: int
+    delay_ns: int = 0
+
+
 class Tone(NamedTuple):
     """A tone: frequency [Hz], duration [ms], volume [%]."""
 
@@ -130,14 +139,17 @@ class Tone(NamedTuple):
 class DeviceOutputs:
     """The outputs of a tick.
 
-    The duty [%] of motors B (plane x) and C (plane y) holds until the next one; `pages` are those
-    of the LCD.
+    The duty [%] of motors B (plane x) and C (plane y) holds until the next one. It takes effect
+    `delay_ns` after the tick. `pages` are those of the LCD, `jobs` those that the kernel has ended
+    or lost.
     """
 
     duty: tuple[int, int] = (0, 0)
+    delay_ns: int = 0
     log: list[LogPacket] = field(default_factory=list)
     tones: list[Tone] = field(default_factory=list)
     pages: list[str] = field(default_factory=list)
+    jobs: list[Job] = field(default_factory=list)
 
 
 class Brick:
@@ -172,9 +184,14 @@ class Brick:
         self._outputs = DeviceOutputs()
 
     def tick(
-        self, systick_ms: int, inputs: DeviceInputs, run_tasks: Callable[[], None]
+        self,
+        systick_ms: int,
+        inputs: DeviceInputs,
+        run_tasks: Callable[[], None],
+        *,
+        is_same_tick: bool = False,
     ) -> DeviceOutputs:
-        """Latch the inputs, run the tasks, return the outputs."""
+        """Latch the inputs, run the tasks, return the outputs; add to them in the same tick."""
         self.systick_ms = systick_ms & UINT32_MASK
         self.gyro = inputs.gyro
         self.revolutions = inputs.revolutions
@@ -184,7 +201,9 @@ class Brick:
             self.battery_mv = inputs.battery_mv
         if inputs.sticks is not None:
             self._connected = True
-        outputs = self._outputs = DeviceOutputs()
+        if not is_same_tick:
+            self._outputs = DeviceOutputs()
+        outputs = self._outputs
         run_tasks()
         outputs.duty = self.duty
         return outputs

@@ -16,6 +16,7 @@ from ballbot_ros.controllers.codegen.application import (
     parameter_hash,
     read_tasks,
     write_application,
+    write_times,
 )
 from ballbot_ros.controllers.document.axis import TS1_MS, ProgramConstants
 from ballbot_ros.controllers.document.program import TASK_BITS, tasks_due
@@ -160,6 +161,18 @@ def test_a_foreign_file_is_kept_and_an_earlier_output_is_replaced(tmp_path):
     write_application(tmp_path, VALUES)
     files = {path.name: path.read_text() for path in tmp_path.iterdir()}
     assert files == application_files(VALUES)
+
+
+def test_a_foreign_file_of_times_is_kept_and_an_earlier_one_is_replaced(tmp_path):
+    for count in (1, 2):
+        path = write_times(tmp_path, VALUES, {'stop_instructions': count})
+        assert read_parameter_file(path).of(ControllerParameters).stop_instructions == count
+    path.write_text('# My times\n')
+    with pytest.raises(CodegenError, match=r'times\.yaml: not overwritten'):
+        write_times(tmp_path, VALUES, {'stop_instructions': 3})
+    assert path.read_text() == '# My times\n'
+    with pytest.raises(CodegenError, match=r'nowhere/times\.yaml: No such file'):
+        write_times(tmp_path / 'nowhere', VALUES, {})
 
 
 @pytest.mark.parametrize(

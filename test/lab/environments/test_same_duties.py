@@ -71,6 +71,21 @@ def test_balancing_with_dead_times():
     check_run('hardware_standing', controller, *found, **arguments)
 
 
+@pytest.mark.parametrize('tick_us', [900.0, 3400.0])
+def test_balancing_on_a_brick_whose_time_counts(tick_us):
+    """A tick of 3.4 ms, and longer at random, is often not finished at the next one."""
+    controller = learned_policy()
+    time = {
+        'plant_sim.kernel': True,
+        'plant_sim.link': True,
+        'controller.tick_time': tick_us,
+        'controller.time_variation': 0.15,
+        'controller.bus_cycles': 0.0,
+    }
+    found = run_episode('ballbot_ros/Balance-v0', controller, parameters=time)
+    check_run('hardware_standing', controller, *found, profile='ideal', parameters=time)
+
+
 def test_driving_with_sonar(tmp_path):
     place = {'plant_sim.map': 'track', 'plant_sim.start_position_x': 0.3}
     found = run_episode(

@@ -131,12 +131,20 @@ def test_every_stick_value_comes_back(source):
     assert by_rclpy(c.GAMEPAD_JOY, data).header.frame_id == source
 
 
-@given(duty=st.tuples(st.integers(-100, 100), st.integers(-100, 100)))
-def test_duties_come_back(read, duty):
-    data = c.encode_duty(STAMP, duty)
-    assert c.decode_duty(data) == duty
+@given(
+    duty=st.tuples(st.integers(-100, 100), st.integers(-100, 100)),
+    delay_us=st.integers(0, 20_000),
+)
+def test_duties_come_back(read, duty, delay_us):
+    data = c.encode_duty(STAMP, duty, 1000 * delay_us)
+    assert c.decode_duty(data) == (*duty, 1000 * delay_us)
     vector = read(MOTOR_DUTY, data).vector
-    assert (vector.x, vector.y, vector.z) == (*duty, 0.0)
+    assert (vector.x, vector.y, vector.z) == (*duty, pytest.approx(1e-6 * delay_us))
+
+
+@pytest.mark.parametrize('delay_ns', [-1, 20_000_001, math.nan, math.inf])
+def test_a_duty_that_is_later_than_any_is_not_a_duty(delay_ns):
+    assert c.decode_duty(c.encode_duty(STAMP, (1, 2), delay_ns)) is None
 
 
 @pytest.mark.parametrize('duty', [(0.5, 0.0), (0.0, 101.0), (math.nan, 0.0), (-101.0, 0.0)])

@@ -16,7 +16,7 @@ from ballbot_ros.recording.messages.conversions import (
     encode_motors,
     encode_odometry,
 )
-from ballbot_ros.recording.messages.devices import STEP_FIELDS, decode_step, encode_steps
+from ballbot_ros.recording.messages.devices import STEP_FIELDS, decode_steps, encode_steps
 from ballbot_ros.recording.messages.raw import decoder, has_stamp, stamp_of
 from ballbot_ros.recording.messages.topics import PLANT_STEPS
 from ballbot_ros.recording.schemas import encoder
@@ -39,17 +39,18 @@ def bits(state):
 def test_each_step_comes_back_with_the_same_bits(steps):
     data = encode_steps(truth_with(*steps))
     assert stamp_of(data) == STAMP
-    for age, step in enumerate(reversed(steps)):
-        # The sign of a NaN is the only bit that a negation may change.
-        if step.position[1] == step.position[1]:
-            assert bits(decode_step(data, age)) == bits(step)
+    for count in range(1, len(steps) + 1):
+        for decoded, step in zip(decode_steps(data, count), steps[-count:], strict=True):
+            # The sign of a NaN is the only bit that a negation may change.
+            if step.position[1] == step.position[1]:
+                assert bits(decoded) == bits(step)
 
 
 def test_the_newest_step_is_what_the_other_topics_say():
     plant = make_plant(start_pitch_x=0.02, start_position_y=0.3)
     plant.keep_steps(5)
     for truth in run_plant(plant, [(40, -20)] * 10):
-        newest = decode_step(encode_steps(truth), 0)
+        (newest,) = decode_steps(encode_steps(truth), 1)
         assert newest.motor_angle == decode_motor_angles(encode_motors(truth))
         assert newest.psi_rate == decode_body_rates(encode_body(truth))
         assert newest.position == decode_ball_position(encode_odometry(truth, 0.026))
@@ -73,10 +74,10 @@ def test_tools_of_ros_read_it():
 def test_a_message_without_the_step_or_with_other_fields_is_refused():
     step = MeasuredState(*[(0.0, 0.0)] * 3)
     data = encode_steps(truth_with(step, step))
-    assert refusal(ValueError, decode_step, data, 2) == 'it has no step that is 2 steps old'
+    assert refusal(ValueError, decode_steps, data, 3) == 'it has no step that is 2 steps old'
     decode, encode = decoder(PLANT_STEPS.type_name), encoder(PLANT_STEPS.type_name)
     for name, value in (('fields', []), ('point_step', 47)):
         message = decode(data)
         setattr(message, name, value)
-        assert 'the fields are not motor_x' in refusal(ValueError, decode_step, encode(message), 0)
-    assert refusal(ValueError, decode_step, data[:40], 0)
+        assert 'the fields are not motor_x' in refusal(ValueError, decode_steps, encode(message), 1)
+    assert refusal(ValueError, decode_steps, data[:40], 1)

@@ -60,14 +60,15 @@ def test_the_mean_is_that_of_many_samples(delay, jitter, period_ns):
 
 @pytest.mark.parametrize(('delay', 'jitter'), [(3, 0), (0, 5), (2, 9), (0, 40)])
 def test_the_duty_that_acts_has_the_mean_dead_time(delay, jitter):
-    count = waiting_count(delay + jitter)
+    count = waiting_count(delay + jitter, False)
     effects_ns, duties = [NEVER_NS] * count, [0] * (2 * count)
     ages_ticks = []
     for tick in range(1, 10_000):
         delay_ns = drawn(delay, jitter, tick) * STEP_NS
         note_duty(effects_ns, duties, tick * TICK_NS, delay_ns, tick, 0)
         for step in range(4):
-            acting, _ = duty_at(effects_ns, duties, tick * TICK_NS + step * STEP_NS)
+            now_ns = tick * TICK_NS + step * STEP_NS
+            acting, _, _ = duty_at(effects_ns, duties, now_ns, now_ns + STEP_NS)
             if tick > 50:
                 ages_ticks.append(tick - acting)
     mean_ms = 4.0 * sum(ages_ticks) / len(ages_ticks)

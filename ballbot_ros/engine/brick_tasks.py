@@ -1,0 +1,121 @@
+"""The tasks of a tick, run at once or when the kernel of the brick lets them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import copy
+
+from ballbot_ros.controllers.document.axis import TASK_TS2
+from ballbot_ros.controllers.document.program import DUTY_TASK, ControlProgram
+from ballbot_ros.controllers.interface import Program
+from ballbot_ros.engine.devices import link_constants, numbers_of, varied
+from ballbot_ros.parameters import ControllerParameters
+from ballbot_ros.parameters.timing import MILLISECOND_NS, TICK_NS
+from ballbot_ros.robot.brick.brick import DeviceInputs, DeviceOutputs
+from ballbot_ros.robot.brick.job_times import job_times, kernel_constants
+from ballbot_ros.robot.brick.kernel import (
+    DUTY_X,
+    DUTY_Y,
+    Job,
+    OsekKernel,
+    duty_effect,
+    is_bus_busy,
+    set_duty,
+)
+from ballbot_ros.robot.brick.link import is_sending
+from ballbot_ros.robot.random_numbers import noise_key
+
+
+class BrickTasks:
+    """Runs the tasks of a control program during a run.
+
+    With a kernel or a link, a job computes when it begins, on the samples of the tick in which it
+    does, and its duty is set when it ends. The kernel counts the alarms of the tasks by itself. A
+    free-running controller has the time that it takes.
+    """
+
+    def __init__(self, parameters: ControllerParameters) -> None:
+        self._parameters = parameters
+        self._is_timed = parameters.lockstep and (parameters.kernel or parameters.link)
+        self._kernel: OsekKernel | None = None
+        self._duties: dict[int, tuple[int, int]] = {}
+        self._newest_duty = 0, 0
+
+    def copy(self) -> BrickTasks:
+        """Return an object in the same state, which goes on by itself."""
+        twin = copy(self)
+        if self._kernel:
+            twin._kernel = self._kernel.copy()
+            twin._duties = dict(self._duties)
+        return twin
+
+    def tick(
+        self, program: Program, now_ns: int, elapsed_ms: int, inputs: DeviceInputs
+    ) -> DeviceOutputs:
+        """Run the tasks due `elapsed_ms` after the start of the run."""
+        if self._is_timed:
+            return self._tick(program, now_ns, inputs)
+        return program.tick(elapsed_ms, now_ns // MILLISECOND_NS, inputs)
+
+    def run(
+        self, program: Program, now_ns: int, tasks: Sequence[str], inputs: DeviceInputs
+    ) -> DeviceOutputs:
+        """Run the tasks that have been released for a tick."""
+        if self._is_timed:
+            return self._tick(program, now_ns, inputs)
+        return program.run(tasks, now_ns // MILLISECOND_NS, inputs)
+
+    def restore_state(
+        self, program: ControlProgram, start_ns: int, kernel_state: Sequence[int]
+    ) -> None:
+        """Continue a run that began at a time from a state of its program and its kernel."""
+        if not self._is_timed:
+            return
+        kernel = self._kernel or self._begin(program, start_ns)
+        kernel.restore_state(kernel_state)
+        self._newest_duty = program.state.duty_x, program.state.duty_y
+        self._duties = {DUTY_TASK: self._newest_duty} if kernel.has_begun(DUTY_TASK) else {}
+
+    def _tick(self, program: Program, now_ns: int, inputs: DeviceInputs) -> DeviceOutputs:
+        kernel = self._kernel or self._begin(program, now_ns)
+        until_us = (now_ns + TICK_NS) // 1000
+        outputs: DeviceOutputs | None = None
+        jobs: list[Job] = []
+        while (event := kernel.next_event(until_us)) >= 0 or outputs is None:
+            task, is_end = divmod(event, 2)
+            if event >= 0 and is_end:
+                jobs.append(kernel.ended(task))
+                if duty := self._duties.pop(task, None):
+                    set_duty(kernel.state, *duty)
+                continue
+            names = [kernel.tasks[task].name] if event >= 0 else []
+            reads_sonar = TASK_TS2 in names
+            before = self._newest_duty
+            outputs = program.run(
+                names,
+                now_ns // MILLISECOND_NS,
+                inputs,
+                is_same_tick=outputs is not None,
+                is_bus_busy=reads_sonar and is_bus_busy(kernel.state, self._times.sonar),
+            )
+            if event >= 0:
+                if outputs.duty != before:
+                    self._newest_duty = self._duties[task] = outputs.duty
+                time_us = program.job_time(names[0], outputs, self._times)
+                kernel.take_time(task, varied(self._times, time_us, self._key, task, now_ns))
+        effect_ns = 1000 * duty_effect(kernel.constants, kernel.state)
+        outputs.duty = kernel.state[DUTY_X], kernel.state[DUTY_Y]
+        outputs.delay_ns = max(effect_ns - now_ns, 0)
+        outputs.jobs = jobs + kernel.newly_lost(now_ns // 1000)
+        return outputs
+
+    def _begin(self, program: Program, now_ns: int) -> OsekKernel:
+        numbers = numbers_of(self._parameters)
+        self._times, self._key = job_times(numbers), noise_key(self._parameters.seed)
+        self._kernel = OsekKernel(
+            kernel_constants(numbers),
+            program.tasks,
+            now_ns // 1000,
+            sends=is_sending(link_constants(numbers), now_ns),
+        )
+        return self._kernel
