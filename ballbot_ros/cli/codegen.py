@@ -35,7 +35,7 @@ from ballbot_ros.controllers.codegen.toolchain import (
 from ballbot_ros.controllers.document.axis import TS1_MS
 from ballbot_ros.engine.scenario_steps import MEASURED_SEQUENCES, check_sequences
 from ballbot_ros.errors import CodegenError, RecordingError
-from ballbot_ros.files import own_command, temporary_folder
+from ballbot_ros.files import own_command, share_directory, shown_path, temporary_folder
 from ballbot_ros.parameters import CONTROLLER, ControllerParameters, ParameterSet
 from ballbot_ros.parameters.files import read_parameter_file
 
@@ -50,6 +50,29 @@ def generate(folder: Path, parameter_file: Path | None, mode: str | None) -> Non
         print(path)
     again = own_command('codegen', '--check', folder)
     print(f'parameters {parameter_hash(values)}; check with: {again}')
+    _warn_of_dead_time(parameters)
+
+
+def _warn_of_dead_time(parameters: ParameterSet) -> None:
+    """Warn if the loop does not bear the dead time of a brick, and name gains that do."""
+    # Imported only here: it takes a second.
+    from ballbot_ros.controllers.design.loop_analysis import brick_dead_time
+
+    borne, needed = brick_dead_time(parameters)
+    if borne > needed:
+        return
+    lines = [
+        f'warning: with these gains the loop bears {borne:.1f} ms of dead time, but link and tasks',
+        f'of a brick take {needed:.1f} ms on average: the robot will rattle',
+    ]
+    for file in sorted((share_directory() / 'config' / 'gains').glob('*.yaml')):
+        gains = ParameterSet()
+        gains.update(parameters)
+        gains.update(read_parameter_file(file))
+        borne, needed = brick_dead_time(gains)
+        if borne > needed:
+            lines.append(f'gains that bear {borne:.1f} ms: --params {shown_path(file)}')
+    stderr_console().print('\n'.join(lines), style='yellow', soft_wrap=True)
 
 
 def _read(path: Path) -> ParameterSet:

@@ -8,7 +8,7 @@ from copy import copy
 from ballbot_ros.controllers.document.axis import TASK_TS2
 from ballbot_ros.controllers.document.program import DUTY_TASK, ControlProgram
 from ballbot_ros.controllers.interface import Program
-from ballbot_ros.engine.devices import link_constants, numbers_of, varied
+from ballbot_ros.engine.devices import numbers_of, varied
 from ballbot_ros.parameters import ControllerParameters
 from ballbot_ros.parameters.timing import MILLISECOND_NS, TICK_NS
 from ballbot_ros.robot.brick.brick import DeviceInputs, DeviceOutputs
@@ -22,7 +22,7 @@ from ballbot_ros.robot.brick.kernel import (
     is_bus_busy,
     set_duty,
 )
-from ballbot_ros.robot.brick.link import is_sending
+from ballbot_ros.robot.brick.link import is_sending, link_of
 from ballbot_ros.robot.random_numbers import noise_key
 
 
@@ -116,6 +116,6 @@ class BrickTasks:
             kernel_constants(numbers),
             program.tasks,
             now_ns // 1000,
-            sends=is_sending(link_constants(numbers), now_ns),
+            sends=is_sending(link_of(numbers), now_ns),
         )
         return self._kernel

@@ -33,7 +33,13 @@ from ballbot_ros.parameters import (
 )
 from ballbot_ros.parameters.timing import SLOW_PERIOD_NS, STEP_NS, TICK_NS
 from ballbot_ros.robot.brick.job_times import JobTimes, whole_time
-from ballbot_ros.robot.brick.link import NO_LINK, Link, analog_age, drawn_link, longest_analog_steps
+from ballbot_ros.robot.brick.link import (
+    NO_LINK,
+    Link,
+    analog_age,
+    link_of,
+    longest_analog_steps,
+)
 from ballbot_ros.robot.brick.sensors import GyroConstants as PlaneGyro
 from ballbot_ros.robot.brick.sensors import (
     drawn_delay,
@@ -144,17 +150,6 @@ def delay_number(device: str) -> np.uint64:
 
 
 GYRO_DELAY, ENCODER_DELAY, SONAR_DELAY = map(delay_number, ('gyro', 'encoder', 'sonar'))
-LINK = device_number('link')
-
-
-def link_constants(p: Any) -> Link:
-    """Return the link of a run for the parameters of a node that has those of the link."""
-    if not p.link:
-        return NO_LINK
-    key = noise_key(p.seed)
-    of_link, of_converter = uniform_pair(key, LINK, 0)
-    of_battery, _ = uniform_pair(key, LINK, 1)
-    return drawn_link(p.link_phase, p.converter_period, of_link, of_converter, of_battery)
 
 
 EXACT = choice(SonarParameters, 'distance_model', 'exact')
@@ -207,7 +202,7 @@ def gyro_constants(p: Any) -> GyroConstants:
     return GyroConstants(
         (p.zero_rate_offset_x, p.rate_limit, p.noise, p.drift, period_ns, phase_x),
         (p.zero_rate_offset_y, p.rate_limit, p.noise, p.drift, period_ns, phase_y),
-        p.noise, p.delay, p.delay_jitter, key, link_constants(p),
+        p.noise, p.delay, p.delay_jitter, key, link_of(p),
     )  # fmt: skip
 
 
@@ -425,7 +420,7 @@ def _sonar(parameters: SonarParameters) -> Read[Pair, int]:
     return lambda position, stamp_ns: read_sonar(constants, *position, sides, stamp_ns)
 
 
-GYRO_DEVICE = Device(GyroParameters, 'gyro', lambda truth: truth.psi_rate, _gyro, link_constants)
+GYRO_DEVICE = Device(GyroParameters, 'gyro', lambda truth: truth.psi_rate, _gyro, link_of)
 ENCODER_DEVICE = Device(EncoderParameters, 'revolutions', lambda truth: truth.motor_angle, _encoder)
 SONAR_DEVICE = Device(SonarParameters, 'sonar_cm', lambda truth: truth.position, _sonar)
 

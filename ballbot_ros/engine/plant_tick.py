@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from ballbot_ros.engine.devices import choice, link_constants, uniform_pair
+from ballbot_ros.engine.devices import choice, uniform_pair
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.parameters.timing import (
     BATTERY_PERIOD_NS,
@@ -14,6 +14,7 @@ from ballbot_ros.parameters.timing import (
     TICK_NS,
 )
 from ballbot_ros.robot.arithmetic import Ints, Reals
+from ballbot_ros.robot.brick.link import link_of
 from ballbot_ros.robot.brick.sensors import drawn_delay
 from ballbot_ros.robot.compiler_hints import inlined
 from ballbot_ros.robot.plant.ground_truth import Pair
@@ -517,5 +518,5 @@ def plant_constants(p: Any, start_ns: int) -> PlantConstants:
         capacity_slope(p.battery_capacity), p.battery_resistance, p.on_wall_hit == STOP_AT_HIT,
         half_cells(p.body_depth), half_cells(p.body_width),
         p.actuator_delay, p.actuator_delay_jitter, has_late_duties,
-        link_constants(p).battery_age_ns, noise_key(p.seed),
+        link_of(p).battery_age_ns, noise_key(p.seed),
     )  # fmt: skip

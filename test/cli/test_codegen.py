@@ -47,6 +47,20 @@ def test_it_writes_the_folder(tmp_path, parameters):
     assert last.endswith(f"check with: ballbot codegen --check '{folder}'")
 
 
+def test_it_warns_of_gains_that_do_not_bear_a_brick_and_names_others(tmp_path):
+    done = call('codegen', '--output', tmp_path / 'a')
+    assert done.returncode == 0, done.stderr
+    *warning, remedy = done.stderr.splitlines()
+    assert warning == [
+        'warning: with these gains the loop bears 3.5 ms of dead time, but link and tasks',
+        'of a brick take 4.8 ms on average: the robot will rattle',
+    ]
+    gains, file = re.fullmatch(r'gains that bear ([0-9.]+) ms: --params (.+)', remedy).groups()
+    assert float(gains) > 20.0
+    done = call('codegen', '--output', tmp_path / 'b', '--params', file)
+    assert (done.returncode, done.stderr) == (0, '')
+
+
 def test_it_uses_the_parameters_of_a_recorded_run(tmp_path):
     path, _ = record(
         tmp_path, 'stationary', '--set=plant_sim.duration=1.2', '--set=controller.k_i=-0.008'

@@ -9,8 +9,11 @@ import pytest
 from laws import refusal
 from parts import make_loop, run_loop
 
+from ballbot_ros.controllers.codegen.application import program_sha256
 from ballbot_ros.controllers.codegen.implementation import compose_controller, implementation_for
 from ballbot_ros.controllers.codegen.toolchain import HOST, missing_tool
+from ballbot_ros.controllers.design.loop_analysis import brick_dead_time
+from ballbot_ros.controllers.design.sampled_loop import LoopDelays
 from ballbot_ros.controllers.document.program import ControlProgram
 from ballbot_ros.engine.brick_tasks import BrickTasks
 from ballbot_ros.engine.closed_loop import ClosedLoop
@@ -19,11 +22,19 @@ from ballbot_ros.engine.golden import duty_sha256, load_golden
 from ballbot_ros.engine.rows import RobotRows
 from ballbot_ros.engine.scenario.reader import load_scenario, scenario_names
 from ballbot_ros.engine.scenario.scenario import Scenario
+from ballbot_ros.files import share_directory
 from ballbot_ros.lab.studies.programs import check_loads
-from ballbot_ros.parameters import ControllerParameters, ParameterError, ParameterSet
+from ballbot_ros.parameters import (
+    ControllerParameters,
+    GyroParameters,
+    ParameterError,
+    ParameterSet,
+)
 from ballbot_ros.parameters.brick_time import TaskCosts
+from ballbot_ros.parameters.files import read_parameter_file
 from ballbot_ros.parameters.timing import FIRST_TICK_NS, MILLISECOND_NS, TICK_NS
 from ballbot_ros.robot.brick.brick import DeviceInputs
+from ballbot_ros.robot.brick.link import analog_age, link_of
 from ballbot_ros.robot.brick.schedule import TaskTiming
 
 TIMED = {'plant_sim.kernel': True, 'plant_sim.link': True}
@@ -210,3 +221,41 @@ def test_the_overloaded_run_of_a_study_is_named():
         assert problem.startswith('controller: at 9 MHz the interrupts need 91%')
         assert problem.endswith(' (run 1)')
         check_loads(rows[ControllerParameters][:1], own_tasks)
+
+
+@pytest.mark.parametrize('phase', [0, 1])
+@pytest.mark.parametrize('settings', [{'plant_sim.kernel': True}, {'plant_sim.link': True}, TIMED])
+def test_the_design_counts_with_the_mean_delays_of_a_run(settings, phase):
+    settings = {**settings, 'plant_sim.link_phase': phase, 'controller.time_variation': 0.3,
+                'controller.log_count': 255, 'plant_sim.start_pitch_x': 0.02}  # fmt: skip
+    parameters = parameters_with(settings)
+    ticks = run_loop(make_loop(settings), 3.0)[300:]
+    # A duty that stays the same is not sent again.
+    delays_ms = [tick.outputs.delay_ns * 1e-6 for tick in ticks if tick.outputs.delay_ns]
+    link = link_of(parameters.of(GyroParameters))
+    ages_ms = [analog_age(link, tick.truth.stamp_ns) * 1e-6 for tick in ticks]
+    expected = LoopDelays.of(parameters)
+    assert len(delays_ms) > 200
+    assert np.mean(delays_ms) == pytest.approx(expected.actuator, abs=0.003)
+    assert (np.mean(ages_ms) if link.is_on else 0.0) == pytest.approx(expected.gyro, abs=0.02)
+
+
+def test_gains_of_the_document_do_not_bear_a_brick_and_the_quiet_ones_do():
+    borne, needed = brick_dead_time(ParameterSet())
+    assert borne == pytest.approx(3.458, abs=1e-3)
+    assert needed == pytest.approx(1.0 + 1.55 + 2.236, abs=1e-3)
+    quiet = read_parameter_file(share_directory() / 'config' / 'gains' / 'quiet.yaml')
+    assert brick_dead_time(quiet)[0] > 5.0 * needed
+
+
+def test_times_of_another_program_are_refused():
+    own = program_sha256()[:16]
+    compose_controller(parameters_with({'controller.times_of': own}))
+    parameters = parameters_with({'controller.times_of': 'abcdef'})
+    assert refusal(ParameterError, compose_controller, parameters) == (
+        f'controller.times_of: abcdef is another program than the document, which is {own}'
+    )
+    parameters = parameters_with({'controller.times_of': own, 'controller.implementation': 'pid'})
+    assert f'{own} is another program than ballbot_ros/controllers/pid.py' in refusal(
+        ParameterError, compose_controller, parameters
+    )

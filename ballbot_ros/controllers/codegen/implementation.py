@@ -139,7 +139,9 @@ def compose_controller(
     if reference in DOCUMENTS_PROGRAM:
         require_implementation(reference)
         parameters.declare_own(reference, ())
-        check_load(parameters.of(ControllerParameters))
+        settings = parameters.of(ControllerParameters)
+        check_load(settings)
+        check_times_of(settings, None)
         return None
     if given is None:
         reference = resolve_reference(reference, Path.cwd())
@@ -147,6 +149,7 @@ def compose_controller(
     loaded = given or load_controller(reference)
     parameters.declare_own(loaded.cls.__name__, own_rows(loaded))
     design(loaded, parameters)
+    check_times_of(parameters.of(ControllerParameters), loaded)
     # Create an instance, so that most mistakes are found before the run.
     implementation_for(parameters.of(ControllerParameters), loaded).make()
     return loaded
@@ -182,6 +185,23 @@ def check_load(p: Any, own_tasks: Sequence[TaskTiming] = ()) -> None:
         raise ParameterError(
             f'{CONTROLLER}: at {p.processor_clock:g} MHz the interrupts need {of_interrupts:.0%} '
             f'of the processor and the tasks {of_tasks:.0%}, together more than 100 %'
+        )
+
+
+def check_times_of(p: ControllerParameters, loaded: LoadedController | None) -> None:
+    """Raise ParameterError if the times of the tasks are those of another program."""
+    if not p.times_of:
+        return
+    if loaded:
+        own = loaded.code.source.sha256
+    else:
+        from ballbot_ros.controllers.codegen.application import program_sha256
+
+        own = program_sha256()
+    if not own.startswith(p.times_of):
+        raise ParameterError(
+            f'{CONTROLLER}.times_of: {p.times_of} is another program than '
+            f'{loaded.code.shown if loaded else "the document"}, which is {own[:16]}'
         )
 
 

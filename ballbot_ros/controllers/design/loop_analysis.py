@@ -27,7 +27,8 @@ from ballbot_ros.controllers.design.sampled_loop import (
     LoopDelays,
     SampledLoop,
 )
-from ballbot_ros.parameters import ParameterSet, PlantParameters
+from ballbot_ros.controllers.document.program import mean_delays
+from ballbot_ros.parameters import CONTROLLER, ControllerParameters, ParameterSet, PlantParameters
 from ballbot_ros.parameters.timing import TICK_S
 from ballbot_ros.robot.plant.laws import motor_voltage
 from ballbot_ros.robot.plant.model import Matrix, PhysicalParameters, state_space
@@ -371,6 +372,23 @@ def analyse_sampled(parameters: ParameterSet) -> LoopAnalysis:
             encoder_dead_time_ms=dead_time('encoder'),
         ),
     )
+
+
+def brick_dead_time(parameters: ParameterSet) -> tuple[float, float]:
+    """Return the dead time that the loop bears, and the one that a brick has [ms].
+
+    The first is that of the motors, 0 if the loop is not stable; the second is the sum of the mean
+    ages of gyro readings and duties, which does not depend on the phase of the link.
+    """
+    ideal, brick = ParameterSet(), ParameterSet()
+    for each, is_brick in ((ideal, False), (brick, True)):
+        each.update(parameters)
+        each.set(CONTROLLER, 'implementation', 'python')
+        for name in ('kernel', 'link'):
+            each.set(CONTROLLER, name, is_brick)
+    margins = analyse_sampled(ideal).margins
+    borne = margins.dead_time_ms.value if margins else 0.0
+    return borne, sum(mean_delays(brick.of(ControllerParameters)))
 
 
 def sorted_poles(values: Iterable[complex], dt: float = 0.0) -> tuple[Pole, ...]:

@@ -23,7 +23,7 @@ from scipy.linalg import expm
 from ballbot_ros.controllers.design.linear_model import STATES, DesignError
 from ballbot_ros.controllers.document import axis
 from ballbot_ros.controllers.document.axis import ProgramConstants, Single
-from ballbot_ros.controllers.document.program import max_motor_voltage
+from ballbot_ros.controllers.document.program import max_motor_voltage, mean_delays
 from ballbot_ros.controllers.loading import public_reference
 from ballbot_ros.parameters import (
     DOCUMENTS_PROGRAM,
@@ -78,7 +78,7 @@ class LoopDelays:
 
     @classmethod
     def of(cls, parameters: ParameterSet) -> LoopDelays:
-        """Return the mean dead times of plant and drivers."""
+        """Return the mean dead times of plant, drivers, and the brick with its link."""
         plant = parameters.of(PlantParameters)
         gyro, encoder = parameters.of(GyroParameters), parameters.of(EncoderParameters)
         pairs = (
@@ -86,7 +86,9 @@ class LoopDelays:
             (gyro.delay, gyro.delay_jitter),
             (encoder.delay, encoder.delay_jitter),
         )
-        return cls(*(mean_delay(*pair, STEPS_PER_TICK) for pair in pairs))
+        actuator, of_gyro, of_encoder = (mean_delay(*pair, STEPS_PER_TICK) for pair in pairs)
+        gyro_age, duty_delay = mean_delays(parameters.of(ControllerParameters))
+        return cls(actuator + duty_delay, of_gyro + gyro_age, of_encoder)
 
 
 def require_documents_program(parameters: ParameterSet) -> None:

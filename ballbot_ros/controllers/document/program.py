@@ -28,6 +28,7 @@ from ballbot_ros.controllers.document.axis import (
 )
 from ballbot_ros.controllers.interface import Glide, OperatingState
 from ballbot_ros.parameters import ControllerParameters
+from ballbot_ros.parameters.timing import MILLISECOND_NS
 from ballbot_ros.robot.brick.bluetooth import LogPacket
 from ballbot_ros.robot.brick.brick import (
     NO_SAMPLE,
@@ -39,7 +40,9 @@ from ballbot_ros.robot.brick.brick import (
     as_numbers,
     status_page,
 )
-from ballbot_ros.robot.brick.job_times import JobTimes, load_of
+from ballbot_ros.robot.brick.job_times import JobTimes, job_times, kernel_constants, load_of
+from ballbot_ros.robot.brick.kernel import TICK_US, mean_duty_delay
+from ballbot_ros.robot.brick.link import is_sending, link_of, mean_analog_age
 from ballbot_ros.robot.brick.schedule import TaskTiming
 from ballbot_ros.robot.brick.sensors import NO_DATA_CM, NO_ECHO_CM
 from ballbot_ros.robot.compiler_hints import inlined
@@ -424,6 +427,18 @@ def job_time(
     if task == 3:
         return times.state + (times.tone if has_tone else 0.0)
     return times.display if task == 4 else times.init
+
+
+def mean_delays(p: Any) -> tuple[float, float]:
+    """Return the mean age of the gyro's readings and the mean delay of duties in control [ms].
+
+    They are those of kernel and link.
+    """
+    link, times = link_of(p), job_times(p)
+    job_us = job_time(times, DUTY_TASK, CONTROL, has_logged=False, has_tone=False)
+    mean_us = job_us * (1.0 + 0.5 * times.variation)
+    duty_us = mean_duty_delay(kernel_constants(p), mean_us, is_sending(link, 0))
+    return mean_analog_age(link) / MILLISECOND_NS, duty_us / TICK_US
 
 
 def task_load(p: Any) -> Any:

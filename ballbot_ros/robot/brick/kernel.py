@@ -243,6 +243,25 @@ def duty_effect(constants: KernelConstants, kernel: Ints) -> int:
     return kernel[EFFECT]
 
 
+def mean_duty_delay(constants: KernelConstants, job_us: float, sends: bool) -> float:
+    """Return after what time [µs] a duty acts whose job is the first of its tick.
+
+    Parameters
+    ----------
+    job_us : float
+        Time of the job.
+    sends : bool
+        Whether the link sends at the tick's first interrupt.
+    """
+    set_us = constants.interrupt_us + job_us
+    if not constants.has_link:
+        return set_us
+    leaves_us = 2 * TICK_US if sends else TICK_US
+    while leaves_us < set_us:
+        leaves_us += 2 * TICK_US
+    return leaves_us + constants.link_us + constants.latency_us
+
+
 class Job(NamedTuple):
     """A job that has ended, or whose alarm was lost; times in µs.
 

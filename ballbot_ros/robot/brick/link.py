@@ -9,9 +9,12 @@ that runs freely, with a period of about 3.1 ms.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from ballbot_ros.parameters.timing import MILLISECOND_NS
+from ballbot_ros.robot.random_numbers import Key, device_number, noise_bits, noise_key, uniform
 
 FRAME_NS = 2 * MILLISECOND_NS
 """Period of the frames in each direction."""
@@ -41,6 +44,8 @@ class Link(NamedTuple):
     converter_at_ns: int
     battery_age_ns: int
 
+
+LINK = device_number('link')
 
 NO_LINK = Link(False, 0, MILLISECOND_NS, 0, 0)
 
@@ -82,3 +87,26 @@ def drawn_link(
         int(of_converter * period_ns) // 1000 * 1000,
         FRAME_NS + polled,
     )
+
+
+def link_of(p: Any) -> Link:
+    """Return the link of a run for parameters of a node that has those of the link."""
+    if not p.link:
+        return NO_LINK
+    key = noise_key(p.seed)
+    of_link, of_converter = _chances(key, 0)
+    of_battery, _ = _chances(key, 1)
+    return drawn_link(p.link_phase, p.converter_period, of_link, of_converter, of_battery)
+
+
+def _chances(key: Key, number: int) -> tuple[float, float]:
+    one, other = noise_bits(np.uint64(number), np.uint64(0), LINK, key)
+    bits: tuple[Any, Any] = np.int64(one), np.int64(other)
+    return uniform(bits[0]), uniform(bits[1])
+
+
+def mean_analog_age(link: Link) -> float:
+    """Return the mean age [ns] of the analog values at the ticks of task_ts1; 0 without a link."""
+    if not link.is_on:
+        return 0.0
+    return (MILLISECOND_NS if is_sending(link, 0) else FRAME_NS) + link.converter_ns / 2.0
