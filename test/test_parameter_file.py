@@ -80,7 +80,8 @@ def test_every_form_of_a_node_name_in_ros_is_accepted(read, key):
 
 def test_a_wildcard_parameter_reaches_all_nodes_that_have_it(read):
     parameters = read('/**: {ros__parameters: {seed: 42}}\n')
-    assert {node for node, _, _ in parameters} == {PLANT, GYRO, 'encoder_driver', SONAR}
+    sharers = {PLANT, GYRO, 'encoder_driver', SONAR, CONTROLLER}
+    assert {node for node, _, _ in parameters} == sharers
     assert {(name, value) for _, name, value in parameters} == {('seed', 42)}
 
 
