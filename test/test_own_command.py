@@ -50,7 +50,13 @@ def test_another_folder_has_its_own_path_to_the_script(called, tmp_path):
         assert program(folder=Path('made')) == words
 
 
-@pytest.mark.parametrize('words', [('new', 'controller', 'my_pid'), ('codegen', '--output', 'c')])
+QUIET = Path(__file__).parents[1] / 'config/gains/quiet.yaml'
+
+
+@pytest.mark.parametrize(
+    'words',
+    [('new', 'controller', 'my_pid'), ('codegen', '--params', str(QUIET), '--output', 'c')],
+)
 def test_commands_in_a_written_readme_run_in_its_folder(called, command, words):
     folder = called('scripts/run')
     (folder / 'scripts').mkdir()

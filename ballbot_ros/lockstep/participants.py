@@ -11,7 +11,6 @@ from ballbot_ros.files import OUR_PACKAGE
 from ballbot_ros.lockstep.lockstep import RunIdentity
 from ballbot_ros.parameters import GYRO, parameters_of
 from ballbot_ros.parameters.timing import SECOND_NS
-from ballbot_ros.robot.brick.link import longest_analog_steps
 
 MAP_HASH = 'map_sha256'
 """Parameter that identifies the map by its content, since the same file may have another path on
@@ -85,6 +84,9 @@ class Participant:
                 value = declared.check(self.parameters[name], f'{self} announces ')
                 longest += cast(int, value)
         if self.role == GYRO and self.parameters.get('link'):
+            # Imported only here: numpy would delay the start of every run.
+            from ballbot_ros.robot.brick.link import longest_analog_steps
+
             row = parameters_of(GYRO)['converter_period']
             period = row.check(self.parameters.get(row.name, row.default), f'{self} announces ')
             longest += longest_analog_steps(True, cast(float, period))
