@@ -412,7 +412,7 @@ def job_time(
     Parameters
     ----------
     task : int
-        Its number: the tasks are those of :data:`TASK_BITS`.
+        One of :data:`TASK_NUMBERS`.
     control_mode : int
         That of a job of task_ts1.
     has_logged, has_tone : bool
