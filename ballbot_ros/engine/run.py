@@ -20,6 +20,7 @@ from ballbot_ros.controllers.document.program import (
     DUTY_TASK,
     INIT,
     LCD,
+    PRIORITIES,
     SAME_TICK,
     TS1,
     TS2,
@@ -361,11 +362,9 @@ def run_tasks(
 
 def set_tasks(kernel: Ints, timers: TaskTimers) -> None:
     """Set the tasks of the program in a kernel."""
-    set_task(kernel, 0, 5, 0)
-    set_task(kernel, 1, 4, TICK_MS)
-    set_task(kernel, 2, 3, timers.ts2_period)
-    set_task(kernel, 3, 2, timers.ts3_period)
-    set_task(kernel, 4, 1, LCD_MS)
+    periods = 0, TICK_MS, timers.ts2_period, timers.ts3_period, LCD_MS
+    for task in range(len(PRIORITIES)):
+        set_task(kernel, task, PRIORITIES[task], periods[task])
 
 
 def time_of_job(times: JobTimes, task: int, state: ProgramState) -> float:

@@ -25,6 +25,7 @@ from ballbot_ros.controllers.document.axis import (
     constants_of,
     control,
     in_control,
+    task_timings,
 )
 from ballbot_ros.controllers.interface import Glide, OperatingState
 from ballbot_ros.parameters import ControllerParameters
@@ -159,6 +160,9 @@ TASK_BITS = {'task_init': INIT, 'task_ts1': TS1, 'task_ts2': TS2, 'task_ts3': TS
 
 TASK_NUMBERS = {name: number for number, name in enumerate(TASK_BITS)}
 """The number of each task in the kernel."""
+
+PRIORITIES = tuple(each.priority for each in task_timings(20, 100))
+"""The priority of each task in the kernel; it does not depend on the periods."""
 
 DUTY_TASK, BUS_TASK = TASK_NUMBERS['task_ts1'], TASK_NUMBERS['task_ts2']
 """Those that set the duty and read the sonar."""

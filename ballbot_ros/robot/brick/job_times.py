@@ -45,6 +45,12 @@ class JobTimes(NamedTuple):
     sonar: int
 
 
+def free_clock(p: Any) -> float:
+    """Return the clock that the interrupts of the bus leave [MHz], as for :func:`job_times`."""
+    clock_mhz: float = p.processor_clock - BUS_INTERRUPTS * p.bus_cycles
+    return clock_mhz
+
+
 def job_times(p: Any) -> JobTimes:
     """Return the times for the parameters of ``controller``; no time without a kernel.
 
@@ -55,9 +61,8 @@ def job_times(p: Any) -> JobTimes:
     """
     if not p.kernel:
         return JobTimes(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0)
-    free = 1.0 - BUS_INTERRUPTS * p.bus_cycles / p.processor_clock
-    each = p.cycles_per_instruction / p.processor_clock / free
-    call = CLOCK_MHZ / p.processor_clock / free
+    clock_mhz = free_clock(p)
+    each, call = p.cycles_per_instruction / clock_mhz, CLOCK_MHZ / clock_mhz
     return JobTimes(
         each * p.init_instructions, each * p.calibration_instructions,
         each * p.control_instructions, each * p.stop_instructions,
@@ -71,9 +76,7 @@ def job_times(p: Any) -> JobTimes:
 
 def kernel_constants(p: Any) -> KernelConstants:
     """Return the constants of the kernel for the parameters of ``controller``, as above."""
-    call = 0.0
-    if p.kernel:
-        call = CLOCK_MHZ / (p.processor_clock - BUS_INTERRUPTS * p.bus_cycles)
+    call = CLOCK_MHZ / free_clock(p) if p.kernel else 0.0
     return KernelConstants(
         math.ceil(call * p.interrupt_time), math.ceil(call * p.link_time),
         round(p.motor_latency), p.link, p.kernel and p.kernel_defect,
