@@ -97,7 +97,7 @@ STAMPED_TOPICS: Mapping[Topic, tuple[str, int, Callable[[Any], Sequence[Any]]]] 
     PLANT_IMU: ('d', 4, lambda m: (*_pitch(m), *body_rates(m))),
     PLANT_ODOM: ('d', 2, odometry_position),
     PLANT_JOINT_STATES: ('f', 4, lambda m: (*m.velocity.T[:2], *m.effort.T[:2])),
-    MOTOR_DUTY: ('f', 2, lambda m: (m.vector.x, m.vector.y)),
+    MOTOR_DUTY: ('f', 3, lambda m: (m.vector.x, m.vector.y, m.vector.z)),
     CONTROLLER_STATE: (
         'f',
         10,
@@ -118,9 +118,10 @@ STAMPED_TOPICS: Mapping[Topic, tuple[str, int, Callable[[Any], Sequence[Any]]]] 
 them from a record array of messages.
 
 Pitch and pitch rate of planes x, y [rad, rad/s]; position x, y [m]; motor rate x, y [rad/s] and
-torque x, y [N·m]; duty x, y [%]; the estimates of ``controller/state`` [rad], its pitch rates x, y
-[rad/s], its references of the ball angle x, y [rad] and their rates [rad/s]; gyro x, y with offset
-[rad/s]; encoder x, y [rad]; distance [m]; voltage [V]; sticks forward, rightward, each -1 ... 1.
+torque x, y [N·m]; duty x, y [%] and the time until it acts [s]; the estimates of
+``controller/state`` [rad], its pitch rates x, y [rad/s], its references of the ball angle x, y
+[rad] and their rates [rad/s]; gyro x, y with offset [rad/s]; encoder x, y [rad]; distance [m];
+voltage [V]; sticks forward, rightward, each -1 ... 1.
 """
 
 

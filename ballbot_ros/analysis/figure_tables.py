@@ -60,7 +60,7 @@ def track_table(run: RunData) -> Table:
 def duty_table(run: RunData) -> Table:
     """Return the duties [%]."""
     series = run.series[MOTOR_DUTY]
-    return envelope(series.time, DUTY.columns(series.values))
+    return envelope(series.time, DUTY.columns(series.values[:, :2]))
 
 
 def motion_table(run: RunData) -> Table:

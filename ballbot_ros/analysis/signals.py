@@ -116,7 +116,8 @@ def _motor_torque(run: RunData, stamps: Integers) -> Floats:
 
 def _duty(run: RunData, stamps: Integers) -> Floats:
     duty = run.series[MOTOR_DUTY]
-    return duty.at(stamps) if run.plant.lockstep else _held(duty, stamps)
+    held = duty.at(stamps) if run.plant.lockstep else _held(duty, stamps)
+    return held[:, :2]
 
 
 def _gyro(run: RunData, stamps: Integers) -> Floats:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from ballbot_ros.cli.extras import offer, require
-from ballbot_ros.cli.options import PATH, processes_option
+from ballbot_ros.cli.options import PATH, controller_option, processes_option
 from ballbot_ros.errors import similar
 from ballbot_ros.run.requirements import Processes
 
@@ -61,6 +61,10 @@ def _list_studies() -> None:
 @click.argument('study')
 @click.option('--runs', type=click.IntRange(1), help="Number of runs.  [default: the study's]")
 @click.option('--seed', type=click.IntRange(0), help="Seed of the samples.  [default: the study's]")
+@controller_option
+@click.option(
+    '--params', 'parameter_file', type=PATH, help="Parameter file; its values precede the study's."
+)
 @click.option(
     '--output', type=PATH, help='Folder for the results.  [default: studies/<name of the study>]'
 )
@@ -75,6 +79,8 @@ def run(
     study: str,
     runs: int | None,
     seed: int | None,
+    controller: str | None,
+    parameter_file: Path | None,
     output: Path | None,
     again: bool,
     cluster: str | None,
@@ -99,7 +105,9 @@ def run(
     from ballbot_ros.process import stdout_to_stderr
 
     with stdout_to_stderr():  # a controller may print while its class is loaded
-        described = read_study(study, runs=runs, seed=seed)
+        described = read_study(
+            study, runs=runs, seed=seed, controller=controller, parameter_file=parameter_file
+        )
         if runs not in (None, described.runs):
             levels = ' × '.join(map(str, grid_shape(described.variables)))
             note = f'the nearest grid has {levels} points; {described.runs:,} runs'

@@ -17,13 +17,28 @@ import ballbot_ros as bb
 
 Verdict = tuple[bool, str]
 DEAD_TIME = 'plant_sim.actuator_delay'
-_FILE = Path(__file__).parents[2] / 'config/gains/quiet.yaml'
-_GAINS = yaml.safe_load(_FILE.read_text())['/**/controller']['ros__parameters']
-QUIET = {f'controller.{name}': _GAINS[name] for name in ('k_f', 'k_i', 'a_d')}
-"""The gains of `quiet.yaml`, and their filter of the speed; `a_r` only matters for driving."""
+
+
+def _gains(name: str) -> dict[str, Any]:
+    """Return gains of `config/gains`, and the filter of the speed; others matter for driving."""
+    path = Path(__file__).parents[2] / f'config/gains/{name}.yaml'
+    gains = yaml.safe_load(path.read_text())['/**/controller']['ros__parameters']
+    return {each: gains[each] for each in ('k_f', 'k_i', 'a_d')}
+
+
+_DOCUMENT = _gains('document')
+DOCUMENT, QUIET = (
+    {f'controller.{name}': value for name, value in gains.items()}
+    for gains in (_DOCUMENT, _gains('quiet'))
+)
+NO_TIME = {'plant_sim.kernel': False, 'plant_sim.link': False}
+"""The brick computes in no time, and its gyros and motors are up to date."""
 STUDY: dict[str, Any] = {  # that of lesson 4, with the gain of its task
     'scenario': 'hardware_standing',
-    'parameters': {'plant_sim': {'duration': 10.0}, 'controller': {'pwm_gain': 0.85}},
+    'parameters': {
+        'plant_sim': {'duration': 10.0, 'kernel': False, 'link': False},
+        'controller': {**_DOCUMENT, 'pwm_gain': 0.85},
+    },
     'vary': {
         'plant_sim.body_mass': {'uniform': [0.5, 0.9]},
         'plant_sim.body_height': {'uniform': [0.12, 0.22]},

@@ -78,10 +78,8 @@ def test_the_runs_on_the_page_are_as_measured():
 
 
 def test_the_table_of_the_cure_is_as_computed_and_measured():
-    gains = None, PROJECT / 'config/gains/quiet.yaml'
-    loops = [
-        analyse_sampled(read_parameter_file(path) if path else ParameterSet()) for path in gains
-    ]
+    gains = [PROJECT / f'config/gains/{name}.yaml' for name in ('document', 'quiet')]
+    loops = [analyse_sampled(read_parameter_file(path)) for path in gains]
     ideal = analyse_ideal(ParameterSet())
     rows = [
         [row.name, row.sampled, other.sampled]

@@ -41,6 +41,7 @@ from ballbot_ros.recording.messages.topics import (
 from ballbot_ros.robot import arithmetic
 from ballbot_ros.robot.arithmetic import Floats
 from ballbot_ros.robot.brick.bluetooth import LogPacket
+from ballbot_ros.robot.brick.link import analog_age, link_of
 from ballbot_ros.robot.brick.sensors import COUNT_V, battery_mv, count_of, mean_delay
 
 
@@ -193,8 +194,12 @@ class Experiment:
         Resolution of its reading [V]; 0 if it is not rounded.
     usable : ndarray, shape (n,)
         Whether only the motors moved the robot, from this reading to the next.
-    ages : mapping of Channel to int
-        Dead time of each channel [steps].
+    ages : mapping of Channel to float or ndarray, shape (n,)
+        Dead time of each channel, or of each of its readings [steps].
+    battery_age : int
+        Dead time of the battery's readings [steps].
+    delays_us : ndarray, shape (n,), or None
+        Time until each duty leaves the brick [µs]; None for none.
     notes : tuple of str
         What a reader of the result should know.
     recorded : PlantParameters or None
@@ -212,7 +217,9 @@ class Experiment:
     battery: Floats
     battery_count: float
     usable: NDArray[np.bool_]
-    ages: Mapping[Channel, int] = field(default_factory=dict)
+    ages: Mapping[Channel, Any] = field(default_factory=dict)
+    battery_age: int = 0
+    delays_us: NDArray[np.int64] | None = None
     notes: tuple[str, ...] = ()
     recorded: PlantParameters | None = None
     steps_per_reading: int = STEPS_PER_TICK
@@ -269,10 +276,11 @@ def recorded_experiment(
     recorded = run.plant if run.attached.has_parameters else None
     plant = _with_mean_delay(with_identified(run.plant, known))
     notes = []
-    duty = ticks.of(MOTOR_DUTY)
+    duty, delays = np.split(ticks.of(MOTOR_DUTY), [2], axis=1)
     battery = ticks.of(BATTERY_STATE)[:, 0]
     readings: dict[Channel, Floats]
-    ages: dict[Channel, int] = {}
+    ages: dict[Channel, Any] = {}
+    link = link_of(run.plant)
     if truth:
         imu = ticks.of(PLANT_IMU)
         readings = {
@@ -287,7 +295,8 @@ def recorded_experiment(
             ENCODER: np.rint(np.degrees(ticks.of(JOINT_STATES))),
         }
         ages = {
-            GYRO: _age(run.attached.parameters.of(GyroParameters)),
+            GYRO: _age(run.attached.parameters.of(GyroParameters))
+            + np.array([analog_age(link, stamp) / STEP_NS for stamp in ticks.stamps]) * link.is_on,
             ENCODER: _age(run.attached.parameters.of(EncoderParameters)),
         }
         measured = ~np.isnan(battery)
@@ -314,6 +323,8 @@ def recorded_experiment(
         battery_count=battery_count,
         usable=usable,
         ages=ages,
+        battery_age=link.battery_age_ns // STEP_NS,
+        delays_us=np.rint(np.nan_to_num(delays[:, 0]) * 1e6).astype(np.int64),
         notes=tuple(notes),
         recorded=recorded,
     )
@@ -331,6 +342,7 @@ class _Ticks:
         self._count = (int(duty.stamps[-1]) - self._first) // TICK_NS + 1
         begin = float(duty.time[0])
         self.time = np.asarray(begin + np.arange(self._count) * TICK_S, np.float64)
+        self.stamps = range(self._first, self._first + self._count * TICK_NS, TICK_NS)
         self.missing = self._count - len(np.unique(self._numbers(duty.stamps)))
 
     def _numbers(self, stamps: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -5,7 +5,8 @@ It is the project's own plant: the functions of :mod:`ballbot_ros.robot.plant` o
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,8 +25,11 @@ from ballbot_ros.robot.arithmetic import Floats
 from ballbot_ros.robot.plant.integration import (
     advance_linear,
     advance_nonlinear,
+    advance_pieces,
     discrete_matrices,
     equations_of,
+    linear_rates,
+    pieces_of,
 )
 from ballbot_ros.robot.plant.laws import effective_duty, max_voltage, motor_current, shaft_angle
 from ballbot_ros.robot.plant.model import PhysicalParameters
@@ -37,6 +41,7 @@ _AT_REST = (0.0,) * 4
 
 _advance_linear = for_arrays(advance_linear)
 _advance_nonlinear = for_arrays(advance_nonlinear)
+_advance_pieces = for_arrays(advance_pieces)
 _max_voltage = for_arrays(max_voltage)
 _motor_current = for_arrays(motor_current)
 _shaft_angle = for_arrays(shaft_angle)
@@ -83,6 +88,10 @@ class SegmentModel:
         self.segments = segments
         experiment = segments.experiment
         self._channels = tuple(experiment.readings)
+        self._samples = {
+            channel: _samples(shown, segments.length * experiment.steps_per_reading)
+            for channel, shown in segments.shown.items()
+        }
         self._with_offset = [each for each in self._channels if each.has_offset]
         assert len(self._with_offset) <= 1
         deviations = [*_STATE_DEVIATIONS, *(_OFFSET_DEVIATION for _ in self._with_offset)]
@@ -181,14 +190,14 @@ class SegmentModel:
             estimate = self._filter_s * (filtered_rate - start_rate)
             motion = _Motion(state, shaft, estimate, drive.battery)
             self._sample(predicted, step, lanes, motion)
-            voltage = drive.voltage(step, state)
             if self._filter_s:
                 # As the controller does, with the rate at the start of the step.
                 gain = segments.experiment.step_s / self._filter_s
                 filtered_rate = filtered_rate + gain * (state[3] - filtered_rate)
-            state = lanes.advance(state, voltage)
-            wheel = lanes.wheel(state)
-            shaft = _shaft_angle(shaft, wheel, half_play) if half_play else wheel
+            for number, share in drive.parts(step):
+                state = lanes.advance(state, drive.voltage(number, state, share), share)
+                wheel = lanes.wheel(state)
+                shaft = _shaft_angle(shaft, wheel, half_play) if half_play else wheel
         for channel in self._with_offset:
             offset = np.moveaxis(state_and_offset[_STATES], 0, -1)
             predicted.readings[channel][:] += offset[:, :, np.newaxis]
@@ -201,17 +210,37 @@ class SegmentModel:
         )
 
     def _sample(self, predicted: Prediction, step: int, lanes: _Lanes, motion: _Motion) -> None:
-        """Take the readings of a step, those that show it."""
+        """Take the readings of a step, those that show it or a time close to it."""
         experiment = self.segments.experiment
-        steps = experiment.steps_per_reading
         for channel in self._channels:
-            number, rest = divmod(step + experiment.ages.get(channel, 0), steps)
-            if rest == 0 and number < self.segments.length:
-                measured = lanes.measured(channel.quantity, motion)
-                predicted.readings[channel][:, :, number] = np.moveaxis(measured, 0, -1)
-        number, rest = divmod(step, steps)
-        if rest == 0:
+            segments, numbers, weights = self._samples[channel][step]
+            if len(segments):
+                measured = np.moveaxis(lanes.measured(channel.quantity, motion), 0, -1)
+                part = weights[:, np.newaxis] * measured[:, segments]
+                predicted.readings[channel][:, segments, numbers] += part
+        number, rest = divmod(step + experiment.battery_age, experiment.steps_per_reading)
+        if rest == 0 and number < self.segments.length:
             predicted.battery[:, :, number] = motion.battery
+
+
+def _samples(shown: Floats, steps: int) -> list[tuple[Any, Any, Floats]]:
+    """Return, for each step, the readings that show it or a time between it and its neighbours.
+
+    They are given by segment and number, with their weights: readings between steps are
+    interpolated.
+    """
+    segments, numbers = np.indices(shown.shape).reshape(2, -1)
+    at = shown.ravel()
+    before = np.floor(at).astype(np.intp)
+    all_steps = np.concatenate([before, before + 1])
+    weights = np.concatenate([1.0 - (at - before), at - before])
+    order = np.argsort(all_steps, kind='stable')
+    order = order[(weights[order] > 0.0) & (all_steps[order] >= 0)]
+    bounds = np.searchsorted(all_steps[order], np.arange(steps + 1))
+    rows = order % len(at)
+    return [
+        (segments[rows[a:b]], numbers[rows[a:b]], weights[order[a:b]]) for a, b in pairwise(bounds)
+    ]
 
 
 class _Motion(NamedTuple):
@@ -249,16 +278,33 @@ class _KnownDuties:
     ) -> None:
         assert segments.duty is not None
         assert segments.duty_before is not None
+        assert segments.changes is not None
         self._duty, self._lanes, self._open_circuit = segments.duty, lanes, open_circuit
+        self._changes = segments.changes
+        self._is_divided = np.asarray((segments.changes < 1.0).any(axis=0))
         before = segments.duty_before.T
         voltage = lanes.voltage(before, open_circuit)
         self.battery = lanes.battery(open_circuit, before, voltage, state)
 
-    def voltage(self, step: int, state: Floats) -> Floats:
-        """Return the motor voltages [V] in a step, which begins with this state."""
+    def parts(self, step: int) -> Sequence[tuple[int, Floats | None]]:
+        """Return the parts of a step: that whose duty acts, and the share of the step, shape (s,).
+
+        The share is None for a whole step.
+        """
+        if not self._is_divided[step]:
+            return ((step, None),)
+        change = self._changes[:, step]
+        return (step, change), (step + 1, 1.0 - change)
+
+    def voltage(self, step: int, state: Floats, share: Floats | None) -> Floats:
+        """Return the motor voltages [V] under the duties of a step, from this state on.
+
+        The battery feels them in the segments in which they act for some time.
+        """
         duty = self._duty[:, step].T
         voltage = self._lanes.voltage(duty, self.battery)
-        self.battery = self._lanes.battery(self._open_circuit, duty, voltage, state)
+        after = self._lanes.battery(self._open_circuit, duty, voltage, state)
+        self.battery = after if share is None else np.where(share > 0.0, after, self.battery)
         return voltage
 
 
@@ -271,7 +317,11 @@ class _UnknownVoltages:
     def __init__(self, voltages: Floats, battery: Floats, steps_per_reading: int) -> None:
         self._voltages, self.battery, self._steps = voltages, battery, steps_per_reading
 
-    def voltage(self, step: int, state: Floats) -> Floats:
+    def parts(self, step: int) -> Sequence[tuple[int, None]]:
+        """Return the step as its only part."""
+        return ((step, None),)
+
+    def voltage(self, step: int, _state: Floats, _share: Floats | None) -> Floats:
         """Return the motor voltages [V] in a step."""
         last = len(self._voltages) - 1
         position = min(max(0.0, (step + 0.5) / self._steps - 0.5), float(last))
@@ -298,18 +348,29 @@ class _Lanes:
         self._effective = np.array(
             [[effective_duty(duty, each.dead_zone) / 100.0 for duty in _DUTIES] for each in plants]
         )
-        self.advance: Callable[[Floats, Floats], Floats]
-        if common.plant_model == 'linear':
-            matrices = _columns([discrete_matrices(each, step_s)[0] for each in physical])
-            self.advance = lambda state, voltage: np.array(
-                _advance_linear(matrices, _NO_FORCES, state, voltage, 0.0, 0.0)
-            )
+        self._step_s = step_s
+        self._is_linear = common.plant_model == 'linear'
+        if self._is_linear:
+            self._matrices = _columns([discrete_matrices(each, step_s)[0] for each in physical])
+            self._rates = _columns([linear_rates(each) for each in physical])
+            self._pieces = max(pieces_of(linear_rates(each)[-1], step_s) for each in physical)
         else:
-            constants = np.array([(*equations_of(each), each.alpha) for each in physical])
-            advance = advance_arrays
+            self._constants = np.array([(*equations_of(each), each.alpha) for each in physical])
+            self._advance = advance_arrays
             if engine_of(common) is Engine.COMPILED:
-                advance = compiled_and_kept(advance_segments)
-            self.advance = lambda state, voltage: advance(constants, step_s, state, voltage)
+                self._advance = compiled_and_kept(advance_segments)
+
+    def advance(self, state: Floats, voltage: Floats, share: Floats | None = None) -> Floats:
+        """Return the state after a share of a step, shape (s,); after a whole one without it."""
+        if not self._is_linear:
+            share = np.ones(state.shape[3]) if share is None else share
+            return self._advance(self._constants, self._step_s * share, state, voltage)
+        if share is None:
+            after = _advance_linear(self._matrices, _NO_FORCES, state, voltage, 0.0, 0.0)
+        else:
+            h = self._step_s * share / self._pieces
+            after = _advance_pieces(self._rates, h, self._pieces, state, voltage, 0.0, 0.0)
+        return np.array(after)
 
     def wheel(self, state: Floats) -> Floats:
         """Return the angle of the wheel [rad]."""
@@ -352,8 +413,8 @@ def engine_of(plant: PlantParameters) -> Engine:
     return Engine.COMPILED if is_compiled else Engine.INTERPRETED
 
 
-def advance_segments(constants: Floats, dt: float, state: Floats, voltage: Floats) -> Floats:
-    """Return the state of segments `dt` seconds later, by the nonlinear model.
+def advance_segments(constants: Floats, dt: Floats, state: Floats, voltage: Floats) -> Floats:
+    """Return the state of segments some time later, by the nonlinear model.
 
     It is for the compiler; :func:`advance_arrays` does the same without one.
 
@@ -361,6 +422,8 @@ def advance_segments(constants: Floats, dt: float, state: Floats, voltage: Float
     ----------
     constants : ndarray, shape (v, 11)
         The equations of each variant, and alpha.
+    dt : ndarray, shape (s,)
+        That time [s].
     state : ndarray, shape (4, 2, v, s)
     voltage : ndarray, shape (2, v, s)
     """
@@ -375,7 +438,7 @@ def advance_segments(constants: Floats, dt: float, state: Floats, voltage: Float
             psi_dot_x, psi_dot_y = state[3, :, variant, segment]
             voltage_x, voltage_y = voltage[:, variant, segment]
             planes = advance_nonlinear(
-                equations, alpha, dt,
+                equations, alpha, dt[segment],
                 (theta_x, psi_x, theta_dot_x, psi_dot_x),
                 (theta_y, psi_y, theta_dot_y, psi_dot_y),
                 voltage_x, voltage_y, 0.0, 0.0, 0.0, 0.0,
@@ -386,7 +449,7 @@ def advance_segments(constants: Floats, dt: float, state: Floats, voltage: Float
     return after
 
 
-def advance_arrays(constants: Floats, dt: float, state: Floats, voltage: Floats) -> Floats:
+def advance_arrays(constants: Floats, dt: Floats, state: Floats, voltage: Floats) -> Floats:
     """Return what :func:`advance_segments` returns, with the same bits."""
     *equations, alpha = constants.T[:, :, np.newaxis]
     # The arrays have both planes; the second one of the function stays at rest.

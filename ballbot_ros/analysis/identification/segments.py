@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.analysis.identification.experiment import ENCODER, Channel, Experiment
-from ballbot_ros.parameters import PlantParameters
-from ballbot_ros.parameters.timing import STEPS_PER_TICK
+from ballbot_ros.parameters.timing import STEP_NS, STEPS_PER_TICK, TICK_NS
 from ballbot_ros.robot.arithmetic import Floats
 
 SEGMENT_TICKS = 200
@@ -35,6 +34,8 @@ TURNING_READINGS = 3
 
 _MIN_READINGS = 8
 
+_STEP_US = STEP_NS // 1000
+
 
 @dataclass(frozen=True)
 class Segments:
@@ -46,10 +47,15 @@ class Segments:
     starts : ndarray, shape (s,)
         Index of the first reading of each segment.
     duty : ndarray, shape (s, 4 n, 2), or None
-        The duty [%] that acts in each physics step; None if it is not known.
+        The duty [%] that acts at the beginning of each physics step; None if it is not known.
     duty_before : ndarray, shape (s, 2), or None
         The one in the step before the segment.
+    changes : ndarray, shape (s, 4 n), or None
+        After which share of each step the duty of the next one acts.
     readings : mapping of Channel to ndarray, shape (s, n, 2)
+        NaN where one shows a time before its segment.
+    shown : mapping of Channel to ndarray, shape (s, n)
+        The time that each reading shows [steps from the start of its segment].
     battery : ndarray, shape (s, n)
     contact : ndarray, shape (s, 2)
         At the start, -1 or 1 for the side on which the gears are in contact.
@@ -59,7 +65,9 @@ class Segments:
     starts: NDArray[np.intp]
     duty: NDArray[Any] | None
     duty_before: NDArray[Any] | None
+    changes: Floats | None
     readings: Mapping[Channel, Floats]
+    shown: Mapping[Channel, Floats]
     battery: Floats
     contact: Floats
 
@@ -83,7 +91,9 @@ class Segments:
         return replace(
             self,
             duty=None if self.duty is None else self.duty[:, : length * STEPS_PER_TICK],
+            changes=None if self.changes is None else self.changes[:, : length * STEPS_PER_TICK],
             readings={channel: values[:, :length] for channel, values in self.readings.items()},
+            shown={channel: values[:, :length] for channel, values in self.shown.items()},
             battery=self.battery[:, :length],
         )
 
@@ -95,7 +105,9 @@ class Segments:
             starts=self.starts[kept],
             duty=None if self.duty is None else self.duty[kept],
             duty_before=None if self.duty_before is None else self.duty_before[kept],
+            changes=None if self.changes is None else self.changes[kept],
             readings={channel: values[kept] for channel, values in self.readings.items()},
+            shown={channel: values[kept] for channel, values in self.shown.items()},
             battery=self.battery[kept],
             contact=self.contact[kept],
         )
@@ -118,7 +130,7 @@ def cut(experiment: Experiment) -> Segments:
     may_start, contact = _starts(experiment)
     lead = 0
     if experiment.duty is not None:
-        lead = -(-experiment.plant.actuator_delay // STEPS_PER_TICK) + 1
+        lead = -(-int(max(_delays_us(experiment), default=0)) // (TICK_NS // 1000)) + 1
     ends_of_gaps = np.flatnonzero(~experiment.usable)
     starts: list[int] = []
     index, count = lead, len(experiment.usable)
@@ -137,28 +149,29 @@ def cut(experiment: Experiment) -> Segments:
         starts = [starts[each] for each in chosen]
     first = np.array(starts, np.intp)
     window = first[:, np.newaxis] + np.arange(length)
-    duty = before = None
+    duty = before = changes = None
     if experiment.duty is not None:
-        duty, before = _acting_duties(experiment.duty, experiment.plant, first, length)
+        acting, shares = _acting_duties(experiment.duty, _delays_us(experiment))
+        steps = first[:, np.newaxis] * STEPS_PER_TICK + np.arange(length * STEPS_PER_TICK)
+        duty, before, changes = acting[steps], acting[steps[:, 0] - 1], shares[steps]
+    ticks = experiment.steps_per_reading * np.arange(length)
+    readings, shown = {}, {}
+    for channel, values in experiment.readings.items():
+        ages = np.broadcast_to(experiment.ages.get(channel, 0), count)
+        shown[channel] = ticks - ages[window]
+        is_before = (shown[channel] < 0)[:, :, np.newaxis]
+        readings[channel] = np.where(is_before, np.nan, values[window])
     return Segments(
         experiment=experiment,
         starts=first,
         duty=duty,
         duty_before=before,
-        readings={
-            channel: _shifted(values, window, experiment.ages.get(channel, 0))
-            for channel, values in experiment.readings.items()
-        },
-        battery=experiment.battery[window],
+        changes=changes,
+        readings=readings,
+        shown=shown,
+        battery=np.where(ticks < experiment.battery_age, np.nan, experiment.battery[window]),
         contact=contact[first],
     )
-
-
-def _shifted(values: Floats, window: NDArray[np.intp], age: int) -> Floats:
-    """Return the readings of segments; NaN where one shows a time before its segment."""
-    found = np.array(values[window], np.float64)
-    found[:, : -(-age // STEPS_PER_TICK)] = np.nan
-    return found
 
 
 def _starts(experiment: Experiment) -> tuple[NDArray[np.bool_], Floats]:
@@ -173,17 +186,35 @@ def _starts(experiment: Experiment) -> tuple[NDArray[np.bool_], Floats]:
         recent = np.lib.stride_tricks.sliding_window_view(steps, TURNING_READINGS, axis=0)
         turning[TURNING_READINGS - 1 :] = np.abs(recent.sum(-1)) == TURNING_READINGS
     # The readings of a later tick show the start.
-    late = -(-experiment.ages.get(ENCODER, 0) // STEPS_PER_TICK)
+    late = -(-int(experiment.ages.get(ENCODER, 0)) // STEPS_PER_TICK)
     begins = np.roll(turning.all(axis=1), -late)
     begins[count - late :] = False
     return begins, -np.roll(steps, -late, axis=0)  # the shaft lags behind the wheel
 
 
-def _acting_duties(
-    duty: NDArray[Any], plant: PlantParameters, first: NDArray[np.intp], length: int
-) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return the duties that act in the steps of segments, and in the step before each."""
-    steps = first[:, np.newaxis] * STEPS_PER_TICK + np.arange(-1, length * STEPS_PER_TICK)
-    ticks = (steps - plant.actuator_delay) // STEPS_PER_TICK
-    acting = duty[ticks].astype(np.int64)
-    return acting[:, 1:], acting[:, 0]
+def _delays_us(experiment: Experiment) -> NDArray[np.int64]:
+    """Return the time after which each duty acts [µs]."""
+    own = 0 if experiment.delays_us is None else experiment.delays_us
+    dead_us = experiment.plant.actuator_delay * _STEP_US
+    return np.broadcast_to(own + dead_us, len(experiment.usable))
+
+
+def _acting_duties(duty: NDArray[Any], delays_us: NDArray[np.int64]) -> tuple[NDArray[Any], Floats]:
+    """Return the duty that acts at the beginning of each step, and when that of the next one does.
+
+    Shapes (4 n, 2) and (4 n,); the latter as a share of the step. Of duties that begin to act in
+    the same step, it is the newest.
+    """
+    ticks = np.arange(len(duty))
+    effects_us = ticks * (TICK_NS // 1000) + delays_us
+    steps = len(duty) * STEPS_PER_TICK
+    first = -(-effects_us // _STEP_US)
+    is_inside = first < steps
+    newest = np.full(steps, -1)
+    np.maximum.at(newest, first[is_inside], ticks[is_inside])
+    newest = np.maximum.accumulate(newest)
+    shares = np.ones(steps)
+    acts = is_inside & (effects_us % _STEP_US > 0) & (newest[np.minimum(first, steps - 1)] == ticks)
+    shares[first[acts] - 1] = effects_us[acts] % _STEP_US / _STEP_US
+    acting = np.where(newest[:, np.newaxis] >= 0, duty[newest], 0).astype(np.int64)
+    return acting, shares

@@ -64,15 +64,28 @@ class StudyReader(DistributionReader):
     ----------
     runs, seed : int or None
         Take the place of those in the document.
+    controller : str or None
+        Takes the place of that in the document.
+    parameter_file : Path or None
+        Its values take the place of those in the document.
     """
 
     what: ClassVar[str] = 'the study'
     error_class: ClassVar[type[BallbotError]] = StudyError
 
-    def __init__(self, document: YamlDocument, runs: int | None, seed: int | None) -> None:
+    def __init__(
+        self,
+        document: YamlDocument,
+        runs: int | None = None,
+        seed: int | None = None,
+        controller: str | None = None,
+        parameter_file: Path | None = None,
+    ) -> None:
         super().__init__(document)
         self._runs = runs
         self._seed = seed
+        self._controller = controller
+        self._parameter_file = parameter_file
 
     def study(self) -> Study:
         """Return the study in the document.
@@ -157,12 +170,15 @@ class StudyReader(DistributionReader):
                 load_profile(str(profile))
             except BallbotError as error:
                 raise self._error(('profile',), str(error)) from None
-        if controller is not None:
+        if self._controller is not None:
+            controller = resolve_reference(self._controller, Path.cwd())
+        elif controller is not None:
             controller = resolve_reference(str(controller), self._document.path.parent)
         return RunOptions(
             processes=Processes.NONE,
             profile=None if profile is None else str(profile),
             values=values,
+            parameter_file=self._parameter_file,
             controller=controller,
             record=False,
         )
@@ -347,7 +363,14 @@ def study_names() -> list[str]:
     return sorted(path.stem for path in (share_directory() / _FOLDER).glob('*.yaml'))
 
 
-def read_study(reference: str, *, runs: int | None = None, seed: int | None = None) -> Study:
+def read_study(
+    reference: str,
+    *,
+    runs: int | None = None,
+    seed: int | None = None,
+    controller: str | None = None,
+    parameter_file: Path | None = None,
+) -> Study:
     """Read a shipped study by its name, or a file by its path.
 
     Parameters
@@ -356,6 +379,10 @@ def read_study(reference: str, *, runs: int | None = None, seed: int | None = No
         Number of runs in place of the file's; for a grid about this number, by other levels.
     seed : int or None
         Seed of the samples in place of the file's.
+    controller : str or None
+        Controller in place of the file's.
+    parameter_file : Path or None
+        File of parameters whose values take the place of the study's.
 
     Raises
     ------
@@ -372,4 +399,4 @@ def read_study(reference: str, *, runs: int | None = None, seed: int | None = No
             f'shipped: {", ".join(study_names())} '
             '(for your own study, give the path of its file, ending in .yaml)'
         )
-    return StudyReader(YamlDocument(path), runs, seed).study()
+    return StudyReader(YamlDocument(path), runs, seed, controller, parameter_file).study()

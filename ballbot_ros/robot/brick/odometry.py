@@ -48,6 +48,9 @@ _CORRELATION = 10.0
 _ACCELERATION = 0.5
 """Standard deviation of the ball's acceleration [m/s²]."""
 
+_AGE = 0.8 * 0.8
+"""Variance of the change of the body's rate within the age of a reading that passes the link: some
+200 deg/s² for 4 ms [(deg/s)²]."""
 
 _RADIANS = math.pi / 180.0
 
@@ -212,7 +215,7 @@ class DeadReckoning:
             Estimate(end, still),
             Estimate((end - begin) / seconds, np.array([moving, moving])),
             _in_radians(pitch, variance),
-            _in_radians(rate, rate_variance),
+            _in_radians(rate, rate_variance + _AGE),
         )
 
     def _position(self, motor: Floats, pitch: Floats) -> Floats:

@@ -173,9 +173,28 @@ def advance_linear_part(
 
     It is the exact solution of the linear model, as that of :func:`advance_linear`.
     """
-    a21, a22, a23, b20, b21, b22, a31, a32, a33, b30, b31, b32, norm = rates
-    pieces = min(int(2.0 * norm * dt) + 1, _MAX_PIECES)
-    h = dt / pieces
+    pieces = pieces_of(rates[-1], dt)
+    return advance_pieces(rates, dt / pieces, pieces, state, voltage, force_theta, force_psi)
+
+
+@inlined
+def pieces_of(norm: float, dt: float) -> int:
+    """Return in how many pieces a part of a step is computed."""
+    return min(int(2.0 * norm * dt) + 1, _MAX_PIECES)
+
+
+@inlined
+def advance_pieces(
+    rates: LinearRates,
+    h: float,
+    pieces: int,
+    state: PlaneState,
+    voltage: float,
+    force_theta: float,
+    force_psi: float,
+) -> PlaneState:
+    """Return the state of a plane after so many pieces of `h` seconds."""
+    a21, a22, a23, b20, b21, b22, a31, a32, a33, b30, b31, b32, _ = rates
     theta, psi, theta_dot, psi_dot = state
     input_theta = b20 * voltage + b21 * force_theta + b22 * force_psi
     input_psi = b30 * voltage + b31 * force_theta + b32 * force_psi

@@ -21,10 +21,10 @@ from ballbot_ros.engine.scenario.reader import scenario_names
 PAGE = Path(__file__).parents[3] / 'docs' / 'controllers.md'
 BEGIN, END = '<!-- figures: begin -->\n', '<!-- figures: end -->\n'
 BALLBOT = (sys.executable, '-m', 'ballbot_ros.cli.main')
-QUIET = Path(__file__).parents[3] / 'config/gains/quiet.yaml'
+GAINS = Path(__file__).parents[3] / 'config/gains'
 CONTROLLERS = {
-    'python': (),
-    'python, quiet': ('--params', str(QUIET)),
+    'document': ('--params', str(GAINS / 'document.yaml')),
+    'quiet': ('--params', str(GAINS / 'quiet.yaml')),
     **{name: ('--controller', name) for name in ('pid', 'lqg', 'drift_filter', 'mpc')},
 }
 """The columns: options of a run."""

@@ -79,12 +79,11 @@ def missed(values: Values) -> list[str]:
 
 def redesign() -> None:
     """Vary the low pass of the speed and the weight of the voltage around the quiet gains."""
-    document = {name: duty_rms(name, {}) for name in QUIETEST}
     designs = [Design(a_d, 1.0) for a_d in LOW_PASSES] + [Design(A_D, r) for r in VOLTAGE_WEIGHTS]
     rows = []
     for design in designs:
         values = design.values()
-        duties = (f'{duty_rms(name, values) / document[name]:.2f}' for name in QUIETEST)
+        duties = (f'{duty_rms(name, values):.1f} %' for name in QUIETEST)
         fails = ', '.join(f'`{name}`' for name in missed(values))
         recovered = f'{recovered_deg(values):.1f}°'
         rows.append((f'{design.a_d:g}', f'{design.r:g}', *duties, recovered, fails))

@@ -9,6 +9,7 @@ import math
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import product
+from pathlib import Path
 from typing import NamedTuple
 
 import click
@@ -19,7 +20,16 @@ from ballbot_ros.controllers.document.program import ControlProgram
 from ballbot_ros.engine.closed_loop import ClosedLoop
 from ballbot_ros.engine.scenario.reader import load_profile
 from ballbot_ros.engine.scenario.scenario import Scenario, Segment, StickSignal
-from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, SONAR, ParameterSet
+from ballbot_ros.parameters import (
+    CONTROLLER,
+    GYRO,
+    PLANT,
+    SONAR,
+    ControllerParameters,
+    ParameterSet,
+    Value,
+)
+from ballbot_ros.parameters.files import read_parameter_file
 from benchmark.identification import identification
 from benchmark.redesign import redesign
 from benchmark.tables import print_table
@@ -32,7 +42,10 @@ FIRST_MOVE_S = 2.0
 ERROR_HEAD = r'largest \|θ_ref − θ\|'
 DRIVE_S, STEP_S, TRACK_S, STAND_S = 30.0, 20.0, 20.0, 300.0
 
-Settings = Mapping[tuple[str, str], float | str]
+GAINS = Path(__file__).parents[3] / 'config/gains'
+LOW_PASSES = ('a_d', 'a_r', 'a_gd')
+
+Settings = Mapping[tuple[str, str], Value]
 """Parameter values by node and name."""
 
 
@@ -173,13 +186,19 @@ def track() -> None:
     print_table(('cone_angle [rad], 7 rays', 'dst_thr', 'wall hits', 'smallest clearance'), rows)
 
 
-def reference_filter() -> None:
-    """Compare reference filters in full reversals with the profile hardware at 7 V."""
+def gains() -> None:
+    """Compare the document's gains and the quiet ones in full reversals, with hardware at 7 V."""
     rows = []
-    for a_r in (0.996, 0.997):
-        settings: Settings = {(CONTROLLER, 'a_r'): a_r, (PLANT, 'battery_voltage'): 7.0}
-        rows.append((a_r, _falls(drives('hardware', REVERSALS, settings))))
-    print_table(('a_r', 'falls'), rows)
+    for name in ('document', 'quiet'):
+        found = read_parameter_file(GAINS / f'{name}.yaml').of(ControllerParameters).values()
+        settings: Settings = {
+            **{(CONTROLLER, each): found[each] for each in ('k_f', 'k_i', *LOW_PASSES)},
+            (PLANT, 'battery_voltage'): 7.0,
+        }
+        outcomes = list(drives('hardware', REVERSALS, settings))
+        error = max(outcome.peak_error for outcome in outcomes)
+        rows.append((f'{name}.yaml', _falls(outcomes), f'{error:.0f}°'))
+    print_table(('gains', 'falls', ERROR_HEAD), rows)
 
 
 def stand() -> None:
@@ -199,7 +218,7 @@ def _falls(outcomes: Iterable[Outcome]) -> str:
 
 
 EXPERIMENTS: dict[str, Callable[[], None]] = {
-    each.__name__: each for each in (speed, drive, track, reference_filter, stand, redesign)
+    each.__name__: each for each in (speed, drive, track, gains, stand, redesign)
 }
 
 RANDOM_ROBOTS: dict[str, Callable[[int], None]] = {identification.__name__: identification}

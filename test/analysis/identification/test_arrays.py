@@ -85,10 +85,11 @@ def test_compiled_segments_move_as_arrays_do():
     constants = np.array([(*equations_of(each), each.alpha) for each in robots])
     state, voltage = np.array(states(random, (2, 2, 30))), 4.0 * random.normal(size=(2, 2, 30))
     state[:, :, 1, 0] = np.inf
+    dt = random.uniform(0.0, DT, 30)
     with np.errstate(invalid='ignore'):
-        expected = advance_arrays(constants, DT, state, voltage)
-        each = advance_segments(constants, DT, state, voltage)
+        expected = advance_arrays(constants, dt, state, voltage)
+        each = advance_segments(constants, dt, state, voltage)
     np.testing.assert_array_equal(each, expected)
     pytest.importorskip('numba')
-    found = compiled(advance_segments)(constants, DT, state, voltage)
+    found = compiled(advance_segments)(constants, dt, state, voltage)
     np.testing.assert_array_equal(found, expected)

@@ -47,6 +47,11 @@ VARIANTS = {
         'plant_model': 'nonlinear', 'backlash': 0.07, 'dead_zone': 4.0, 'actuator_delay': 6,
         **DRAINING,
     },
+    'link': {'link': True},
+    'link and all': {
+        'plant_model': 'nonlinear', 'backlash': 0.07, 'dead_zone': 4.0, 'actuator_delay': 2,
+        'link': True, **DRAINING,
+    },
 }  # fmt: skip
 
 
@@ -73,22 +78,37 @@ def parameters(**changes):
     return PlantParameters(hold_time=0.0, battery_capacity=math.inf, **changes)
 
 
+def between_steps(values, age):
+    """Return what was measured `age` steps before the newest step, interpolated."""
+    return np.array(values)[::-1][[math.floor(age), math.ceil(age)]].T @ [
+        1.0 - age % 1.0,
+        age % 1.0,
+    ]
+
+
 def run(plant_parameters, duties, ages):
     """Return the state of a plant at each tick, and the experiment with its exact readings."""
     plant = Plant(plant_parameters, START_NS)
-    plant.keep_steps(max(20, *ages.values()))
+    plant.keep_steps(max(20, *map(math.ceil, ages.values())))
     states, readings = [], {channel: [] for channel in CHANNELS}
-    for duty in duties.tolist():
+    delays_us = np.zeros(len(duties), np.int64)
+    if plant_parameters.link:
+        delays_us[:] = np.random.default_rng(1).choice([1235, 1236, 2235, 4000, 700], len(duties))
+    for duty, delay_us in zip(duties.tolist(), delays_us.tolist(), strict=True):
         truth = plant.truth()
-        steps = {channel: truth.steps[-1 - age] for channel, age in ages.items()}
-        readings[GYRO].append(np.degrees(steps[GYRO].psi_rate) + OFFSETS)
-        readings[ENCODER].append(np.degrees(steps[ENCODER].motor_angle))
+        rates, angles = (
+            between_steps([getattr(each, name) for each in truth.steps], ages[channel])
+            for name, channel in (('psi_rate', GYRO), ('motor_angle', ENCODER))
+        )
+        readings[GYRO].append(np.degrees(rates) + OFFSETS)
+        readings[ENCODER].append(np.degrees(angles))
         readings[TRUE_PITCH].append(np.degrees(truth.psi))
         readings[TRUE_POSITION].append(truth.position)
         states.append(plant.state)
-        plant.tick(*duty)
+        plant.tick(*duty, 1000 * delay_us)
     assert not plant.fallen
-    usable = np.arange(len(duties)) >= EARLIEST - (plant_parameters.actuator_delay + 7) // 4
+    lead = math.ceil((plant_parameters.actuator_delay + delays_us.max() / 1000) / 4) + 1
+    usable = np.arange(len(duties)) >= EARLIEST - lead
     return states, Experiment(
         name='test',
         plant=plant_parameters,
@@ -98,6 +118,7 @@ def run(plant_parameters, duties, ages):
         battery_count=0.0,
         usable=usable,
         ages=ages,
+        delays_us=delays_us,
     )
 
 
@@ -121,7 +142,7 @@ def assert_equal_to_plants(variants, ages):
     )
     for number, (_, experiment) in enumerate(runs):
         for channel in CHANNELS:
-            first = -(-ages.get(channel, 0) // STEPS_PER_TICK)
+            first = math.ceil(ages.get(channel, 0) / STEPS_PER_TICK)
             np.testing.assert_allclose(
                 predicted.readings[channel][number, 0, first:],
                 experiment.readings[channel][start + first : end],
@@ -137,7 +158,7 @@ def test_a_segment_moves_as_the_plant_does(changes):
     assert_equal_to_plants([parameters(**changes)], {GYRO: 0, ENCODER: 0})
 
 
-@pytest.mark.parametrize('ages', [(1, 3), (4, 2), (7, 0), (3, 9)])
+@pytest.mark.parametrize('ages', [(1, 3), (4, 2), (7, 0), (3, 9), (2.3, 1.75)])
 def test_delayed_readings_show_the_plant_at_their_age(ages):
     assert_equal_to_plants(
         [parameters(**VARIANTS['nonlinear'])], dict(zip((GYRO, ENCODER), ages, strict=True))

@@ -13,12 +13,19 @@ from ballbot_ros.engine.scenario.reader import scenario_names
 from ballbot_ros.parameters import ControllerParameters
 from ballbot_ros.parameters.files import read_parameter_file
 
-QUIET = Path(__file__).parents[3] / 'config/gains/quiet.yaml'
-DOCUMENT = {}
+CONFIG = Path(__file__).parents[3] / 'config'
+QUIET = CONFIG / 'gains/quiet.yaml'
+DOCUMENT = CONFIG / 'gains/document.yaml'
 NAMES = ('k_f', 'k_i', 'a_d', 'a_r', 'a_gd')
 
 # The largest pitch from which the document's gains recover on `stationary`, found by bisection.
 DOCUMENTS_PITCH_DEG = 7.125
+
+
+def on_a_brick(gains):
+    values = read_parameter_file(gains).of(ControllerParameters)
+    own = {f'controller.{name}': getattr(values, name) for name in NAMES}
+    return {'plant_sim.kernel': True, 'plant_sim.link': True, **own}
 
 
 @cache
@@ -48,6 +55,19 @@ def test_they_change_gains_and_filters_only():
     assert set(node[1]['ros__parameters']) == set(NAMES)
 
 
+def test_the_gains_of_the_document_are_the_defaults():
+    document = read_parameter_file(DOCUMENT).of(ControllerParameters)
+    assert document == ControllerParameters()
+
+
+def test_the_profile_of_real_devices_has_the_quiet_ones():
+    profile, quiet = (
+        yaml.safe_load(path.read_text(encoding='utf-8'))['/**/controller']['ros__parameters']
+        for path in (CONFIG / 'profiles/hardware.yaml', QUIET)
+    )
+    assert {name: profile[name] for name in NAMES} == quiet
+
+
 def test_the_margins_are_wide():
     loop = analyse_sampled(read_parameter_file(QUIET))
     assert loop.margins.gain_low.value <= 0.5
@@ -57,9 +77,22 @@ def test_the_margins_are_wide():
     assert loop.ringing is None
 
 
-@pytest.mark.parametrize(('scenario', 'bar'), [('stationary', 0.55), ('hardware_standing', 0.7)])
-def test_the_duty_is_quiet(scenario, bar):
-    assert duty_rms(scenario, is_quiet=True) <= bar * duty_rms(scenario, is_quiet=False)
+def test_the_duty_is_quiet():
+    assert duty_rms('stationary', is_quiet=True) <= 0.55 * duty_rms('stationary', is_quiet=False)
+
+
+@pytest.mark.parametrize('phase', [0, 1])
+@pytest.mark.parametrize('model', ['linear', 'nonlinear'])
+def test_on_a_brick_the_documents_gains_rattle_and_the_quiet_ones_do_not(model, phase):
+    of_run = {
+        'plant_sim.plant_model': model, 'plant_sim.link_phase': phase, 'plant_sim.duration': 10.0
+    }  # fmt: skip
+    document, quiet = (
+        bb.simulate('stationary', parameters={**on_a_brick(gains), **of_run}).metrics
+        for gains in (DOCUMENT, QUIET)
+    )
+    assert quiet['duty_rms_percent'] < 10.0
+    assert document['duty_rms_percent'] > 40.0
 
 
 @pytest.mark.parametrize('scenario', scenario_names())
