@@ -30,6 +30,7 @@ COMMANDS = {
     'log2csv': 'Write the data log of a recording as CSV.',
     'map': 'Check a map image; export it for other programs.',
     'design': 'Print the model, its poles and the servo gains.',
+    'schedule': 'Print the tasks of the brick and their worst response times.',
     'study': 'Run a scenario very many times, with varied values.',
     'identify': 'Identify physical parameters from recordings.',
     'new': 'Start a controller of your own: a package that runs.',

@@ -1,5 +1,6 @@
 """README and docs are true: commands, nodes, outputs, tables of figures."""
 
+import json
 import re
 from pathlib import Path
 from textwrap import indent
@@ -53,6 +54,13 @@ def test_every_role_and_requirement_is_on_the_page_of_the_contracts():
         answer, period_ms = contract.answer, contract.period_ns // 1_000_000
         assert f'`{answer.name}` {answer.type_name.replace("/msg/", "/")}' in row, role
         assert f'| {period_ms} ms |' in row, role
+
+
+def test_the_response_times_on_the_page_are_those_of_the_command():
+    page = (PROJECT / 'docs/codegen.md').read_text(encoding='utf-8')
+    for task in json.loads(call('schedule', '--json').stdout)['tasks']:
+        times = ' | '.join(f'{task[key]} µs' for key in ('time_us', 'worst_us', 'simulated_us'))
+        assert task['name'] == 'task_init' or f'| `{task["name"]}` | {times} |\n' in page
 
 
 def test_the_margins_on_the_page_are_those_of_the_analysis():

@@ -433,6 +433,14 @@ def job_time(
     return times.display if task == 4 else times.init
 
 
+def longest_times(times: JobTimes) -> dict[str, float]:
+    """Return how long a job of each task takes on its longest path [µs]."""
+    return {
+        task: max(job_time(times, number, mode, True, True) for mode in ControlMode)
+        for task, number in TASK_NUMBERS.items()
+    }
+
+
 def mean_delays(p: Any) -> tuple[float, float]:
     """Return the mean age of the gyro's readings and the mean delay of duties in control [ms].
 
