@@ -31,12 +31,12 @@ class BrickTasks:
 
     With a kernel or a link, a job computes when it begins, on the samples of the tick in which it
     does, and its duty is set when it ends. The kernel counts the alarms of the tasks by itself. A
-    free-running controller has the time that it takes.
+    free-running controller has the time that it takes, and `is_timed` is false.
     """
 
     def __init__(self, parameters: ControllerParameters) -> None:
         self._parameters = parameters
-        self._is_timed = parameters.lockstep and (parameters.kernel or parameters.link)
+        self.is_timed = parameters.lockstep and (parameters.kernel or parameters.link)
         self._kernel: OsekKernel | None = None
         self._duties: dict[int, tuple[int, int]] = {}
         self._newest_duty = 0, 0
@@ -53,7 +53,7 @@ class BrickTasks:
         self, program: Program, now_ns: int, elapsed_ms: int, inputs: DeviceInputs
     ) -> DeviceOutputs:
         """Run the tasks due `elapsed_ms` after the start of the run."""
-        if self._is_timed:
+        if self.is_timed:
             return self._tick(program, now_ns, inputs)
         return program.tick(elapsed_ms, now_ns // MILLISECOND_NS, inputs)
 
@@ -61,7 +61,7 @@ class BrickTasks:
         self, program: Program, now_ns: int, tasks: Sequence[str], inputs: DeviceInputs
     ) -> DeviceOutputs:
         """Run the tasks that have been released for a tick."""
-        if self._is_timed:
+        if self.is_timed:
             return self._tick(program, now_ns, inputs)
         return program.run(tasks, now_ns // MILLISECOND_NS, inputs)
 
@@ -69,7 +69,7 @@ class BrickTasks:
         self, program: ControlProgram, start_ns: int, kernel_state: Sequence[int]
     ) -> None:
         """Continue a run that began at a time from a state of its program and its kernel."""
-        if not self._is_timed:
+        if not self.is_timed:
             return
         kernel = self._kernel or self._begin(program, start_ns)
         kernel.restore_state(kernel_state)

@@ -160,6 +160,8 @@ class TickColumns(NamedTuple):
         The duties [%].
     delay_ns : ndarray of int64
         Time until they leave the brick.
+    jobs : ndarray of int64, shape (n, m, 6)
+        As in :func:`~ballbot_ros.engine.run.tick_type`.
     """
 
     truth: GroundTruth
@@ -168,6 +170,7 @@ class TickColumns(NamedTuple):
     program: Rows
     duty: NDArray[np.int64]
     delay_ns: NDArray[np.int64]
+    jobs: NDArray[np.int64]
 
 
 class CompiledLoop:
@@ -239,6 +242,7 @@ class CompiledLoop:
             rows['program'],
             rows['duty'],
             rows['delay_ns'],
+            rows['jobs'],
         )
 
     def _advance(self, ticks: int, traced: int) -> tuple[RunLog, Rows]:

@@ -79,8 +79,10 @@ from ballbot_ros.robot.brick.kernel import (
     DUTY_X,
     DUTY_Y,
     duty_effect,
+    ended_job,
     is_bus_busy,
     next_event,
+    next_lost,
     set_duty,
     set_task,
     start_kernel,
@@ -283,15 +285,21 @@ def new_robots(count: int, programs: Rows) -> Rows:
     return robots
 
 
+MOST_JOBS = 3 * len(PRIORITIES)
+"""Most jobs that end or are lost in a tick: of each task one may be active before, and two alarms
+expire if a blocked interrupt comes late."""
+
+
 def tick_type(program: np.dtype[np.void]) -> np.dtype[np.void]:
     """Return the type of a tick.
 
-    It has the plant before it, the samples, the program after it, the duty, and its delay [ns].
+    It has the plant before it, the samples, the program after it, the duty, its delay [ns], and the
+    :data:`~ballbot_ros.robot.brick.kernel.JobNumbers` of the jobs, followed by zeros.
     """
     plant, inputs = row_type(PlantState), row_type(Inputs)
     return np.dtype(
         [('plant', plant), ('inputs', inputs), ('program', program),
-         ('duty', 'i8', (2,)), ('delay_ns', 'i8')]
+         ('duty', 'i8', (2,)), ('delay_ns', 'i8'), ('jobs', 'i8', (MOST_JOBS, 6))]
     )  # fmt: skip
 
 
@@ -481,7 +489,7 @@ def simulate_run(
         elapsed_ms = (now_ns - start_ns) // MILLISECOND_NS
         systick_ms = now_ns // MILLISECOND_NS & UINT32_MASK
         tasks, timers = due_tasks(timers, elapsed_ms)
-        is_same_tick = False
+        is_same_tick, jobs = False, 0
         while True:
             task = -1
             if is_timed:
@@ -493,6 +501,9 @@ def simulate_run(
                 elif event % 2:
                     if event // 2 == DUTY_TASK:
                         set_duty(kernel, brick.duty_x, brick.duty_y)
+                    if is_traced:
+                        trace[done].jobs[jobs] = ended_job(kernel, event // 2)
+                        jobs += 1
                     continue
                 else:
                     task = event // 2
@@ -512,6 +523,12 @@ def simulate_run(
         if is_timed:
             duty_x, duty_y = kernel[DUTY_X], kernel[DUTY_Y]
             delay_ns = max(duty_effect(kernel_law, kernel) * 1000 - now_ns, 0)
+            now_us, task = now_ns // 1000, next_lost(kernel)
+            while task >= 0:
+                if is_traced:
+                    trace[done].jobs[jobs] = task, now_us, now_us, now_us, 0, 1
+                    jobs += 1
+                task = next_lost(kernel)
         duties[done, 0], duties[done, 1] = duty_x, duty_y
         if is_traced:
             write_plant_state(trace[done].plant, state)

@@ -40,7 +40,8 @@ PRIORITY, PERIOD, ALARM, ACTIVATED, RELEASE, START, TIME, LEFT, LOST = range(9)
 STRIDE = 9
 """Places of a task's numbers: its priority, its period [ticks] (0: once) and the tick of its next
 alarm; the number of its activation, 0 while it is suspended; release and start of its job (start is
-NOT_YET before it begins); the time that the job takes, and what is left of it; and the alarms lost.
+NOT_YET before it begins); the time that the job takes, and what is left of it; and the alarms lost
+that :func:`next_lost` has not told yet.
 """
 
 
@@ -206,6 +207,29 @@ def activate_tasks(kernel: Ints, tasks: int) -> None:
     kernel[NEXT_ALARM] = next_alarm
 
 
+JobNumbers = tuple[int, int, int, int, int, int]
+"""The fields of a :class:`Job`, with the number of its task."""
+
+
+@inlined
+def ended_job(kernel: Ints, task: int) -> JobNumbers:
+    """Return the job of a task that has just ended."""
+    at = HEAD + STRIDE * task
+    start, end = kernel[at + START], kernel[NOW]
+    return task, kernel[at + RELEASE], start, end, end - start - kernel[at + TIME], 0
+
+
+@inlined
+def next_lost(kernel: Ints) -> int:
+    """Return the task of a lost alarm, of each one once and by task; NO_TASK if there is none."""
+    for task in range((len(kernel) - HEAD) // STRIDE):
+        at = HEAD + STRIDE * task
+        if kernel[at + LOST]:
+            kernel[at + LOST] -= 1
+            return task
+    return NO_TASK
+
+
 @inlined
 def set_duty(kernel: Ints, duty_x: int, duty_y: int) -> None:
     """Set the duty [%] now, at the end of a job; the same one again changes nothing."""
@@ -282,6 +306,12 @@ class Job(NamedTuple):
     preempted: int = 0
     is_lost: bool = False
 
+    @classmethod
+    def of(cls, tasks: Sequence[TaskTiming], numbers: JobNumbers) -> Job:
+        """Return the job that numbers stand for."""
+        task, release, start, end, preempted, is_lost = numbers
+        return cls(tasks[task].name, release, start, end, preempted, bool(is_lost))
+
 
 class OsekKernel:
     """A kernel with its tasks.
@@ -316,7 +346,6 @@ class OsekKernel:
             offset = offsets[number] if offsets else 0
             set_task(self.state, number, task.priority, task.period_ms, offset)
         start_kernel(self.state, start_us, sends)
-        self._lost = [0] * len(self.tasks)
 
     def next_event(self, until_us: int) -> int:
         """Let time pass; see :func:`next_event`."""
@@ -334,32 +363,20 @@ class OsekKernel:
     def restore_state(self, state: Sequence[int]) -> None:
         """Continue from a state of a kernel with the same tasks."""
         self.state = list(state)
-        self._lost = [self.state[HEAD + STRIDE * each + LOST] for each in range(len(self.tasks))]
 
     def ended(self, task: int) -> Job:
         """Return the job of a task that has just ended."""
-        at = HEAD + STRIDE * task
-        start, end = self.state[at + START], self.state[NOW]
-        return Job(
-            self.tasks[task].name,
-            self.state[at + RELEASE],
-            start,
-            end,
-            end - start - self.state[at + TIME],
-        )
+        return Job.of(self.tasks, ended_job(self.state, task))
 
     def newly_lost(self, now_us: int) -> list[Job]:
         """Return the jobs whose alarms were lost since the last call, as of a time."""
         jobs = []
-        for number, task in enumerate(self.tasks):
-            lost = self.state[HEAD + STRIDE * number + LOST]
-            job = Job(task.name, now_us, now_us, now_us, is_lost=True)
-            jobs += [job] * (lost - self._lost[number])
-            self._lost[number] = lost
+        while (task := next_lost(self.state)) >= 0:
+            jobs.append(Job.of(self.tasks, (task, now_us, now_us, now_us, 0, 1)))
         return jobs
 
     def copy(self) -> OsekKernel:
         """Return a kernel in the same state, which goes on by itself."""
         twin = copy(self)
-        twin.state, twin._lost = list(self.state), list(self._lost)
+        twin.state = list(self.state)
         return twin
