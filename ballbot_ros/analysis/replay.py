@@ -60,6 +60,7 @@ from ballbot_ros.recording.messages.topics import (
     ACCEPTED_PUSH,
     BATTERY_STATE,
     BLUETOOTH_TX,
+    BRICK_TASKS,
     CLOCK,
     CONTROLLER_STATE,
     GAMEPAD_JOY,
@@ -285,6 +286,7 @@ class _EpochInputs:
 
 CONTROLLER_TOPICS = (
     PARAMETER_EVENTS, MOTOR_DUTY, CONTROLLER_STATE, OPERATING_STATE, BLUETOOTH_TX, SOUND, LCD,
+    BRICK_TASKS,
 )  # fmt: skip
 ALL_TOPICS = (
     MAP, ACCEPTED_PUSH, CLOCK, PLANT_IMU, PLANT_JOINT_STATES, PLANT_ODOM, BATTERY_STATE, WALL_HIT,
@@ -301,7 +303,7 @@ class ReplayedTick(NamedTuple):
     outputs: DeviceOutputs
 
 
-EVENTS = (WALL_HIT, OPERATING_STATE, BLUETOOTH_TX, LCD)
+EVENTS = (WALL_HIT, OPERATING_STATE, BLUETOOTH_TX, LCD, BRICK_TASKS)
 """Topics without stamps: only the order of their messages shows which run they belong to."""
 
 STAMPED_TOPICS = [topic for topic in ALL_TOPICS if topic not in EVENTS]

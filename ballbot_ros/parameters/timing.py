@@ -20,6 +20,9 @@ SLOW_PERIOD_NS = 20 * MILLISECOND_NS
 BATTERY_PERIOD_NS = 100 * MILLISECOND_NS
 """Period of the battery samples. A run begins at a multiple of it, with all tasks in phase."""
 
+TASKS_PERIOD_NS = 100 * MILLISECOND_NS
+"""Period of the messages of the brick's jobs."""
+
 FIRST_TICK_NS = SECOND_NS
 """Start of the first run; not 0, which means 'no time yet' to ROS."""
 

@@ -117,6 +117,7 @@ def replayed_by_both(recording, monkeypatch):
         ('hardware_forward_backward', ['plant_sim.duration=6', 'gyro_driver.delay=3']),
         ('remote_wall', ['plant_sim.on_wall_hit=stop']),
         ('push', ['plant_sim.duration=5', 'controller.implementation=pid']),
+        ('push', ['plant_sim.duration=4.03', 'plant_sim.kernel=true', 'plant_sim.link=true']),
     ],
 )
 def test_compiled_and_interpreted_replays_have_the_same_result(

@@ -41,7 +41,7 @@ COUNTS = {
     20: TICKS // 5,
     100: TICKS // 25,
 }
-UNSTAMPED = {'/operating_state', '/bluetooth/tx', '/lcd', '/wall_hit'}
+UNSTAMPED = {'/operating_state', '/bluetooth/tx', '/lcd', '/wall_hit', '/brick/tasks'}
 ONLY_IN_THE_GRAPH = {
     '/diagnostics', '/recorder/ack', '/participants', '/plant/roll_call', '/plant/run_status',
     '/rosout', '/parameter_events',
@@ -104,6 +104,7 @@ def nothing_is_missing(recording, processes):
                 assert found[name].message_count == count, (processes, name)
         for name in ('/plant/run', '/operating_state', '/lcd', '/sound', '/bluetooth/tx'):
             assert found[name].message_count > 0, (processes, name)
+        assert found['/brick/tasks'].message_count == TICKS // 25, processes
 
 
 def mcap_reads_it_and_its_checksums_hold(recording, processes):

@@ -54,6 +54,7 @@ def assert_same(one, other):
             assert mine == its, field.name
 
 
+TIMED = ('plant_sim.kernel=true', 'plant_sim.link=true', 'controller.bus_cycles=0')
 RUNS = (
     ('stationary', 'plant_sim.start_pitch_x=0.3'),
     ('stationary', 'plant_sim.duration=0.004'),
@@ -62,6 +63,8 @@ RUNS = (
     ('remote_wall', 'plant_sim.on_wall_hit=stop', 'controller.dst_thr=1'),
     ('push', 'controller.implementation=pid', 'plant_sim.duration=6'),
     ('hardware_autonomous', 'controller.implementation=drift_filter', 'plant_sim.duration=8'),
+    ('push', *TIMED, 'controller.control_instructions=76000', 'controller.kernel_defect=true'),
+    ('push', *TIMED, 'controller.implementation=pid', 'plant_sim.duration=3.03'),
 )
 
 

@@ -42,6 +42,7 @@ from ballbot_ros.recording.messages.topics import (
     Topic,
 )
 from ballbot_ros.robot.brick.brick import NO_SAMPLE, NUMBERS_OF, Inputs, from_numbers
+from ballbot_ros.robot.brick.kernel import Job
 from ballbot_ros.robot.plant.ground_truth import GroundTruth
 
 SendAll = Callable[[Stamps, Messages], None]
@@ -144,3 +145,7 @@ class RunColumns:
         x = PlaneValues(*states.x, *states.estimates_x)
         y = PlaneValues(*states.y, *states.estimates_y)
         self._send(CONTROLLER_STATE, stamps, encode_controller_states(stamps, x, y))
+        if self._tasks.is_timed:
+            for now_ns, rows in zip(stamps.tolist(), columns.jobs.tolist(), strict=True):
+                jobs = [Job.of(program.tasks, numbers) for numbers in rows if any(numbers)]
+                self._controller.jobs(now_ns, jobs, program)

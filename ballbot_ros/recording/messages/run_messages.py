@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from operator import attrgetter
 
 from ballbot_ros.controllers.interface import OperatingState, Program
 from ballbot_ros.engine.closed_loop import Tick
 from ballbot_ros.parameters import ParameterSet, PlantParameters, Value
-from ballbot_ros.parameters.timing import BATTERY_PERIOD_NS, SLOW_PERIOD_NS, TICK_NS
+from ballbot_ros.parameters.timing import (
+    BATTERY_PERIOD_NS,
+    SLOW_PERIOD_NS,
+    TASKS_PERIOD_NS,
+    TICK_NS,
+)
 from ballbot_ros.recording.messages.conversions import (
     encode_accepted_push,
     encode_battery,
@@ -28,11 +33,13 @@ from ballbot_ros.recording.messages.conversions import (
     encode_wall_hit,
 )
 from ballbot_ros.recording.messages.devices import DEVICE_MESSAGES, encode_steps
+from ballbot_ros.recording.messages.jobs import encode_jobs
 from ballbot_ros.recording.messages.run_reports import encode_parameter_event
 from ballbot_ros.recording.messages.topics import (
     ACCEPTED_PUSH,
     BATTERY_STATE,
     BLUETOOTH_TX,
+    BRICK_TASKS,
     CLOCK,
     CONTROLLER_STATE,
     GAMEPAD_JOY,
@@ -53,6 +60,7 @@ from ballbot_ros.recording.messages.topics import (
     Topic,
 )
 from ballbot_ros.robot.brick.brick import DeviceInputs, DeviceOutputs
+from ballbot_ros.robot.brick.kernel import Job
 from ballbot_ros.robot.plant.ground_truth import GroundTruth, Push
 from ballbot_ros.robot.world.floor_map import occupancy_grid
 from ballbot_ros.robot.world.world import World
@@ -73,18 +81,21 @@ class ControllerMessages:
     def __init__(self, make: MakeSend) -> None:
         self.operating_state = ''
         self._duty = self._state = b''
+        self._jobs: list[Job] = []
         self._send_duty = make(MOTOR_DUTY)
         self._send_state = make(CONTROLLER_STATE)
         self._send_operating_state = make(OPERATING_STATE)
         self._send_log = make(BLUETOOTH_TX)
         self._send_sound = make(SOUND)
         self._send_lcd = make(LCD)
+        self._send_jobs = make(BRICK_TASKS)
         self._send_event = make(PARAMETER_EVENTS)
 
     def tick(self, now_ns: int, outputs: DeviceOutputs, program: Program) -> None:
         """Send the results of a tick at `now_ns` [ns]."""
         # Messages without a stamp go first, so that no reader sees them after the next tick.
         self.events(now_ns, outputs, program.operating_state)
+        self.jobs(now_ns, outputs.jobs, program)
         self._duty = encode_duty(now_ns, outputs.duty, outputs.delay_ns)
         self._state = encode_controller_state(now_ns, program.x, program.y)
         self.resend(now_ns)
@@ -101,6 +112,14 @@ class ControllerMessages:
         for page in outputs.pages:
             self._send_lcd(now_ns, encode_text(page))
 
+    def jobs(self, now_ns: int, jobs: Sequence[Job], program: Program) -> None:
+        """Add the jobs of a tick; send all with the one that ends at a multiple of their period."""
+        self._jobs += jobs
+        if self._jobs and (now_ns + TICK_NS) % TASKS_PERIOD_NS == 0:
+            names = [task.name for task in program.tasks]
+            self._send_jobs(now_ns, encode_jobs(self._jobs, names))
+            self._jobs = []
+
     def retuned(self, now_ns: int, values: Mapping[str, Value]) -> None:
         """Send that parameters have other values from the tick at `now_ns` [ns] on."""
         self._send_event(now_ns, encode_parameter_event(now_ns, values))
@@ -108,6 +127,7 @@ class ControllerMessages:
     def begin(self) -> None:
         """Begin a run: its first operating state counts as a change."""
         self.operating_state = ''
+        self._jobs = []
 
     def resend(self, stamp_ns: int) -> None:
         """Send the periodic messages of the newest tick, which have the stamp `stamp_ns`."""

@@ -138,6 +138,7 @@ PARAMETER_EVENTS = Topic(
 BLUETOOTH_TX = Topic('bluetooth/tx', 'std_msgs/msg/UInt8MultiArray', CONTROLLER, has_history=True)
 SOUND = Topic('sound', 'geometry_msgs/msg/Vector3Stamped', CONTROLLER, has_history=True)
 LCD = Topic('lcd', 'std_msgs/msg/String', CONTROLLER, latched_depth=1, has_history=True)
+BRICK_TASKS = Topic('brick/tasks', 'std_msgs/msg/Int64MultiArray', CONTROLLER, has_history=True)
 RECORDER_ACK = Topic('recorder/ack', 'std_msgs/msg/Header', RECORDER)
 DIAGNOSTICS = Topic('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', None)
 ROBOT_DESCRIPTION = Topic('robot_description', 'std_msgs/msg/String', VISUALIZER, latched_depth=1)
@@ -153,7 +154,8 @@ TOPICS = (
     CLOCK, BATTERY_STATE, PLANT_IMU, PLANT_JOINT_STATES, PLANT_ODOM, *UNRECORDED, WALL_HIT,
     PUSH, ACCEPTED_PUSH,
     GYRO_IMU, JOINT_STATES, SONAR_RANGE, GAMEPAD_JOY,
-    OPERATING_STATE, BLUETOOTH_TX, SOUND, LCD, MOTOR_DUTY, CONTROLLER_STATE, PARAMETER_EVENTS,
+    OPERATING_STATE, BLUETOOTH_TX, SOUND, LCD, BRICK_TASKS, MOTOR_DUTY, CONTROLLER_STATE,
+    PARAMETER_EVENTS,
     RECORDER_ACK, PARTICIPANTS, DIAGNOSTICS,
 )  # fmt: skip
 """The topics that the graph itself publishes, in the order of a tick. The recorder
