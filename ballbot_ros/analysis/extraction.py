@@ -39,12 +39,14 @@ from ballbot_ros.recording.messages.conversions import (
     pitches,
     sound_tone,
 )
+from ballbot_ros.recording.messages.jobs import Jobs, jobs_in
 from ballbot_ros.recording.messages.message_types import DiagnosticStatus, OccupancyGridMessage
 from ballbot_ros.recording.messages.raw import Messages, Stamps, decoder
 from ballbot_ros.recording.messages.run_reports import decode_parameter_event
 from ballbot_ros.recording.messages.topics import (
     ACCEPTED_PUSH,
     BATTERY_STATE,
+    BRICK_TASKS,
     CONTROLLER_STATE,
     DIAGNOSTICS,
     GAMEPAD_JOY,
@@ -73,7 +75,7 @@ from ballbot_ros.robot.brick.brick import Tone
 
 _EVENTS = (
     OPERATING_STATE, RUN_STATUS, PARTICIPANTS, DIAGNOSTICS, LCD, SOUND, MAP, PARAMETER_EVENTS,
-    ACCEPTED_PUSH, WALL_HIT,
+    ACCEPTED_PUSH, WALL_HIT, BRICK_TASKS,
 )  # fmt: skip
 _OTHER_CLOCK_MS = 3.6e6
 _MISSING = 'Topic {} not found; figures, metrics and columns that need it are missing.'
@@ -238,6 +240,7 @@ class Extraction:
     statuses: list[tuple[int, int, Status]] = field(default_factory=list)
     pages: list[tuple[int, int, str]] = field(default_factory=list)
     tones: list[tuple[int, int, Tone]] = field(default_factory=list)
+    jobs: list[tuple[int, int, Jobs]] = field(default_factory=list)
     retunings: list[tuple[int, int, Mapping[str, Value]]] = field(default_factory=list)
     maps: list[tuple[int, int, OccupancyGridMessage]] = field(default_factory=list)
     wall_hits: list[tuple[int, int, bool]] = field(default_factory=list)
@@ -259,6 +262,8 @@ class Extraction:
             self.wall_hits.append((epoch, log_ns, message.data))
         elif topic is SOUND:
             self.tones.append((epoch, log_ns, sound_tone(message)))
+        elif topic is BRICK_TASKS:
+            self.jobs.append((epoch, log_ns, jobs_in(message)))
         elif topic is MAP:
             self.maps.append((epoch, log_ns, message))
 

@@ -224,6 +224,8 @@ class Divergence:
         Sim time of the first difference [ns].
     largest : tuple of int
         Largest absolute difference of planes x and y [%].
+    jobs : MessageDifference or None
+        The first difference of the brick's jobs, if they were recorded.
     """
 
     def __init__(self) -> None:
@@ -231,6 +233,7 @@ class Divergence:
         self.differing = 0
         self.first_ns: int | None = None
         self.largest = (0, 0)
+        self.jobs: MessageDifference | None = None
         self._squares = (0, 0)
 
     def add(self, stamp_ns: int, one: tuple[int, int], other: tuple[int, int]) -> None:

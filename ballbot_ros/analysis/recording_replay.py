@@ -52,7 +52,7 @@ from ballbot_ros.parameters import (
 from ballbot_ros.parameters.files import assign, read_parameter_file
 from ballbot_ros.parameters.timing import SECOND_NS, TICK_NS, TICK_S
 from ballbot_ros.recording.messages.devices import DEVICE_MESSAGES, INPUT_READERS
-from ballbot_ros.recording.messages.topics import PARTICIPANTS, Topic
+from ballbot_ros.recording.messages.topics import BRICK_TASKS, PARTICIPANTS, Topic
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.rosbag2 import CONTROLLER_INFO, PARAMETERS
 from ballbot_ros.robot.world.floor_map import is_file_name
@@ -297,7 +297,7 @@ class RecordingReplay:
         )
 
     def replay_with(self, assignments: Sequence[str], update: ReportTime) -> list[Divergence]:
-        """Compare the duties of another controller with the recorded ones, run by run.
+        """Compare duties and jobs of another controller with the recorded ones, run by run.
 
         Parameters
         ----------
@@ -332,13 +332,17 @@ class RecordingReplay:
         done = 0.0
         divergences = []
         for job in self._jobs:
-            divergence = Divergence()
-            for tick in self._controller_ticks(job):
+            divergence, comparator = Divergence(), self._comparator([BRICK_TASKS])
+            for tick in self._controller_ticks(job, comparator):
                 if tick.stamp_ns in job.inputs.duties:
                     duty = job.inputs.duties[tick.stamp_ns]
                     divergence.add(tick.stamp_ns, duty, tick.outputs.duty)
                 done += TICK_S
                 update(done)
+            for epoch, topic, raw in self._recording.messages([BRICK_TASKS]):
+                if job.inputs.run.has(epoch, raw.stamp_ns) and raw.stamp_ns <= job.inputs.last_ns:
+                    comparator.add_recorded(topic, raw.stamp_ns, raw.data, epoch)
+            divergence.jobs = comparator.first_difference(complete=False)
             divergences.append(divergence)
         return divergences
 

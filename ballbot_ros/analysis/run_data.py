@@ -41,6 +41,7 @@ from ballbot_ros.parameters import (
 from ballbot_ros.parameters.timing import SECOND_NS, TICK_NS, TICK_S
 from ballbot_ros.process import ProgressCallback
 from ballbot_ros.recording.messages.conversions import map_grid
+from ballbot_ros.recording.messages.jobs import Jobs
 from ballbot_ros.recording.messages.topics import (
     GAMEPAD_JOY,
     MOTOR_DUTY,
@@ -115,6 +116,8 @@ class RunData:
         The display: time [s] and text.
     tones : tuple of tuple
         Time [s] and tone.
+    jobs : Jobs or None
+        Those of the brick's tasks; None if the tasks took no time.
     parameter_changes : tuple of ParameterChange
         Changes of the controller's parameters during the run.
     topic_statistics : tuple of TopicStatistics
@@ -155,6 +158,7 @@ class RunData:
     failure: str = ''
     pushes: tuple[RecordedPush, ...] = ()
     wall_hits: tuple[Interval, ...] = ()
+    jobs: Jobs | None = None
 
     @property
     def name(self) -> str:
@@ -281,6 +285,7 @@ def run_data(
     series = _series(extraction, run)
     if not series:
         raise RecordingError(f'{path}: run {number} of {len(runs)} has no ticks')
+    jobs = [part for _, part in _events(extraction.jobs, run)]
     plant = attached.parameters.of(PlantParameters)
     has_map = bool(plant.map) or not extraction.announced.has_parameters(run.name)
     trajectory, missing = _trajectory(series, run.start_ns, plant.lockstep)
@@ -322,6 +327,7 @@ def run_data(
         failure=failure,
         pushes=_pushes(extraction, run, last, attached.scenario),
         wall_hits=_wall_hits(extraction, run, last),
+        jobs=Jobs.joined(jobs) if jobs else None,
     )
 
 

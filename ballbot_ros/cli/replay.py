@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from ballbot_ros.analysis.message_comparison import Divergence
+from ballbot_ros.analysis.message_comparison import Divergence, MessageDifference
 from ballbot_ros.analysis.recorded_controller import NOT_PORTABLE, ReplayedController
 from ballbot_ros.analysis.recording_replay import RecordingReplay, ReplayResult
 from ballbot_ros.analysis.replay import ReplayedTick
@@ -34,7 +34,7 @@ def replay_recording(
     """Replay every run of a recording, print the result, return the exit status.
 
     The control program is `controller`, or else the recorded one. With `assignments`, it runs with
-    these parameters on the recorded inputs, and only its duties are compared.
+    these parameters on the recorded inputs, and only its duties and jobs are compared.
     """
     with RecordingReader(path) as reader, temporary_folder() as scratch:
         replay = RecordingReplay(
@@ -127,19 +127,21 @@ def _plain_controller(controller: ReplayedController) -> dict[str, object]:
 
 
 def _plain(result: ReplayResult) -> dict[str, object]:
-    difference = result.difference
     return {
         'what': result.subject,
         'engine': result.engine.value,
-        'identical': difference is None,
+        'identical': result.difference is None,
         'ticks': result.ticks,
         'messages': result.messages,
-        'first_difference': difference
-        and {
-            'sim_time_s': difference.stamp_ns * 1e-9,
-            'topic': difference.topic,
-            'what': difference.what,
-        },
+        'first_difference': _plain_difference(result.difference),
+    }
+
+
+def _plain_difference(difference: MessageDifference | None) -> dict[str, object] | None:
+    return difference and {
+        'sim_time_s': difference.stamp_ns * 1e-9,
+        'topic': difference.topic,
+        'what': difference.what,
     }
 
 
@@ -149,6 +151,9 @@ def _print_divergences(
     console = Console(highlight=False, markup=False)
     _print_controllers(console, controllers)
     for number, each in enumerate(divergences, 1):
+        if jobs := each.jobs:
+            where = f'sim time {jobs.stamp_ns * 1e-9:.3f} s, /{jobs.topic}: {jobs.what}'
+            console.print(f'run {number}: jobs differ, first at {where}', soft_wrap=True)
         if each.first_ns is None:
             console.print(f'run {number}: the same duties, {each.ticks} ticks')
             continue
@@ -171,6 +176,7 @@ def _print_divergences_json(
             'first_sim_time_s': None if each.first_ns is None else each.first_ns * 1e-9,
             'rms_percent': each.rms,
             'largest_percent': each.largest,
+            'first_different_jobs': _plain_difference(each.jobs),
             'implementation': _plain_controller(controller),
         }
         for number, (each, controller) in enumerate(zip(divergences, controllers, strict=True), 1)
@@ -214,7 +220,7 @@ def command(
     parameters, seed, sticks and pushes. Every message is compared.
 
     Exit status: 0 if all are identical, 1 if one differs, 2 if there is nothing to replay. With
-    --set only the controller's duties are compared, and the status is 0.
+    --set only the controller's duties and jobs are compared, and the status is 0.
     """
     return replay_recording(
         recording,

@@ -109,10 +109,14 @@ class ColumnHints:
         Column names by field path, such as ``vector_x``.
     extra : mapping of str to ComputedColumn
         Additional columns by name.
+    rows : callable or None
+        Returns the rows of a message that has several, each as a message; ValueError if it is
+        malformed. A joined table leaves the topic out.
     """
 
     names: Mapping[str, str] = field(default_factory=dict)
     extra: Mapping[str, ComputedColumn] = field(default_factory=dict)
+    rows: Callable[[Any], Iterable[Any]] | None = None
 
 
 @dataclass

@@ -68,7 +68,7 @@ class Exporter:
     files: list[Path] = field(default_factory=list)
 
     def write_topics(self) -> None:
-        """Write a table for each topic with messages, one row per message.
+        """Write a table for each topic with messages, one row per message or as its hints say.
 
         Raises
         ------
@@ -78,9 +78,9 @@ class Exporter:
         """
         tables: dict[str, tuple[TopicColumns, Table]] = {}
         with self._writing(), ExitStack() as stack:
-            for topic, stamp_ns, message in self._messages():
+            for topic, stamp_ns, message in self._rows():
                 if topic not in tables:
-                    columns = self._columns(topic, message)
+                    columns = TopicColumns(message, self._hints(topic))
                     named = [(column.name, column.kind) for column in columns.columns]
                     named.insert(0, ('time_s', float))
                     table = self._table(_file_name(topic), named, len(self.topics))
@@ -100,7 +100,8 @@ class Exporter:
         RecordingError
             As `write_topics`, and if the messages are not ordered in time.
         """
-        columns = self._first_columns()
+        topics = [topic for topic in self.topics if not self._hints(topic).rows]
+        columns = self._first_columns(topics)
         if not columns:
             return
         for topic, each in columns.items():
@@ -120,7 +121,7 @@ class Exporter:
             stack.callback(table.close)
             lateness = LATENESS_S * _SECOND_NS // period_ns
             longest = MAX_GAP_S * _SECOND_NS // period_ns
-            for topic, stamp_ns, message in self._messages():
+            for topic, stamp_ns, message in self._messages(topics):
                 row = self._row(topic, stamp_ns, columns[topic], message)
                 tick = -(-stamp_ns // period_ns)
                 if not grid.put(tick, topic, row, longest):
@@ -148,27 +149,37 @@ class Exporter:
                 raise RecordingError(f'{self.folder}: {error.strerror}') from None
             raise
 
-    def _messages(self) -> Iterator[tuple[str, int, object]]:
-        for done, found in enumerate(self.reader.messages(self.topics), 1):
+    def _messages(self, topics: Sequence[str]) -> Iterator[tuple[str, int, object]]:
+        for done, found in enumerate(self.reader.messages(topics), 1):
             yield found
             self.progress(done, self.reader.count)
 
-    def _columns(self, topic: str, message: object) -> TopicColumns:
-        type_name = self.reader.topics()[topic].type_name
-        return TopicColumns(message, self.hints.get((topic, type_name), ColumnHints()))
+    def _rows(self) -> Iterator[tuple[str, int, object]]:
+        rows = {each: self._hints(each).rows or (lambda one: (one,)) for each in self.topics}
+        for topic, stamp_ns, message in self._messages(self.topics):
+            try:
+                parts = rows[topic](message)
+            except ValueError as error:
+                raise self._unlike(topic, stamp_ns, error) from None
+            for part in parts:
+                yield topic, stamp_ns, part
 
-    def _first_columns(self) -> dict[str, TopicColumns]:
+    def _hints(self, topic: str) -> ColumnHints:
+        type_name = self.reader.topics()[topic].type_name
+        return self.hints.get((topic, type_name), ColumnHints())
+
+    def _first_columns(self, topics: Sequence[str]) -> dict[str, TopicColumns]:
         """Return the columns of each topic with messages."""
-        missing = {topic for topic in self.topics if self.reader.topics()[topic].message_count > 0}
+        missing = {topic for topic in topics if self.reader.topics()[topic].message_count > 0}
         columns: dict[str, TopicColumns] = {}
         while missing:
             found = next(self.reader.messages(sorted(missing)), None)
             if found is None:
                 break
             topic, _, message = found
-            columns[topic] = self._columns(topic, message)
+            columns[topic] = TopicColumns(message, self._hints(topic))
             missing.discard(topic)
-        return {topic: columns[topic] for topic in self.topics if topic in columns}
+        return {topic: columns[topic] for topic in topics if topic in columns}
 
     def _row(
         self, topic: str, stamp_ns: int, columns: TopicColumns, message: object
@@ -176,9 +187,12 @@ class Exporter:
         try:
             return columns.row(message)
         except RecordingError as error:
-            raise RecordingError(
-                f'{self.reader.path}: {topic} at {stamp_ns / _SECOND_NS:.3f} s: {error}'
-            ) from None
+            raise self._unlike(topic, stamp_ns, error) from None
+
+    def _unlike(self, topic: str, stamp_ns: int, error: Exception) -> RecordingError:
+        return RecordingError(
+            f'{self.reader.path}: {topic} at {stamp_ns / _SECOND_NS:.3f} s: {error}'
+        )
 
     def _table(self, name: str, columns: Sequence[tuple[str, type]], tables: int = 1) -> Table:
         taken = {path.stem for path in self.files}

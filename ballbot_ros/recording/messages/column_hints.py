@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import make_dataclass
 from typing import Any
 
 import numpy as np
 
 from ballbot_ros.recording.columns import ColumnHints, ComputedColumn
 from ballbot_ros.recording.messages.conversions import pitch_angles
+from ballbot_ros.recording.messages.jobs import COLUMNS, jobs_in
 from ballbot_ros.recording.messages.topics import (
+    BRICK_TASKS,
     CONTROLLER_STATE,
     GAMEPAD_JOY,
     GYRO_IMU,
@@ -43,6 +46,15 @@ def _percent(source: str) -> ComputedColumn:
 def _pitch(plane: int) -> ComputedColumn:
     pitch: Callable[..., Any] = np.frompyfunc(lambda *q: pitch_angles(*q)[plane], 4, 1)
     return ComputedColumn(tuple(f'orientation_{part}' for part in 'wxyz'), pitch)
+
+
+_JobRow = make_dataclass('_JobRow', COLUMNS, namespace={'__msgtype__': 'Job'})
+
+
+def _job_rows(message: object) -> list[Any]:
+    names, *columns = jobs_in(message)
+    rows = zip(*(column.tolist() for column in columns), strict=True)
+    return [_JobRow(names[task], *others) for task, *others in rows]
 
 
 _HINTS: Mapping[Topic, ColumnHints] = {
@@ -84,6 +96,7 @@ _HINTS: Mapping[Topic, ColumnHints] = {
     ODOM: ColumnHints(
         names={f'pose_pose_position_{axis}_m': f'odom_{axis}_m' for axis in 'xyz'},
     ),
+    BRICK_TASKS: ColumnHints(rows=_job_rows),
     MOTOR_DUTY: ColumnHints(names={'vector_x': 'x_percent', 'vector_y': 'y_percent'}),
     SOUND: ColumnHints(
         names={'vector_x': 'tone_Hz', 'vector_y': 'duration_ms', 'vector_z': 'volume_percent'}
