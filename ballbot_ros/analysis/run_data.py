@@ -381,7 +381,7 @@ def _trajectory(
         if MOTOR_DUTY not in sources:
             indices = np.searchsorted(duty.stamps, stamps, side='right') - 1
             held = duty.stamps[indices.clip(min=0)]
-        duties = duty.at(held)
+        duties = duty.at(held)[:, :2]
     missing = 0
     if len(stamps):
         missing = int((stamps[-1] - start) // TICK_NS + 1 - len(stamps))

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ballbot_ros.controllers.document.program import ControlProgram
+from ballbot_ros.engine.brick_tasks import BrickTasks
 from ballbot_ros.engine.closed_loop import ClosedLoop
 from ballbot_ros.engine.golden import load_golden
 from ballbot_ros.engine.plant import SavedPlant
@@ -86,6 +87,7 @@ class Mark(NamedTuple):
     ticks: int
     plant: SavedPlant
     program: ControlProgram
+    tasks: BrickTasks
     gain: float
 
 
@@ -130,8 +132,11 @@ class Session:
     def _mark(self) -> None:
         # Where the run went back to, the mark is from before all that has been changed there.
         if not self._marks or self._marks[-1].ticks < self._ticks:
-            program = self._loop.program.copy()
-            self._marks.append(Mark(self._ticks, self._loop.plant.save_state(), program, self.gain))
+            loop = self._loop
+            program, tasks = loop.program.copy(), loop.tasks.copy()
+            self._marks.append(
+                Mark(self._ticks, loop.plant.save_state(), program, tasks, self.gain)
+            )
 
     def go_back(self, time: float) -> float:
         """Go back to the last mark up to a time [s], or to the first one; return its time."""
@@ -141,7 +146,7 @@ class Session:
         mark = self._marks[-1]
         self._ticks, self.gain = mark.ticks, mark.gain
         self._loop.plant.restore_state(mark.plant)
-        self._loop.program = mark.program.copy()
+        self._loop.program, self._loop.tasks = mark.program.copy(), mark.tasks.copy()
         return mark.ticks * TICK_NS / SECOND_NS
 
     def hold(self, forward: float, rightward: float) -> None:

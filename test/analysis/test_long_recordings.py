@@ -17,7 +17,7 @@ from ballbot_ros.recording.reader import RecordingReader
 
 TICKS = 100_000
 
-KEPT = 145
+KEPT = 150
 """Bytes that a tick may occupy: with the 900 000 ticks of an hour, a report may take 300 MB."""
 
 ON_THE_WAY = 64

@@ -5,7 +5,7 @@ from click.testing import CliRunner
 
 from benchmark import redesign, tune
 
-ROWS = {'speed': 3, 'drive': 5, 'track': 8, 'reference_filter': 2, 'stand': 1, 'redesign': 2}
+ROWS = {'speed': 3, 'drive': 5, 'track': 8, 'gains': 2, 'stand': 1, 'redesign': 2}
 
 
 @pytest.mark.parametrize('name', tune.EXPERIMENTS)

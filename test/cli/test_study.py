@@ -88,7 +88,7 @@ def test_the_shipped_studies_are_listed(command):
     status, text, _ = command('study')
     assert status == 0
     assert [line.split()[0] for line in text.splitlines()] == [
-        'basin', 'delay_and_gain', 'robustness', 'sensitivity',
+        'basin', 'clock', 'delay_and_gain', 'link_phase', 'robustness', 'sensitivity',
     ]  # fmt: skip
 
 
@@ -129,6 +129,8 @@ def test_the_files_of_a_run_again_are_the_run(command, results, tmp_path):
         (('study', 'unheard_of'), "unknown study 'unheard_of'; shipped: basin"),
         (('study', 'absent.yaml'), 'absent.yaml: No such file'),
         (('study', 'robustness', '--runs', 0), '0 is not in the range'),
+        (('study', 'clock', '--controller', 'lqgg'), "no controller 'lqgg' (did you mean lqg?)"),
+        (('study', 'clock', '--params', 'absent.yaml'), 'absent.yaml: No such file'),
         (('study', 'rerun', 'absent', 3), 'absent'),
         (('study', 'rerun', '{results}'), 'choose the run by its NUMBER'),
         (('study', 'rerun', '{results}', 3, '--failed'), 'choose the run by its NUMBER'),

@@ -86,7 +86,7 @@ def test_a_push_is_one_in_plane_signs():
 
 
 def test_more_gain_rings_and_less_lets_it_fall():
-    run = session.Session('hardware_standing')
+    run = session.Session('stationary')
     run.advance(500)
     run.scale_gain(1.4)
     duties = [row[DUTY_X] for row in table(run.advance(750))][-250:]

@@ -55,6 +55,23 @@ def read(tmp_path_factory):
     return read_text
 
 
+def test_controller_and_parameters_can_be_other_ones(read, tmp_path):
+    text = (
+        'purpose: p\nscenario: push\nruns: 9\ncontroller: pid\n'
+        'parameters: {plant_sim: {backlash: 0.1}}\n'
+    )
+    path = tmp_path / 'other.yaml'
+    path.write_text('/**/plant_sim:\n  ros__parameters: {backlash: 0.2, dead_zone: 3.0}\n')
+    for options, controller, plant in (
+        ({}, 'pid', (0.1, 0.0)),
+        ({'controller': 'lqg'}, 'lqg', (0.1, 0.0)),
+        ({'parameter_file': path}, 'pid', (0.2, 3.0)),
+    ):
+        spec = read(text, **options).spec
+        assert spec.parameters.of(ControllerParameters).implementation == controller
+        assert (spec.plant.backlash, spec.plant.dead_zone) == plant
+
+
 def test_a_study_has_everything_that_its_file_says(read):
     study = read(FULL)
     assert (study.name, study.purpose, study.text) == ('mine', 'everything at once', FULL)
@@ -341,7 +358,7 @@ def test_mistakes_are_reported_in_one_line_with_file_and_line(read):
 
 
 def test_the_error_for_an_unknown_study_lists_the_shipped_ones():
-    assert 'shipped: basin, delay_and_gain' in refusal(StudyError, read_study, 'nothing')
+    assert 'shipped: basin, clock, delay_and_gain' in refusal(StudyError, read_study, 'nothing')
     assert 'No such file' in refusal(BallbotError, read_study, './none.yaml')
 
 

@@ -17,7 +17,9 @@ RUNS = 24
 
 
 def test_the_studies_are_shipped():
-    assert study_names() == ['basin', 'delay_and_gain', 'robustness', 'sensitivity']
+    assert study_names() == [
+        'basin', 'clock', 'delay_and_gain', 'link_phase', 'robustness', 'sensitivity',
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize('name', study_names())
