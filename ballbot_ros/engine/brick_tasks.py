@@ -12,7 +12,7 @@ from ballbot_ros.engine.devices import numbers_of, varied
 from ballbot_ros.parameters import ControllerParameters
 from ballbot_ros.parameters.timing import MILLISECOND_NS, TICK_NS
 from ballbot_ros.robot.brick.brick import DeviceInputs, DeviceOutputs
-from ballbot_ros.robot.brick.job_times import job_times, kernel_constants
+from ballbot_ros.robot.brick.job_times import is_timed, job_times, kernel_constants
 from ballbot_ros.robot.brick.kernel import (
     DUTY_X,
     DUTY_Y,
@@ -36,7 +36,7 @@ class BrickTasks:
 
     def __init__(self, parameters: ControllerParameters) -> None:
         self._parameters = parameters
-        self.is_timed = parameters.lockstep and (parameters.kernel or parameters.link)
+        self.is_timed = is_timed(parameters)
         self._kernel: OsekKernel | None = None
         self._duties: dict[int, tuple[int, int]] = {}
         self._newest_duty = 0, 0

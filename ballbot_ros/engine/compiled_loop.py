@@ -40,6 +40,7 @@ from ballbot_ros.engine.run import (
     FloorTables,
     Rings,
     RunLog,
+    new_log,
     new_robots,
     simulate_runs,
     tick_type,
@@ -246,9 +247,7 @@ class CompiledLoop:
         )
 
     def _advance(self, ticks: int, traced: int) -> tuple[RunLog, Rows]:
-        log = RunLog(
-            np.zeros((1, ticks, 2)), np.zeros((1, ticks, 2)), np.zeros((1, ticks, 2), np.int8)
-        )
+        log = new_log(1, ticks, is_timed=self._rings.kernel.size > 0)
         traces = np.zeros((1, traced), tick_type(self._robots.dtype['program']))
         before = int(self._robots['ticks'][0])
         self._run(*self._tables, self._rings, log, traces, self._robots, ticks)
@@ -285,11 +284,17 @@ def floor_of(world: World | None) -> FloorTables:
     return FloorTables(world.footprint.sides, world.footprint.walls_before)
 
 
+def are_timed(rows: RobotRows) -> bool:
+    """Return whether some robots have a kernel or a link."""
+    plants = rows[PlantParameters]
+    return bool((plants['kernel'] | plants['link']).any())
+
+
 def rings_of(rows: RobotRows, tasks: int) -> Rings:
     """Return the empty rings of robots whose programs have a number of tasks."""
     plants, gyros = rows[PlantParameters], rows[GyroParameters]
     delays = plants['actuator_delay'] + plants['actuator_delay_jitter']
-    is_timed = bool((plants['kernel'] | plants['link']).any())
+    is_timed = are_timed(rows)
     waiting = waiting_count(int(delays.max(initial=0)), is_timed)
     ages = [rows[each]['delay'] + rows[each]['delay_jitter'] for each in DEVICES]
     longest_link = longest_analog_steps(True, float(gyros['converter_period'].max(initial=0.0)))

@@ -8,6 +8,7 @@ the graph, too.
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -62,6 +63,15 @@ from ballbot_ros.engine.plant_tick import (
 )
 from ballbot_ros.engine.rows import Rows, row_functions, row_type
 from ballbot_ros.engine.scenario.scenario import signal_value
+from ballbot_ros.engine.scenario.task_timing import (
+    COUNT,
+    DUTY_AGE_US,
+    LOST,
+    RESPONSE_US,
+    SHARE,
+    duty_age,
+    processor_share,
+)
 from ballbot_ros.parameters.timing import (
     BATTERY_PERIOD_NS,
     FIRST_TICK_NS,
@@ -74,10 +84,11 @@ from ballbot_ros.parameters.timing import (
 )
 from ballbot_ros.robot.arithmetic import Floats, Ints, Reals
 from ballbot_ros.robot.brick.brick import NO_SAMPLE, UINT32_MASK, Inputs
-from ballbot_ros.robot.brick.job_times import JobTimes, job_times, kernel_constants
+from ballbot_ros.robot.brick.job_times import JobTimes, bus_share, job_times, kernel_constants
 from ballbot_ros.robot.brick.kernel import (
     DUTY_X,
     DUTY_Y,
+    NOT_YET,
     duty_effect,
     ended_job,
     is_bus_busy,
@@ -262,11 +273,21 @@ class RunLog(NamedTuple):
         Body pitch [rad].
     duty : ndarray of int8, shape (r, n, 2)
         Duty [%].
+    timing : ndarray of float64, shape (r, n, 4) or (r, 0, 4)
+        As in :class:`~ballbot_ros.engine.scenario.metrics.Motion`; NaN for some runs without it.
     """
 
     position: Any
     psi: Any
     duty: Any
+    timing: Any
+
+
+def new_log(runs: int, ticks: int, *, is_timed: bool) -> RunLog:
+    """Return an empty log; `is_timed` is whether jobs take time in any of the runs."""
+    timing = np.zeros((runs, ticks if is_timed else 0, COUNT))
+    duty = np.zeros((runs, ticks, 2), np.int8)
+    return RunLog(np.zeros((runs, ticks, 2)), np.zeros((runs, ticks, 2)), duty, timing)
 
 
 def new_robots(count: int, programs: Rows) -> Rows:
@@ -425,7 +446,8 @@ def simulate_runs(
             events.push_times[own].copy(), events.push_forces[own].copy(),
             events.vertical[own], events.horizontal[own],
             rings.effects_ns[run], rings.waiting_duties[run], rings.steps[run], rings.kernel[run],
-            log.position[run], log.psi[run], log.duty[run], traces[run], robots[run], most,
+            log.position[run], log.psi[run], log.duty[run], log.timing[run],
+            traces[run], robots[run], most,
         )  # fmt: skip
 
 
@@ -449,6 +471,7 @@ def simulate_run(
     positions: Floats,
     pitches: Floats,
     duties: NDArray[np.int8],
+    timing: Floats,
     trace: Rows,
     robot: Any,
     most: int,
@@ -474,6 +497,9 @@ def simulate_run(
         # All pushes are in their table again; the next tick removes those that have ended.
         robot.plant.pushes = pushes
         state = read_plant_state(robot.plant)
+    bus = bus_share(controller)
+    if not is_timed:
+        timing[:] = math.nan
     ticks = min(round(plant.duration * SECOND_NS) // TICK_NS - first, most)
     is_traced = len(trace) > 0
     done = vertical = horizontal = delay_ns = 0
@@ -490,6 +516,9 @@ def simulate_run(
         systick_ms = now_ns // MILLISECOND_NS & UINT32_MASK
         tasks, timers = due_tasks(timers, elapsed_ms)
         is_same_tick, jobs = False, 0
+        if is_timed:
+            before_x, before_y, jobs_us, lost = kernel[DUTY_X], kernel[DUTY_Y], 0, 0
+            response_us, duty_start_us = NOT_YET, 0
         while True:
             task = -1
             if is_timed:
@@ -499,10 +528,15 @@ def simulate_run(
                         break
                     tasks = 0
                 elif event % 2:
+                    job = ended_job(kernel, event // 2)
+                    _, release_us, start_us, end_us, preempted_us, _ = job
+                    jobs_us += end_us - start_us - preempted_us
                     if event // 2 == DUTY_TASK:
                         set_duty(kernel, brick.duty_x, brick.duty_y)
+                        response_us = max(response_us, end_us - release_us)
+                        duty_start_us = start_us
                     if is_traced:
-                        trace[done].jobs[jobs] = ended_job(kernel, event // 2)
+                        trace[done].jobs[jobs] = job
                         jobs += 1
                     continue
                 else:
@@ -528,7 +562,12 @@ def simulate_run(
                 if is_traced:
                     trace[done].jobs[jobs] = task, now_us, now_us, now_us, 0, 1
                     jobs += 1
-                task = next_lost(kernel)
+                lost, task = lost + 1, next_lost(kernel)
+            timing[done, RESPONSE_US], timing[done, LOST] = response_us, lost
+            timing[done, SHARE] = processor_share(bus, kernel_law.interrupt_us, jobs_us)
+            age_us = duty_age((now_ns + delay_ns) // 1000, duty_start_us)
+            is_new = duty_x != before_x or duty_y != before_y
+            timing[done, DUTY_AGE_US] = age_us if is_new else NOT_YET
         duties[done, 0], duties[done, 1] = duty_x, duty_y
         if is_traced:
             write_plant_state(trace[done].plant, state)

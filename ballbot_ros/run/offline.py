@@ -104,7 +104,7 @@ class _OfflineRun:
     def _begin(self) -> None:
         spec = self._spec
         self._loop = ClosedLoop(spec.parameters, spec.scenario, program=self._implementation.make())
-        self.log = TrajectoryLog()
+        self.log = TrajectoryLog(spec.parameters.of(ControllerParameters))
 
     @property
     def engine(self) -> Engine:
@@ -149,12 +149,12 @@ class _OfflineRun:
         if self._writer:
             self._writer.add_all(ticks, loop.program)
         stamps_ns = begun_ns + TICK_NS * np.arange(len(part.duty))
-        self.log.extend(stamps_ns, part.position, part.psi, part.duty)
+        self.log.extend(stamps_ns, part)
 
     def _tick(self) -> None:
         self._await_tick()
         tick = self._loop.tick()
-        self.log.add(tick.truth, *tick.outputs.duty)
+        self.log.add(tick.truth, *tick.outputs.duty, tick.outputs)
         if self._writer:
             self._writer.add(tick, self._loop.program)
 

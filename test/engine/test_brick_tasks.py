@@ -22,6 +22,7 @@ from ballbot_ros.engine.golden import duty_sha256
 from ballbot_ros.engine.rows import RobotRows
 from ballbot_ros.engine.scenario.reader import load_scenario, scenario_names
 from ballbot_ros.engine.scenario.scenario import Scenario
+from ballbot_ros.engine.trajectory import TrajectoryLog
 from ballbot_ros.files import share_directory
 from ballbot_ros.lab.studies.programs import check_loads
 from ballbot_ros.parameters import (
@@ -170,6 +171,10 @@ def test_laws_are_compiled_with_their_times():
         log = fast.advance(500)
         ticks = run_loop(loops[1], 2.0)
         assert log.duty.tolist() == [list(tick.outputs.duty) for tick in ticks]
+        ordinary = TrajectoryLog(parameters.of(ControllerParameters))
+        for tick in ticks:
+            ordinary.add(tick.truth, *tick.outputs.duty, tick.outputs)
+        assert log.timing.tobytes() == ordinary.trajectory().timing.tobytes()
         assert len({tick.outputs.duty for tick in ticks}) > 5
         is_lost = any(job.is_lost for job in jobs_of(ticks))
         assert is_lost == (tick_us > 3000.0)

@@ -18,12 +18,29 @@ from drawn_runs import drawn_run
 from ballbot_ros.controllers.document.program import INITIAL_STATE, TASK_NUMBERS
 from ballbot_ros.engine.closed_loop import ClosedLoop
 from ballbot_ros.engine.compilation import compiled_and_kept
-from ballbot_ros.engine.compiled_loop import CompiledLoop, events_of, floor_of, rings_of
+from ballbot_ros.engine.compiled_loop import (
+    CompiledLoop,
+    are_timed,
+    events_of,
+    floor_of,
+    rings_of,
+)
 from ballbot_ros.engine.golden import load_golden
 from ballbot_ros.engine.rows import RobotRows, program_rows, rows_of
-from ballbot_ros.engine.run import RunLog, new_robots, simulate_runs, tick_type
+from ballbot_ros.engine.run import new_log, new_robots, simulate_runs, tick_type
 from ballbot_ros.engine.scenario.reader import load_scenario, scenario_names
-from ballbot_ros.parameters import DEVICES, ControllerParameters, GyroParameters, PlantParameters
+from ballbot_ros.engine.scenario.scenario import Scenario
+from ballbot_ros.engine.scenario.task_timing import DUTY_AGE_US, LOST
+from ballbot_ros.engine.trajectory import TrajectoryLog
+from ballbot_ros.parameters import (
+    CONTROLLER,
+    DEVICES,
+    PLANT,
+    ControllerParameters,
+    GyroParameters,
+    ParameterSet,
+    PlantParameters,
+)
 from ballbot_ros.parameters.timing import SECOND_NS, TICK_NS
 from ballbot_ros.robot.world.world import World
 
@@ -37,7 +54,7 @@ def simulate(parameters, scenario, simulate_many=None):
     rows = RobotRows(parameters, {}, 1)
     plant = parameters.of(PlantParameters)
     ticks = round(plant.duration * SECOND_NS) // TICK_NS
-    log = RunLog(np.zeros((1, ticks, 2)), np.zeros((1, ticks, 2)), np.zeros((1, ticks, 2), np.int8))
+    log = new_log(1, ticks, is_timed=are_timed(rows))
     ends = new_robots(1, rows_of([INITIAL_STATE]))
     tables = [rows[cls] for cls in (PlantParameters, *DEVICES, ControllerParameters)]
     tables.append(program_rows(rows[ControllerParameters]))
@@ -52,18 +69,16 @@ def simulate(parameters, scenario, simulate_many=None):
 
 
 def assert_equal_runs(parameters, scenario, simulate_many=None):
-    """Compare each tick's motion and duties, and the final state, bit for bit."""
+    """Compare each tick's motion, duties and timing, and the final state, bit for bit."""
     log, end = simulate(parameters, scenario, simulate_many)
     loop = ClosedLoop(parameters, scenario)
-    ticks = list(loop.ticks(parameters.of(PlantParameters).duration))
-    assert end['ticks'] == len(ticks)
-    expected = (
-        np.array([each.truth.position for each in ticks]),
-        np.array([each.truth.psi for each in ticks]),
-        np.array([each.outputs.duty for each in ticks], np.int8),
-    )
-    for found, other in zip(log, expected, strict=True):
-        assert found[0, : len(ticks)].tobytes() == other.tobytes()
+    ordinary = TrajectoryLog(parameters.of(ControllerParameters))
+    for tick in loop.ticks(parameters.of(PlantParameters).duration):
+        ordinary.add(tick.truth, *tick.outputs.duty, tick.outputs)
+    assert end['ticks'] == ordinary.ticks
+    expected = ordinary.trajectory()
+    for name, found in log._asdict().items():
+        assert found[0, : ordinary.ticks].tobytes() == getattr(expected, name).tobytes(), name
     assert_equal_states(end['plant'], loop.plant.state)
     assert_equal_states(end['program'], loop.program.state)
 
@@ -101,7 +116,7 @@ def test_random_runs_over_the_bounds_of_all_parameters(part):
 def test_random_runs_move_fall_hit_walls_and_use_all_devices():
     """The comparison is worth something only if much happens in the runs."""
     seen = dict.fromkeys(
-        ('fallen', 'stopped', 'contact', 'moving', 'pushed', 'delayed', 'link', 'kernel'), 0
+        ('fallen', 'stopped', 'contact', 'moving', 'pushed', 'delayed', 'link', 'kernel', 'aged'), 0
     )
     for seed in range(200):
         parameters, scenario = drawn_run(seed)
@@ -111,6 +126,7 @@ def test_random_runs_move_fall_hit_walls_and_use_all_devices():
         seen['contact'] += end['plant']['in_contact']
         seen['moving'] += not end['plant']['is_fallen'] and bool(log.duty.any())
         seen['pushed'] += bool(scenario.pushes)
+        seen['aged'] += bool((log.timing[:, :, DUTY_AGE_US] > 0).any())
         seen['delayed'] += parameters.of(GyroParameters).delay > 0
         for name in ('link', 'kernel'):
             seen[name] += getattr(parameters.of(PlantParameters), name)
@@ -118,6 +134,24 @@ def test_random_runs_move_fall_hit_walls_and_use_all_devices():
     assert all(
         30 <= seen[name] <= 170 for name in ('fallen', 'moving', 'pushed', 'delayed', 'link')
     ), seen
+
+
+def test_jobs_that_are_late_and_lost():
+    lost = 0
+    for seed in range(12):
+        parameters = ParameterSet()
+        for name, value in {
+            'kernel': True, 'kernel_defect': seed % 3 == 0, 'link': seed % 2 == 0, 'seed': seed,
+            'control_instructions': 58_000 + 1000 * seed, 'time_variation': 0.5, 'time_start': 100,
+            'bus_cycles': 30.0 * (seed % 3),
+        }.items():  # fmt: skip
+            parameters.set(CONTROLLER, name, value)
+        for name, value in {'duration': 1.0, 'hold_time': 0.1, 'start_pitch_x': 0.02}.items():
+            parameters.set(PLANT, name, value)
+        assert_equal_runs(parameters, Scenario())
+        log, _ = simulate(parameters, Scenario())
+        lost += log.timing[:, :, LOST].any()
+    assert lost > 5
 
 
 @pytest.mark.parametrize('seed', [0, 1, 5, 14])

@@ -20,12 +20,13 @@ from ballbot_ros.engine.compilation import (
     CompilationError,
     compiled_and_kept,
 )
-from ballbot_ros.engine.compiled_loop import events_of, floor_of, rings_of
+from ballbot_ros.engine.compiled_loop import are_timed, events_of, floor_of, rings_of
 from ballbot_ros.engine.law_runs import FAULTS
 from ballbot_ros.engine.rows import Column, RobotRows, Rows, are_finite
-from ballbot_ros.engine.run import Events, RunLog, new_robots, tick_type
+from ballbot_ros.engine.run import Events, RunLog, new_log, new_robots, tick_type
 from ballbot_ros.engine.scenario.metrics import METRICS, wall_clearance_m
 from ballbot_ros.engine.scenario.scenario import Measure, Scenario
+from ballbot_ros.engine.scenario.task_timing import COUNT
 from ballbot_ros.engine.trajectory import TrajectoryLog
 from ballbot_ros.errors import ControllerError, StudyError, WorldError
 from ballbot_ros.lab.studies.columns import measure_runs
@@ -42,7 +43,7 @@ from ballbot_ros.run.tick_timer import TickTimer
 
 _LOG_BYTES = 2**20
 """Size of the log of the runs that are simulated together: it stays in the processor's cache."""
-_BYTES_A_TICK = 34
+_BYTES_A_TICK, _BYTES_OF_TIMING = 34, 8 * COUNT
 
 _PLACE = ('start_position_x', 'start_position_y', 'body_depth', 'body_width')
 
@@ -193,14 +194,15 @@ class OrdinarySimulator:
         parameters = with_values(self._spec.parameters, values)
         loaded = compose_controller(parameters)
         plant = parameters.of(PlantParameters)
-        implementation = implementation_for(parameters.of(ControllerParameters), loaded)
+        controller = parameters.of(ControllerParameters)
+        implementation = implementation_for(controller, loaded)
         loop = ClosedLoop(parameters, scenario, program=implementation.make())
-        log = TrajectoryLog()
+        log = TrajectoryLog(controller)
         failed = False
         try:
             with TickTimer(loaded, plant):
                 for tick in loop.ticks(plant.duration):
-                    log.add(tick.truth, *tick.outputs.duty)
+                    log.add(tick.truth, *tick.outputs.duty, tick.outputs)
         except ControllerError:
             failed = True
         trajectory = log.trajectory()
@@ -264,11 +266,12 @@ class CompiledSimulator:
         rows = RobotRows(self._spec.parameters, values, samples.count)
         durations = rows[PlantParameters]['duration']
         ticks = max((round(each * SECOND_NS) // TICK_NS for each in durations.tolist()), default=0)
+        is_timed = are_timed(rows)
         together = max(1, _LOG_BYTES // (max(ticks, 1) * _BYTES_A_TICK))
         try:
-            time, log = time_of(ticks), _log_of(together, ticks)
+            time, log = time_of(ticks), new_log(together, ticks, is_timed=is_timed)
         except MemoryError:
-            size = together * ticks * _BYTES_A_TICK / 1e9
+            size = together * ticks * (_BYTES_A_TICK + is_timed * _BYTES_OF_TIMING) / 1e9
             raise StudyError(
                 f'runs of {ticks * TICK_NS / SECOND_NS:g} s need {size:.2g} GB on each core, more '
                 'than this machine has left'
@@ -354,7 +357,7 @@ class CompiledSimulator:
         values = np.zeros(len(plants))
         for number, each in enumerate(self._measures):
             for runs, walls in self._walls_of(plants, each.metric):
-                part = RunLog(log.position[runs], log.psi[runs], log.duty[runs])
+                part = RunLog(*(each[runs] for each in log))
                 self._measure[each.metric](
                     plants[runs], starts[runs], ends[runs], part, time, walls,
                     each.start, each.end, values[runs],
@@ -389,13 +392,6 @@ def scenarios_of_runs(spec: RunSpec, samples: Samples) -> Sequence[Scenario]:
     parts = {name: event_part(name, spec.scenario) for name in samples.events}
     durations = samples.values.get(DURATION, np.full(samples.count, spec.plant.duration))
     return scenarios_of(spec.scenario, parts, samples.events, durations, samples.first)
-
-
-def _log_of(runs: int, ticks: int) -> RunLog:
-    """Return an empty log."""
-    return RunLog(
-        np.zeros((runs, ticks, 2)), np.zeros((runs, ticks, 2)), np.zeros((runs, ticks, 2), np.int8)
-    )
 
 
 def time_of(ticks: int) -> Floats:

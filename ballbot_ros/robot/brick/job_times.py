@@ -45,6 +45,12 @@ class JobTimes(NamedTuple):
     sonar: int
 
 
+def is_timed(p: Any) -> bool:
+    """Return whether tasks take time or duties pass the link, by the parameters of a controller."""
+    timed: bool = p.lockstep and (p.kernel or p.link)
+    return timed
+
+
 def free_clock(p: Any) -> float:
     """Return the clock that the interrupts of the bus leave [MHz], as for :func:`job_times`."""
     clock_mhz: float = p.processor_clock - BUS_INTERRUPTS * p.bus_cycles
@@ -81,6 +87,11 @@ def kernel_constants(p: Any) -> KernelConstants:
         math.ceil(call * p.interrupt_time), math.ceil(call * p.link_time),
         round(p.motor_latency), p.link, p.kernel and p.kernel_defect,
     )  # fmt: skip
+
+
+def bus_share(p: Any) -> float:
+    """Return the share of the processor that the interrupts of the bus take; 0 without a kernel."""
+    return BUS_INTERRUPTS * p.bus_cycles / p.processor_clock if p.kernel else 0.0
 
 
 def interrupt_load(p: Any) -> Any:
