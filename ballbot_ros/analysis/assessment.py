@@ -18,6 +18,7 @@ from ballbot_ros.analysis.metrics import (
 )
 from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.analysis.run_metrics import RUN_METRICS
+from ballbot_ros.engine.scenario.metrics import OF_TASKS
 from ballbot_ros.lockstep.run_actions import changes_text
 from ballbot_ros.parameters import GyroParameters, PlantParameters
 from ballbot_ros.robot.world.clearance import NO_WALLS, Walls
@@ -116,12 +117,17 @@ def _walls(run: RunData) -> Walls:
 
 
 def shown_metrics(assessment: Assessment) -> dict[str, float]:
-    """Return the metrics without times in states that never occurred, and settling of a drive."""
+    """Return the metrics without times in states that never occurred, and settling of a drive.
+
+    Those of tasks that take no time are left out, too.
+    """
     without = {'settling_time_s'} if assessment.run.is_driven else set()
     return {
         name: value
         for name, value in assessment.metrics.items()
-        if name not in without and not (name.startswith('time_in_') and value == 0.0)
+        if name not in without
+        and not (name.startswith('time_in_') and value == 0.0)
+        and not (name in OF_TASKS and math.isnan(value))
     }
 
 

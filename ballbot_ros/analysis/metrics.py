@@ -152,6 +152,7 @@ def _motion(
         duty=trajectory.duty[first:last],
         start=np.array([plant.start_position_x, plant.start_position_y], dtype=float),
         walls=walls,
+        timing=trajectory.timing[first:last],
     )
 
 

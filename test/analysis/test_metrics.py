@@ -11,7 +11,7 @@ from parts import values_of
 
 from ballbot_ros.analysis.metrics import judge, measure, measure_one, measured_window
 from ballbot_ros.engine.compilation import compiled
-from ballbot_ros.engine.scenario.metrics import METRICS
+from ballbot_ros.engine.scenario.metrics import METRICS, OF_TASKS
 from ballbot_ros.engine.scenario.scenario import Expectation, Measure
 from ballbot_ros.engine.trajectory import Trajectory
 from ballbot_ros.parameters import PLANT
@@ -45,7 +45,7 @@ def metrics(run, *, walls=NO_WALLS, start=0.0, end=math.inf, **plant):
 def test_a_robot_at_rest_has_nothing_to_measure():
     measured = metrics(trajectory([0.0] * 100))
     assert list(measured) == list(METRICS)
-    assert math.isnan(measured.pop('wall_clearance_m'))
+    assert all(math.isnan(measured.pop(name)) for name in ('wall_clearance_m', *OF_TASKS))
     assert set(measured.values()) == {0.0}
 
 

@@ -322,9 +322,12 @@ def test_the_table_has_only_values_that_mean_something(capsys):
     for scenario, is_shown in (
         ('stationary', True), ('forward_backward', False), ('autonomous', False),
     ):  # fmt: skip
-        text = printed(scenario, Outcome.COMPLETED, settling_time_s=16.4, peak_pitch_deg=1.0)
+        values = {'settling_time_s': 16.4, 'peak_pitch_deg': 1.0, 'lost_jobs': math.nan}
+        text = printed(scenario, Outcome.COMPLETED, **values)
+        assert 'lost' not in text
         assert ('settling time' in text) == is_shown, scenario
         assert 'peak pitch' in text
     text = printed('stationary', Outcome.FAILED, settling_time_s=math.nan, peak_pitch_deg=math.nan)
     assert 'settling time' not in text
     assert 'ticks' in text
+    assert 'lost jobs' in printed('stationary', Outcome.COMPLETED, lost_jobs=0.0)

@@ -13,6 +13,7 @@ from typing import Generic, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot_ros.engine.scenario.task_timing import DUTY_AGE_US, LOST, RESPONSE_US, SHARE
 from ballbot_ros.robot.arithmetic import Floats
 from ballbot_ros.robot.world.clearance import Walls, clearance
 
@@ -98,7 +99,8 @@ _CLEARANCE_STRIDE = 5
 class Motion(NamedTuple):
     """The measured part of a run, at least one tick; column 0 is plane x, 1 plane y.
 
-    A column that was not recorded is all NaN, and so is every metric that depends on it.
+    A column that was not recorded is all NaN, and so is every metric that depends on it. `timing`
+    has no rows if the tasks of the brick take no time.
 
     Attributes
     ----------
@@ -114,6 +116,8 @@ class Motion(NamedTuple):
         Ball centre at the start of the run [m].
     walls : Walls
         :data:`~ballbot_ros.robot.world.clearance.NO_WALLS` if there are none.
+    timing : ndarray, shape (n, 4) or (0, 4)
+        The columns of :mod:`~ballbot_ros.engine.scenario.task_timing`.
     """
 
     time: Floats
@@ -122,6 +126,7 @@ class Motion(NamedTuple):
     duty: NDArray[np.int8] | Floats
     start: Floats
     walls: Walls
+    timing: Floats
 
 
 METRICS = MetricRegistry[Motion]()
@@ -236,6 +241,39 @@ def duty_saturated_share(motion: Motion) -> float:
         return math.nan
     saturated = np.count_nonzero(np.abs(x) >= 100.0) + np.count_nonzero(np.abs(y) >= 100.0)
     return float(saturated / (2.0 * len(x)))
+
+
+@METRICS.metric(
+    'longest time from the release of a job that sets the duty to its end; needs kernel or link'
+)
+def response_time_ms(motion: Motion) -> float:
+    return longest_ms(motion.timing[:, RESPONSE_US])
+
+
+@METRICS.metric('alarms lost because their task was still active, of all tasks')
+def lost_jobs(motion: Motion) -> float:
+    return float(np.sum(motion.timing[:, LOST])) if len(motion.timing) else math.nan
+
+
+@METRICS.metric('share of the processor that jobs, interrupts and the bus take')
+def utilisation(motion: Motion) -> float:
+    return float(np.mean(motion.timing[:, SHARE])) if len(motion.timing) else math.nan
+
+
+@METRICS.metric('longest time from the samples that a new duty is computed from until it acts')
+def duty_age_ms(motion: Motion) -> float:
+    """Return the age [ms] of :func:`~ballbot_ros.engine.scenario.task_timing.duty_age`."""
+    return longest_ms(motion.timing[:, DUTY_AGE_US])
+
+
+OF_TASKS = tuple(METRICS)[-4:]
+"""Metrics without a value if the tasks of the brick take no time."""
+
+
+def longest_ms(times_us: Floats) -> float:
+    """Return the longest time [ms]; NaN if there is none, so that all are NOT_YET."""
+    longest_us = np.max(times_us) if len(times_us) else math.nan
+    return float(longest_us * 1e-3) if longest_us >= 0.0 else math.nan
 
 
 def as_floats(duty: NDArray[np.int8] | Floats) -> Floats:

@@ -191,5 +191,6 @@ def measure_runs(
                 log.duty[run, first:last],
                 starts[run],
                 walls,
+                log.timing[run, first:last],
             )
         )

@@ -15,7 +15,7 @@ from ballbot_ros.robot.world.floor_map import load_map
 from ballbot_ros.robot.world.world import World
 
 TICK = 0.004
-RECORDED = ('position', 'psi', 'duty')
+RECORDED = ('position', 'psi', 'duty', 'timing')
 DEPENDS_ON = {
     'position': {
         'position_rms_m', 'peak_position_m', 'overshoot_m', 'station_rms_m', 'station_radius_m',
@@ -24,6 +24,7 @@ DEPENDS_ON = {
     },
     'psi': {'settling_time_s', 'peak_pitch_deg', 'steady_pitch_rms_deg'},
     'duty': {'duty_rms_percent', 'duty_saturated_share'},
+    'timing': {'response_time_ms', 'lost_jobs', 'utilisation', 'duty_age_ms'},
 }  # fmt: skip
 
 
@@ -52,9 +53,14 @@ def motions(draw):
         duty=np.clip(np.round(100.0 * walk([0.0, 0.01, 1.0])), -100.0, 100.0),
         start=generator.normal(0.0, 0.5, 2),
         walls=draw(WALLS),
+        timing=generator.integers(-1, 3, (draw(st.sampled_from([0, count])), 4)).astype(float),
     )
     missing = draw(st.sets(st.sampled_from(RECORDED), max_size=1) | st.just(set()))
-    return motion._replace(**{name: np.full((count, 2), math.nan) for name in missing})
+    return motion._replace(**{name: nothing_of(motion, name) for name in missing})
+
+
+def nothing_of(motion, name):
+    return np.full_like(getattr(motion, name), math.nan)
 
 
 def assert_the_same(name, motion):
@@ -87,7 +93,7 @@ def test_duties_may_be_bytes(name):
 
 @given(motions(), st.sampled_from(RECORDED))
 def test_a_metric_is_missing_if_its_column_is(motion, column):
-    motion = motion._replace(**{column: np.full_like(motion.psi, math.nan)})
+    motion = motion._replace(**{column: nothing_of(motion, column)})
     measured = METRICS.measure(motion)
     # A motion of one tick has no path, wherever it is.
     of_steps = {'distance_driven_m', 'peak_speed_m_per_s'} if len(motion.time) == 1 else set()

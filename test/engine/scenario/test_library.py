@@ -259,6 +259,7 @@ MISTAKES = [
         4,
         'min 2 is more than max 1',
     ),
+    (HEAD + 'expectations:\n  lost_jobs: {max: none}\n', 4, "'max': 'none' is not a number"),
     (HEAD + 'expectations:\n  peak_pitch_deg: []\n', 4, 'neither min nor max'),
     (HEAD + 'expectations:\n  peak_pitch_deg: {max: 1, to: 0.5}\n', 4, 'before the release'),
     (HEAD + 'expectations:\n  wall_clearance_m: {min: 1}\n', 4, 'needs a map'),

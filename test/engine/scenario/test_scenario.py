@@ -56,5 +56,6 @@ def test_pushes_count_from_the_start_of_the_run():
 
 def test_every_metric_has_a_unit_in_its_name_and_a_meaning():
     for name, meaning in METRICS.meanings.items():
-        assert name.endswith(('_s', '_deg', '_m', '_percent', '_share'))
+        endings = ('_s', '_deg', '_m', '_percent', '_share', '_ms', '_jobs', 'utilisation')
+        assert name.endswith(endings)
         assert meaning

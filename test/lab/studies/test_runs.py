@@ -37,6 +37,13 @@ VARIED = {
         'plant_sim.body_width': np.array([0.1, 0.12] * 3),
         'plant_sim.duration': np.array([3.0, 2.0, 1.0, 0.5, 2.5, 3.0]),
     },
+    'hardware_standing': {
+        'plant_sim.kernel': np.array([True, False, True] * 2),
+        'plant_sim.link': np.array([True, False, False] * 2),
+        'controller.control_instructions': np.linspace(5e3, 70e3, 6).astype(int),
+        'controller.time_variation': np.linspace(0.0, 0.4, 6),
+        'controller.bus_cycles': np.linspace(0.0, 60.0, 6),
+    },
     'forward_backward': {
         'controller.k_f.2': np.linspace(-1.7, -1.4, 6),
         'controller.k_f.4': np.array([-0.23, -0.25] * 3),
