@@ -13,12 +13,14 @@ from ballbot_ros.analysis.drawing import draw_motion
 from ballbot_ros.analysis.figure_parts import png_of
 from ballbot_ros.analysis.metrics import judge, measure
 from ballbot_ros.analysis.recorded_scenario import scheduled_pushes
-from ballbot_ros.errors import BallbotError
+from ballbot_ros.analysis.run_data import read_run
+from ballbot_ros.errors import BallbotError, RecordingError
 from ballbot_ros.files import make_folder, temporary_folder
 from ballbot_ros.lockstep.run_actions import Outcome
 from ballbot_ros.nodes.middleware import require_middleware
-from ballbot_ros.parameters import RECORDER
+from ballbot_ros.parameters import RECORDER, ControllerParameters
 from ballbot_ros.process import DeferredSignals
+from ballbot_ros.robot.brick.job_times import is_timed
 from ballbot_ros.robot.world.clearance import NO_WALLS
 from ballbot_ros.robot.world.world import World
 from ballbot_ros.run.node_process import ForkClient
@@ -135,7 +137,7 @@ def execute(
             client,
             starts_paused=starts_paused,
         )
-        result = _with_metrics(spec, world, result)
+        result = _with_metrics(spec, world, _with_timing(spec, result, files.recording))
         with suppress(OSError):
             if files.recording and files.recording.exists():
                 result = replace(result, recording=files.recording)
@@ -177,6 +179,16 @@ def _carry_out(
         return run_in_separate_processes(
             client, spec, recording, scratch, observer, is_replaced, starts_paused=starts_paused
         )
+
+
+def _with_timing(spec: RunSpec, result: RunResult, recording: Path | None) -> RunResult:
+    """Return the result with the timing of the tasks; the plant in a graph does not know it."""
+    trajectory, controller = result.trajectory, spec.parameters.of(ControllerParameters)
+    if trajectory and recording and is_timed(controller) and not len(trajectory.timing):
+        with suppress(RecordingError):
+            timing = read_run(recording).trajectory.timing
+            return replace(result, trajectory=replace(trajectory, timing=timing))
+    return result
 
 
 def _with_metrics(spec: RunSpec, world: World | None, result: RunResult) -> RunResult:

@@ -201,6 +201,19 @@ def test_a_fork_server_that_is_running_already_is_used(monkeypatch):
     assert used == ['given', 'another one']
 
 
+@pytest.mark.graph
+def test_a_graph_takes_the_times_of_its_tasks_from_the_recording(tmp_path, domain, monkeypatch):
+    pytest.importorskip('rclpy')
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
+    words = ('plant_sim.kernel=true', 'plant_sim.link=true', 'plant_sim.duration=1.5')
+    graph, alone = (
+        execute(spec_of('stationary', *words, processes=each, output=tmp_path / each.value)).metrics
+        for each in (Processes.ONE, Processes.NONE)
+    )
+    assert graph == alone | {'wall_clearance_m': graph['wall_clearance_m']}
+    assert graph['response_time_ms'] > 0.3
+
+
 def test_a_middleware_that_does_not_load_is_reported_before_ros_starts(monkeypatch):
     def refuse():
         raise BallbotError('it does not load')

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+from dataclasses import replace
 
 import control
 import numpy as np
@@ -21,6 +22,7 @@ from ballbot_ros.controllers.design.linear_model import design_servo
 from ballbot_ros.controllers.design.loop_analysis import analyse_ideal
 from ballbot_ros.controllers.lqg import LQG
 from ballbot_ros.engine.golden import load_golden
+from ballbot_ros.engine.scenario.metrics import OF_TASKS
 from ballbot_ros.errors import BallbotError, RecordingError
 from ballbot_ros.parameters import ControllerParameters, ParameterSet, PlantParameters
 from ballbot_ros.recording.reader import RecordingReader
@@ -322,6 +324,33 @@ def test_the_loop_closes_to_the_poles_of_the_design():
         bb.loop({'controller.k_thetadot': 300})
     with pytest.raises(BallbotError, match=r'^controller\.k_i has no effect here'):
         bb.linear_model({'controller.k_i': 300})
+
+
+def test_expectations_bound_the_times_of_the_tasks(tmp_path):
+    path, timed = tmp_path / 'timed.yaml', {'plant_sim.kernel': True, 'plant_sim.link': True}
+    path.write_text(
+        'purpose: keeps its times\nduration: 2.0\nexpectations:\n  response_time_ms: {max: 0.4}\n'
+        '  lost_jobs: {max: 0}\n  utilisation: {min: 0.2, max: 0.3}\n'
+    )
+    run = bb.simulate(path, parameters=timed)
+    assert run.passed
+    options = RunOptions(processes=Processes.NONE, record=False, values=timed)
+    result = execute(RunSpec.of_scenario(str(path), options))
+    assert result.passed
+    assert [result.metrics[name] for name in OF_TASKS] == [run.metrics[name] for name in OF_TASKS]
+    late = bb.simulate(path, parameters={**timed, 'controller.cycles_per_instruction': 4.0})
+    assert late.verdict is Verdict.NOT_MET
+    assert 'response_time_ms 0.6' in late.reason
+    without = execute(RunSpec.of_scenario(str(path), replace(options, values={})))
+    assert without.verdict is Verdict.NOT_MET
+    assert without.reason.startswith('response_time_ms without a value instead of ≤ 0.4, lost_jobs')
+    unknown = bb.simulate(path)
+    assert unknown.verdict is Verdict.NOT_JUDGED
+    assert 'lost_jobs, utilisation cannot be computed from this recording' in unknown.reason
+    # Recordings lack the jobs after the last message.
+    longer = bb.simulate(path, parameters={**timed, 'plant_sim.duration': 2.05})
+    assert len(longer.trajectory.timing) == 500
+    assert longer.passed
 
 
 def test_the_sampled_loop_is_that_of_the_analysis():
