@@ -289,8 +289,8 @@ CONE_RAYS = f'{SONAR}.cone_rays'
 WITHOUT_EFFECT = frozenset(
     {
         'lockstep', 'real_time_factor', 'timeout', 'startup_timeout', 'on_timeout',
-        'require_recorder', 'rejoin', 'push_duration', 'lsb', 'log_count', 'sound_freq',
-        'sound_dur', 'sound_volume', 'tone_gain',
+        'require_recorder', 'rejoin', 'push_duration', 'lsb', 'sound_freq',
+        'sound_dur', 'sound_volume',
     }
 )  # fmt: skip
 """Parameters on which the motion of a run does not depend: pace, graph, sound and log."""

@@ -19,6 +19,7 @@ RUNS = 24
 def test_the_studies_are_shipped():
     assert study_names() == [
         'basin', 'clock', 'delay_and_gain', 'link_phase', 'robustness', 'sensitivity',
+        'task_costs',
     ]  # fmt: skip
 
 
