@@ -12,6 +12,7 @@ from ballbot_ros.analysis.figure_parts import (
     plane_columns,
     track_columns,
 )
+from ballbot_ros.analysis.processor import ended, pieces, utilisation
 from ballbot_ros.analysis.run_data import RunData, Series
 from ballbot_ros.analysis.run_metrics import (
     ball_speed,
@@ -23,6 +24,8 @@ from ballbot_ros.analysis.run_metrics import (
     reference_speed,
     true_gyro_offset,
 )
+from ballbot_ros.parameters import ControllerParameters
+from ballbot_ros.parameters.timing import TICK_S
 from ballbot_ros.recording.messages.topics import (
     BATTERY_STATE,
     GAMEPAD_JOY,
@@ -33,6 +36,7 @@ from ballbot_ros.recording.messages.topics import (
     SONAR_RANGE,
 )
 from ballbot_ros.robot.arithmetic import Floats
+from ballbot_ros.robot.brick.job_times import bus_share, kernel_constants
 
 
 def _table(series: Series, name: str, unit: str, values: Floats) -> Table:
@@ -141,6 +145,20 @@ def battery_table(run: RunData) -> Table:
     """Return the voltage [V]."""
     series = run.series[BATTERY_STATE]
     return envelope(series.time, {'voltage_v': series.values[:, 0]})
+
+
+def utilisation_table(run: RunData) -> Table:
+    """Return the utilisation of the processor [%] in each 100 ms; empty if tasks take no time."""
+    parameters = run.attached.parameters.of(ControllerParameters)
+    if run.jobs is None or not parameters.kernel:
+        return {'time_s': np.zeros(0)}
+    interrupt_us = kernel_constants(parameters).interrupt_us
+    # The jobs after the last whole 100 ms are not recorded.
+    edges_ms = np.arange(0, round((run.end + TICK_S) * 1e3) + 1, 100)
+    edges = run.start_ns // 1000 + 1000 * edges_ms
+    parts, bus = pieces(ended(run.jobs), interrupt_us), bus_share(parameters)
+    shares = utilisation(parts, edges, bus, interrupt_us)
+    return envelope(edges_ms[:-1] * 1e-3 + 0.05, {'utilisation_percent': 100.0 * shares})
 
 
 def state_table(run: RunData) -> Table:

@@ -93,6 +93,11 @@ class PackedNumbers:
             self._known[key] = self._append(column)
         return self._known[key]
 
+    def add_whole(self, values: NDArray[np.int64]) -> tuple[PackedColumn, PackedColumn]:
+        """Add whole numbers below 2**30 such that the page has them exactly, as two columns."""
+        high, low = np.divmod(values.astype(float), 2.0**15)
+        return self.add(high), self.add(low)
+
     def _append(self, column: NDArray[np.float64]) -> PackedColumn:
         known = np.isfinite(column)
         low, high = _range(column[known])
@@ -191,9 +196,14 @@ class Events(NamedTuple):
 
 
 def interactive_figures(
-    run: RunData, contents: Sequence[FigureContent]
+    run: RunData,
+    contents: Sequence[FigureContent],
+    others: Mapping[str, Callable[[PackedNumbers], Json]],
 ) -> InteractiveFigures | None:
-    """Return the interactive figures of a run; None without Plotly or anything to show."""
+    """Return the interactive figures of a run; None without Plotly or anything to show.
+
+    `others` make further figures by name.
+    """
     if not contents:
         return None
 
@@ -204,9 +214,9 @@ def interactive_figures(
         if track is not None:
             tracks = [(track, Line(BLUE))]
             figures['path'] = track_figure(tracks, run.floor, track_marks(run), numbers)
-        return figures
+        return figures | {name: make_other(numbers) for name, make_other in others.items()}
 
-    return packed_figures(make, (each.figure.name for each in contents))
+    return packed_figures(make, (*(each.figure.name for each in contents), *others))
 
 
 def packed_figures(

@@ -25,6 +25,7 @@ from ballbot_ros.analysis.loop_summary import (
 from ballbot_ros.analysis.metrics import ExpectationVerdict
 from ballbot_ros.analysis.observations import observations
 from ballbot_ros.analysis.page import number_text, render_template, write_folder
+from ballbot_ros.analysis.processor_figures import ProcessorSection, processor_of
 from ballbot_ros.analysis.recorded_scenario import outside_pushes
 from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.analysis.run_figures import RenderedFigure, draw_figures, figure_contents
@@ -52,19 +53,20 @@ MEANINGS: Mapping[str, str] = {**METRICS.meanings, **RUN_METRICS.meanings}
 def report_document(assessment: Assessment) -> str:
     """Return the report of a run as one HTML document, without links to other files."""
     run = assessment.run
-    loop, contents = loop_of(run), figure_contents(run)
-    interactive = interactive_figures(run, contents)
+    loop, contents, processor = loop_of(run), figure_contents(run), processor_of(run)
+    interactive = interactive_figures(run, contents, processor.descriptions)
     figures = [] if interactive else draw_figures(run, contents)
     figures += _frequency_figures(run, loop)
-    return report_page(assessment, figures, loop, interactive, linked=False)
+    return report_page(assessment, figures, loop, interactive, processor, linked=False)
 
 
 def write_report(assessment: Assessment, folder: Path) -> None:
     """Write the report of a run into `folder`, as `page.write_folder` does."""
     run = assessment.run
-    loop, contents = loop_of(run), figure_contents(run)
+    loop, contents, processor = loop_of(run), figure_contents(run), processor_of(run)
     figures = draw_figures(run, contents) + _frequency_figures(run, loop)
-    page = report_page(assessment, figures, loop, interactive_figures(run, contents))
+    interactive = interactive_figures(run, contents, processor.descriptions)
+    page = report_page(assessment, figures, loop, interactive, processor)
     metrics = csv_text(
         ('metric', 'value', 'meaning'),
         (
@@ -72,7 +74,7 @@ def write_report(assessment: Assessment, folder: Path) -> None:
             for name, value in assessment.metrics.items()
         ),
     )
-    write_folder(folder, page, figures, {'metrics.csv': metrics})
+    write_folder(folder, page, figures + processor.figures, {'metrics.csv': metrics})
 
 
 def _frequency_figures(run: RunData, loop: LoopSection | None) -> list[RenderedFigure]:
@@ -119,6 +121,7 @@ def report_page(
     figures: list[RenderedFigure],
     loop: LoopSection | None = None,
     interactive: InteractiveFigures | None = None,
+    processor: ProcessorSection | None = None,
     *,
     linked: bool = True,
 ) -> str:
@@ -146,6 +149,7 @@ def report_page(
         figures=figures,
         interactive=interactive,
         loop=loop,
+        processor=processor or ProcessorSection(),
         missing=MISSING,
         linked=linked,
         pushes=run.pushes,

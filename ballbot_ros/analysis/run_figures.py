@@ -60,6 +60,7 @@ from ballbot_ros.analysis.figure_tables import (
     state_table,
     sticks_table,
     track_table,
+    utilisation_table,
 )
 from ballbot_ros.analysis.run_data import RunData, Series
 from ballbot_ros.controllers.interface import OperatingState
@@ -122,7 +123,8 @@ class FigureContent:
 
 def figure_contents(run: RunData) -> list[FigureContent]:
     """Return every figure for which the recording has the topics and something to show."""
-    usable = [figure for figure in FIGURES if run.series.keys() >= set(figure.needs)]
+    figures = FIGURES if run.jobs is None else (*FIGURES, UTILISATION)
+    usable = [figure for figure in figures if run.series.keys() >= set(figure.needs)]
     contents = (FigureContent(figure, figure.table(run)) for figure in usable)
     return [each for each in contents if all(map(np.size, each.table.values()))]
 
@@ -253,6 +255,9 @@ _SONAR = (
         bounds=(0.0, 270.0),
     ),
 )
+_PROCESSOR = (
+    Panel('processor [%]', (Curve('utilisation_percent', MEASURED),), bounds=(0.0, 100.0)),
+)
 _BATTERY = (Panel('battery [V]', (Curve('voltage_v', MEASURED),), min_span=0.5),)
 
 
@@ -354,3 +359,14 @@ FIGURES = (
     ),
 )
 """The figures of a report, in order."""
+
+UTILISATION = RunFigure(
+    'utilisation',
+    'Utilisation of the processor',
+    "The share of the brick's processor that jobs, interrupts and the bus take in each 100 ms.",
+    (MOTOR_DUTY,),
+    utilisation_table,
+    partial(_draw_stacked, panels=_PROCESSOR),
+    _PROCESSOR,
+)
+"""The figure of a run whose tasks take time."""

@@ -32,6 +32,13 @@ def test_the_extremes_come_back(values):
     assert (back.min(), back.max()) == pytest.approx((min(values), max(values)), rel=1e-9)
 
 
+@given(st.lists(st.integers(0, 2**30 - 1), max_size=30))
+def test_whole_numbers_come_back_exactly(values):
+    packed = PackedNumbers()
+    high, low = map(packed.values, packed.add_whole(np.array(values, np.int64)))
+    assert (32768 * np.rint(high) + np.rint(low)).tolist() == values
+
+
 def test_equal_columns_are_kept_once():
     packed = PackedNumbers()
     time = np.arange(100) * 0.004
