@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Collection
+from contextlib import suppress
 from dataclasses import fields
 from itertools import islice
 
@@ -21,11 +22,13 @@ from ballbot_ros.nodes.viewer_requests import TuningRequests, ViewerRequests
 from ballbot_ros.parameters import Dimensions, PlantParameters, ViewerParameters
 from ballbot_ros.parameters.timing import SECOND_NS
 from ballbot_ros.recording.messages.conversions import encode_joy, map_grid, sound_tone, stamp_ns
+from ballbot_ros.recording.messages.jobs import jobs_in
 from ballbot_ros.recording.messages.message_types import OccupancyGridMessage
 from ballbot_ros.recording.messages.run_reports import PlantReport, decode_plant_report
 from ballbot_ros.recording.messages.topics import (
     ACCEPTED_PUSH,
     BATTERY_STATE,
+    BRICK_TASKS,
     CONTROLLER_STATE,
     DIAGNOSTICS,
     GAMEPAD_JOY,
@@ -70,7 +73,7 @@ class _PlantReports:
 
 _SHOWN = (
     PLANT_IMU, PLANT_ODOM, MOTOR_DUTY, CONTROLLER_STATE, GAMEPAD_JOY, SONAR_RANGE,
-    BATTERY_STATE, OPERATING_STATE, LCD, SOUND, MAP, ACCEPTED_PUSH, RUN, SESSION,
+    BATTERY_STATE, OPERATING_STATE, LCD, SOUND, MAP, ACCEPTED_PUSH, RUN, SESSION, BRICK_TASKS,
 )  # fmt: skip
 _ASKED = (
     'scenario',
@@ -95,6 +98,7 @@ class Viewer(BallbotNode[ViewerParameters]):
         from ballbot_ros.viewer.live_controls import DragPush, LiveControls
         from ballbot_ros.viewer.page import UPDATE_S, Page
         from ballbot_ros.viewer.plots import Plots
+        from ballbot_ros.viewer.processor_panel import ProcessorPanel
         from ballbot_ros.viewer.scene import PERIOD, ScenePanel
         from ballbot_ros.viewer.shapes import ForceArrow
         from ballbot_ros.viewer.tuning_sliders import TuningSliders
@@ -103,6 +107,7 @@ class Viewer(BallbotNode[ViewerParameters]):
         self._floor = self._load_floor()
         self._page = Page(Dimensions.from_parameters(self.parameters), 'NXT Ballbot', host, port)
         self._panel = ScenePanel(self._page.server.gui)
+        self._processor = ProcessorPanel(self._page.server.gui)
         self._panel_period = PERIOD
         self._plots = Plots(self._page.server.gui, offered_kinds(LIVE_SIGNALS))
         self._start_position: Pair | None = None  # of the run; None if unknown
@@ -148,6 +153,7 @@ class Viewer(BallbotNode[ViewerParameters]):
         if activity.has_lost_plant:
             snapshot = snapshot._replace(state='run ended')
         self._show(snapshot, changed)
+        self._show_processor(is_paused=activity.is_paused)
 
     def _activity(self, robot: Snapshot | None) -> RunActivity:
         """Return what is known about the run that is shown."""
@@ -210,6 +216,15 @@ class Viewer(BallbotNode[ViewerParameters]):
             self._panel.show(snapshot, factor)
             self._show_plots()
             self._controls.offer_scenarios(offer=self._requests.can_start)
+
+    def _show_processor(self, *, is_paused: bool) -> None:
+        """Show the last jobs that are known of a paused run, those before a multiple of 100 ms."""
+        newest = self._newest[BRICK_TASKS] if is_paused else None
+        jobs = None
+        if newest is not None and newest.data:
+            with suppress(ValueError):  # of a foreign controller
+                jobs = jobs_in(newest)
+        self._processor.show(jobs, 0 if jobs is None else int(jobs.end[-1]))
 
     def _show_plots(self) -> None:
         time, columns = self._history.columns(

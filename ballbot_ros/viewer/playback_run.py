@@ -15,13 +15,14 @@ from ballbot_ros.analysis.run_data import RunData, Series, read_run
 from ballbot_ros.analysis.signals import signals_of
 from ballbot_ros.analysis.topic_samples import TopicSamples, read_topic, topics_with_signals
 from ballbot_ros.errors import ViewerError
-from ballbot_ros.parameters import Dimensions
+from ballbot_ros.parameters import ControllerParameters, Dimensions
 from ballbot_ros.parameters.timing import TICK_NS, TICK_S
 from ballbot_ros.process import ProgressCallback
 from ballbot_ros.recording.messages.topics import BATTERY_STATE, PLANT_IMU, PLANT_ODOM, SONAR_RANGE
 from ballbot_ros.recording.playback import SKIP_S, PlaybackAction, faster, slower
 from ballbot_ros.robot.arithmetic import Floats
 from ballbot_ros.robot.brick.brick import Tone
+from ballbot_ros.robot.brick.job_times import kernel_constants
 from ballbot_ros.robot.world.floor_map import FloorMap, OccupancyGrid, floor_map_of
 from ballbot_ros.viewer.overlay import Mark, MarkKind
 from ballbot_ros.viewer.robot import TRAIL_STEP, wxyz
@@ -79,6 +80,10 @@ class PlaybackRun:
         x and y of the first tick in ``map`` [m].
     marks : tuple of Mark
         Its events.
+    jobs : Jobs or None
+        Those of the brick, if they took time.
+    interrupt_us : int
+        Time of the brick's interrupt.
 
     Raises
     ------
@@ -102,11 +107,18 @@ class PlaybackRun:
         self._ball = RolledBall(run.trajectory.position, self.dimensions.ball_radius)
         self._forces = list(_force_events(run.pushes))
         self.marks = run_marks(run)
+        self.jobs = run.jobs
+        controller = run.attached.parameters.of(ControllerParameters)
+        self.interrupt_us = kernel_constants(controller).interrupt_us
         self._trail_ticks = _trail_ticks(run.trajectory.position)
         self._trail = [(x, -y) for x, y in run.trajectory.position[self._trail_ticks].tolist()]
         self._state_times = [interval.start for interval in run.states]
         self._page_times = [time for time, _ in run.pages]
         self._tone_times = [time for time, _ in run.tones]
+
+    def clock_us(self, time: float) -> int:
+        """Return the sim time at a time [s] of the run [µs], as that of its jobs."""
+        return self._run.recorded.start_ns // 1000 + round(time * 1e6)
 
     def snapshot(self, time: float) -> Snapshot:
         """Return the robot at `time` [s], or at the nearer end of the run."""

@@ -41,6 +41,7 @@ from ballbot_ros.viewer.plots import (
     recorded_plot,
     topic_kind,
 )
+from ballbot_ros.viewer.processor_panel import ProcessorPanel
 from ballbot_ros.viewer.scene import PERIOD, Scene, ScenePanel
 
 
@@ -263,6 +264,7 @@ class RecordingPage:
         self.clock = PlaybackClock(max(run.end for run in runs))
         self._timeline = Timeline(self.clock.end, runs[0].marks)
         self._panel = ScenePanel(page.server.gui)
+        self._processor = ProcessorPanel(page.server.gui)
         self._plots = Plots(page.server.gui, recorded_kinds(runs))
         self._topics = RecordedTopics(runs)
         TopicChooser(page.server.gui, self._plots, self._topics, page.notify)
@@ -290,6 +292,9 @@ class RecordingPage:
         if panel:
             self._robots.show_trails(time)
             self._panel.show(snapshot)
+            run, is_still = self._runs[0], not self.clock.is_playing
+            until_us, interrupt_us = run.clock_us(time), run.interrupt_us
+            self._processor.show(run.jobs if is_still else None, until_us, interrupt_us)
             self._plots.update(self._plot)
 
     def _plot(self, kind: PlotKind) -> PlotData:
