@@ -114,7 +114,7 @@ def test_the_state_of_an_ended_episode_is_that_of_an_ended_episode():
         (BalanceEnv, {}, r"task is 'Drive' there, 'Balance' here"),
         (DriveEnv, {'observation': 'state'}, r"observation is 'devices' there, 'state' here"),
         (DriveEnv, {'step_ms': 4}, r'step_ms is 20 there, 4 here'),
-        (DriveEnv, {'profile': 'ideal'}, r'plant_sim.kernel is True there, False here'),
+        (DriveEnv, {'profile': 'ideal'}, r'plant_sim.link is True there, False here'),
         (DriveEnv, {'duration': 9}, r'duration is 20.0 there, 9.0 here'),
     ],
 )
