@@ -15,6 +15,7 @@ from ballbot_ros.robot.arithmetic import Floats
 from ballbot_ros.robot.brick.kernel import TICK_US as INTERRUPT_PERIOD_US
 
 QUANTILES = (0.0, 0.5, 0.99, 1.0)
+"""Shares of the jobs of a task up to which its times are given."""
 
 
 def ended(jobs: Jobs) -> Jobs:
@@ -59,7 +60,7 @@ def pieces(done: Jobs, interrupt_us: int) -> Integers:
 
 
 def utilisation(parts: Integers, edges: Integers, bus: float, interrupt_us: int) -> Floats:
-    """Return the :func:`processor_share` between edges of time, with `pieces`; shape (n - 1,)."""
+    """Return the share of the processor between edges of time, from `pieces`; shape (n - 1,)."""
     _, start, end = parts
     busy = np.cumsum(end - start)
     totals = np.stack([busy - (end - start), busy])

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     import viser
 
 WINDOW_US = SLOW_PERIOD_NS // 1000
+"""Time that is shown."""
 
 _LABELS, _WIDTH, _ROW = 66.0, 210.0, 15.0
 """Width of the names and of the bars, and height of a row [px]."""
