@@ -20,7 +20,7 @@ QUANTILES = (0.0, 0.5, 0.99, 1.0)
 
 def ended(jobs: Jobs) -> Jobs:
     """Return the jobs that have ended: those whose alarm was not lost."""
-    return jobs._replace(**{k: v[~jobs.is_lost] for k, v in jobs._asdict().items() if k != 'tasks'})
+    return jobs.selected(~jobs.is_lost)
 
 
 def sets_duty(jobs: Jobs) -> NDArray[np.bool_]:

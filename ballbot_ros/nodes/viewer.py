@@ -224,7 +224,8 @@ class Viewer(BallbotNode[ViewerParameters]):
         if newest is not None and newest.data:
             with suppress(ValueError):  # of a foreign controller
                 jobs = jobs_in(newest)
-        self._processor.show(jobs, 0 if jobs is None else int(jobs.end[-1]))
+        end_us = 0 if jobs is None else int(jobs.end[-1])
+        self._processor.show(jobs, end_us, end_us * 1e-6)
 
     def _show_plots(self) -> None:
         time, columns = self._history.columns(

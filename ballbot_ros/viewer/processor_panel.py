@@ -21,10 +21,10 @@ _LABELS, _WIDTH, _ROW = 66.0, 210.0, 15.0
 """Width of the names and of the bars, and height of a row [px]."""
 
 
-def timeline_svg(jobs: Jobs, until_us: int, interrupt_us: int) -> str:
+def timeline_svg(jobs: Jobs, until_us: int, until: float, interrupt_us: int) -> str:
     """Return who has had the processor in the last :data:`WINDOW_US` before a time, as SVG.
 
-    Bars show who has the processor, thin lines the time from the release of a job to its end, and
+    The time is given as that of the jobs, and as that of the page [s]. Bars show who has the processor, thin lines the time from the release of a job to its end, and
     crosses lost alarms.
     """
     scale, first_us = _WIDTH / WINDOW_US, until_us - WINDOW_US
@@ -41,8 +41,7 @@ def timeline_svg(jobs: Jobs, until_us: int, interrupt_us: int) -> str:
             f'width="{max(0.5, x(end_us) - x(start_us)):.2f}" height="{height}" fill="{fill}"/>'
         )
 
-    shown = (jobs.end > first_us) & (jobs.release < until_us)
-    near = Jobs(jobs.tasks, *(column[shown] for column in jobs[1:]))
+    near = jobs.selected((jobs.end > first_us) & (jobs.release < until_us))
     done = ended(near)
     parts = [
         f'<text x="0" y="{middle(task) + 3.5}" font-size="10">{escape(name)}</text>'
@@ -57,7 +56,7 @@ def timeline_svg(jobs: Jobs, until_us: int, interrupt_us: int) -> str:
     height = _ROW * (len(jobs.tasks) + 1)
     parts.append(
         f'<text x="{_LABELS}" y="{height - 3}" font-size="10">last {WINDOW_US // 1000} ms before '
-        f'{until_us / 1e6:.3f} s</text>'
+        f'{until:.3f} s</text>'
     )
     return (
         f'<svg class="processor" width="{_LABELS + _WIDTH}" height="{height}" fill="currentColor" '
@@ -72,10 +71,10 @@ class ProcessorPanel:
         self._html = gui.add_html('', order=0.5)
         self._shown: tuple[int, int] | None = None
 
-    def show(self, jobs: Jobs | None, until_us: int, interrupt_us: int = 0) -> None:
-        """Show the jobs up to a time of their clock; nothing without jobs."""
+    def show(self, jobs: Jobs | None, until_us: int, until: float, interrupt_us: int = 0) -> None:
+        """Show the jobs up to a time, see :func:`timeline_svg`; nothing without jobs."""
         shown = None if jobs is None else (until_us, len(jobs.task))
         if shown != self._shown:
             self._shown = shown
-            content = '' if jobs is None else timeline_svg(jobs, until_us, interrupt_us)
+            content = '' if jobs is None else timeline_svg(jobs, until_us, until, interrupt_us)
             self._html.content = content

@@ -25,10 +25,10 @@ def bars(svg):
 
 def test_a_job_is_a_bar_from_start_to_end_on_a_line_from_its_release():
     svg = timeline_svg(
-        jobs((0, FIRST_US + 4000, FIRST_US + 5000, FIRST_US + 9000, 0, 0)), UNTIL_US, 0
+        jobs((0, FIRST_US + 4000, FIRST_US + 5000, FIRST_US + 9000, 0, 0)), UNTIL_US, 1.0, 0
     )
     assert bars(svg) == [(108.0, 52.5, 1.5), (118.5, 42.0, 10.0)]
-    assert 'last 20 ms before 2.000 s' in svg
+    assert 'last 20 ms before 1.000 s' in svg
     assert 'a&lt;b' in svg
 
 
@@ -39,6 +39,7 @@ def test_a_preempted_job_has_two_bars():
             (1, FIRST_US + 1000, FIRST_US + 1000, FIRST_US + 5000, 1000, 0),
         ),
         UNTIL_US,
+        1.0,
         0,
     )
     assert sorted(x for x, _, height in bars(svg) if height == 10.0)[:2] == [76.5, 87.0]
@@ -49,6 +50,7 @@ def test_jobs_outside_are_not_shown_and_those_at_the_edges_are_cut():
     svg = timeline_svg(
         jobs((0, 10, 10, 20, 0, 0), inside, (1, UNTIL_US, UNTIL_US, UNTIL_US + 9, 0, 0)),
         UNTIL_US,
+        1.0,
         0,
     )
     assert bars(svg) == [(66.0, 5.25, 1.5), (66.0, 5.25, 10.0)]
@@ -57,6 +59,6 @@ def test_jobs_outside_are_not_shown_and_those_at_the_edges_are_cut():
 def test_a_lost_alarm_is_a_cross():
     at = FIRST_US + 10_000
     assert '<text x="171.00" y="26.0" fill="#d55e00">×</text>' in (
-        timeline_svg(jobs((1, at, at, at, 0, 1)), UNTIL_US, 0)
+        timeline_svg(jobs((1, at, at, at, 0, 1)), UNTIL_US, 1.0, 0)
     )
-    assert '×' not in timeline_svg(jobs(), UNTIL_US, 0)
+    assert '×' not in timeline_svg(jobs(), UNTIL_US, 1.0, 0)

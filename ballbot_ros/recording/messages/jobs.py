@@ -35,6 +35,11 @@ class Jobs(NamedTuple):
     preempted: NDArray[np.int64]
     is_lost: NDArray[np.bool_]
 
+    def selected(self, rows: NDArray[np.bool_]) -> Jobs:
+        """Return the jobs of a mask, shape (n,)."""
+        columns = {name: values[rows] for name, values in self._asdict().items() if name != 'tasks'}
+        return self._replace(**columns)
+
     @classmethod
     def joined(cls, parts: Sequence[Jobs]) -> Jobs:
         """Return the jobs of all parts, whose tasks may differ; there is at least one."""
