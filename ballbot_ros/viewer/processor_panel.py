@@ -24,8 +24,8 @@ _LABELS, _WIDTH, _ROW = 66.0, 210.0, 15.0
 def timeline_svg(jobs: Jobs, until_us: int, until: float, interrupt_us: int) -> str:
     """Return who has had the processor in the last :data:`WINDOW_US` before a time, as SVG.
 
-    The time is given as that of the jobs, and as that of the page [s]. Bars show who has the processor, thin lines the time from the release of a job to its end, and
-    crosses lost alarms.
+    The time is given as that of the jobs, and as that of the page [s]. Bars show who has the
+    processor, thin lines the time from the release of a job to its end, and crosses lost alarms.
     """
     scale, first_us = _WIDTH / WINDOW_US, until_us - WINDOW_US
 
