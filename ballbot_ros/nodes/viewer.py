@@ -221,7 +221,7 @@ class Viewer(BallbotNode[ViewerParameters]):
         """Show the last jobs that are known of a paused run, those before a multiple of 100 ms."""
         newest = self._newest[BRICK_TASKS] if is_paused else None
         jobs = None
-        if newest is not None and newest.data:
+        if newest is not None and len(newest.data):
             with suppress(ValueError):  # of a foreign controller
                 jobs = jobs_in(newest)
         end_us = 0 if jobs is None else int(jobs.end[-1])

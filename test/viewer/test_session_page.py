@@ -28,7 +28,10 @@ DURATION_S = 4
 SLOW = '0.1'
 """Real-time factor at which no scenario ends before the test looks, not even on a slow machine."""
 
-OPTIONS = ('--set', f'plant_sim.duration={DURATION_S}')
+OPTIONS = (
+    '--set', f'plant_sim.duration={DURATION_S}', '--set', 'plant_sim.kernel=true',
+    '--set', 'plant_sim.link=true',
+)  # fmt: skip
 END_S = FIRST_TICK_NS / SECOND_NS + DURATION_S
 
 # Notes each change of banner, state and sim time.
@@ -71,6 +74,7 @@ def test_the_page_of_a_run_says_what_it_is_doing(start_run, client, tmp_path):
     with browsing(address) as browser:
         client.spin_until(lambda: client.newest[PLANT_IMU.name].header.stamp.nanosec > 0)
         it_is_paused_from_anywhere(browser, client)
+        it_shows_the_processor_after_some_steps(browser)
         outcome = it_ends_with_a_verdict(browser, client, run)
         another_scenario_shows_nothing_of_it(browser)
         assert browser.errors == [], browser.errors
@@ -102,6 +106,12 @@ def it_is_paused_from_anywhere(browser, client):
         SetParameters, 'plant_sim/set_parameters', parameter_setting('real_time_factor', 0.0)
     )
     wait_until(lambda: browser.pressed('max') and not browser.pressed(f'{SLOW}×'), browser)
+
+
+def it_shows_the_processor_after_some_steps(browser):
+    panel = browser.page.locator('svg.processor')
+    wait_until(lambda: browser.page.keyboard.press('.') or panel.count() == 1, browser)
+    assert 'task_ts1' in panel.text_content()
 
 
 def it_ends_with_a_verdict(browser, client, run):
