@@ -366,9 +366,6 @@ class Recorder(BallbotNode[RecorderParameters]):
             time.sleep(POLL_S)
             self._write_until(math.inf)
             self._acknowledge()
-        # Topics are read one after the other: what was sent before the end of the run may have
-        # arrived after its topic was read.
-        self._write_until(math.inf)
 
     def diagnose(self) -> Mapping[str, Any]:
         """Return the counts of the recording."""
