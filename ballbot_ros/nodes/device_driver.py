@@ -60,6 +60,10 @@ class DeviceDriver(BallbotNode[P]):
         self._output.publish(self._encode(now_ns, reading))
         self.count_answer(now_ns)
 
+    def close(self) -> None:
+        """Wait until the last sample has reached the recorder, too: others have answered it."""
+        self.flush(self._messages.sample)
+
 
 def messages_of(cls: type[DeviceParameters]) -> AnyDeviceMessages:
     """Return the messages of the device whose driver has parameters of this class."""

@@ -371,9 +371,10 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
         }
 
     def close(self) -> None:
-        """Restore the terminal, close the gamepad, and finish the log."""
+        """Restore the terminal, close gamepad and log, and let the last sample arrive."""
         if self.terminal:
             self.terminal.close()
+        self.flush(GAMEPAD_JOY)
         self._inputs.close()
         self._close_log()
 

@@ -118,6 +118,7 @@ def test_a_run_whose_plant_is_gone_has_ended():
             _start_position=None,
             _panel=SimpleNamespace(show=lambda snapshot, *_: shown.append(snapshot.state)),
             _panel_period=1,
+            _processor=SimpleNamespace(show=lambda *jobs: None),
             _real_time_factor=RealTimeFactor(),
             _requests=SimpleNamespace(send_queued=lambda: None, can_start=not lost_plant),
             _robot=SimpleNamespace(show=lambda snapshot: None, show_trail=lambda trail: None),
