@@ -146,13 +146,14 @@ def test_terminal_gamepad_and_log_are_closed():
         return SimpleNamespace(close=lambda: closed.append(name))
 
     node = bare(
-        GamepadTeleop, _inputs=closing('gamepad'), _log=closing('log'), terminal=closing('terminal')
-    )
+        GamepadTeleop, _inputs=closing('gamepad'), _log=closing('log'),
+        terminal=closing('terminal'), flush=lambda topic: closed.append(topic.name),
+    )  # fmt: skip
     node.close()
-    assert closed == ['terminal', 'gamepad', 'log']
+    assert closed == ['terminal', 'gamepad', 'gamepad', 'log']
     node.terminal = None
     node.close()
-    assert closed[3:] == ['gamepad']
+    assert closed[4:] == ['gamepad', 'gamepad']
 
 
 @pytest.fixture
