@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -29,7 +29,7 @@ from ballbot_ros.analysis.recorded_scenario import (
 )
 from ballbot_ros.controllers.interface import OperatingState
 from ballbot_ros.engine.scenario.scenario import Scenario
-from ballbot_ros.engine.scenario.task_timing import COUNT, DUTY_TASKS, task_timing
+from ballbot_ros.engine.scenario.task_timing import DUTY_TASKS, task_timing
 from ballbot_ros.engine.trajectory import Trajectory
 from ballbot_ros.errors import RecordingError, one_line
 from ballbot_ros.lockstep.run_actions import Outcome, ParameterChange
@@ -286,12 +286,15 @@ def run_data(
     series = _series(extraction, run)
     if not series:
         raise RecordingError(f'{path}: run {number} of {len(runs)} has no ticks')
-    jobs = _events(extraction.jobs, run)
+    parts = _events(extraction.jobs, run)
+    jobs = Jobs.joined([each for _, each in parts]) if parts else None
     plant = attached.parameters.of(PlantParameters)
     has_map = bool(plant.map) or not extraction.announced.has_parameters(run.name)
     trajectory, missing = _trajectory(series, run.start_ns, plant.lockstep)
-    timing = _timing(series, trajectory, jobs, attached.parameters.of(ControllerParameters))
-    trajectory = replace(trajectory, timing=timing)
+    if jobs is not None and MOTOR_DUTY in series:
+        controller = attached.parameters.of(ControllerParameters)
+        timing = _timing(series[MOTOR_DUTY], trajectory, jobs, parts[-1][0], controller)
+        trajectory = replace(trajectory, timing=timing)
     last = trajectory.time[-1] if len(trajectory.time) else 0.0
     if not attached.has_parameters and PLANT_ODOM in series:
         x, y = map(float, series[PLANT_ODOM].values[0])
@@ -330,7 +333,7 @@ def run_data(
         failure=failure,
         pushes=_pushes(extraction, run, last, attached.scenario),
         wall_hits=_wall_hits(extraction, run, last),
-        jobs=Jobs.joined([each for _, each in jobs]) if jobs else None,
+        jobs=jobs,
     )
 
 
@@ -392,16 +395,15 @@ def _trajectory(
 
 
 def _timing(
-    series: Mapping[Topic, Series],
+    duty: Series,
     trajectory: Trajectory,
-    jobs: Sequence[tuple[float, Jobs]],
+    jobs: Jobs,
+    last: float,
     controller: ControllerParameters,
 ) -> Floats:
-    """Return the timing of the ticks up to the last message with jobs; without rows if unknown."""
-    if not jobs or MOTOR_DUTY not in series:
-        return np.zeros((0, COUNT))
-    duty, (tasks, task, *columns) = series[MOTOR_DUTY], Jobs.joined([each for _, each in jobs])
-    ticks = int(np.searchsorted(trajectory.time, jobs[-1][0] + TICK_S / 2))
+    """Return the timing of the ticks up to the time [s] of the last message with jobs."""
+    tasks, task, *columns = jobs
+    ticks = int(np.searchsorted(trajectory.time, last + TICK_S / 2))
     rows = np.searchsorted(duty.time, trajectory.time[:ticks] - TICK_S / 2)
     rows = rows.clip(max=len(duty.time) - 1)  # of a free-running controller
     table = np.column_stack([np.isin(tasks, DUTY_TASKS)[task], *columns])

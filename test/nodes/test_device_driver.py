@@ -13,7 +13,7 @@ from ballbot_ros.nodes.device_driver import DeviceDriver, messages_of
 from ballbot_ros.parameters import SONAR, SonarParameters
 from ballbot_ros.parameters.timing import FIRST_TICK_NS, TICK_NS
 from ballbot_ros.recording.messages.conversions import fill_time
-from ballbot_ros.recording.messages.topics import PLANT_SLOW_ODOM, PLANT_STEPS
+from ballbot_ros.recording.messages.topics import PLANT_SLOW_ODOM, PLANT_STEPS, SONAR_RANGE
 
 
 def test_only_the_sampling_times_of_its_run_are_answered():
@@ -44,3 +44,11 @@ def test_only_the_sampling_times_of_its_run_are_answered():
 
 def test_a_driver_is_a_program_of_its_own_name():
     assert DeviceDriver.program.fget(SimpleNamespace(role=SONAR)) == 'SonarDriver'
+
+
+def test_it_waits_until_its_last_sample_has_reached_the_recorder():
+    """The recorder may be the last to get what the others have answered."""
+    flushed = []
+    driver = bare(DeviceDriver, _messages=messages_of(SonarParameters), flush=flushed.append)
+    driver.close()
+    assert flushed == [SONAR_RANGE]
