@@ -18,7 +18,7 @@ from ballbot_ros.analysis.metrics import (
 )
 from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.analysis.run_metrics import RUN_METRICS
-from ballbot_ros.engine.scenario.metrics import OF_TASKS
+from ballbot_ros.engine.scenario.metrics import lacks_times
 from ballbot_ros.lockstep.run_actions import changes_text
 from ballbot_ros.parameters import GyroParameters, PlantParameters
 from ballbot_ros.robot.world.clearance import NO_WALLS, Walls
@@ -127,7 +127,7 @@ def shown_metrics(assessment: Assessment) -> dict[str, float]:
         for name, value in assessment.metrics.items()
         if name not in without
         and not (name.startswith('time_in_') and value == 0.0)
-        and not (name in OF_TASKS and math.isnan(value))
+        and not lacks_times(name, value)
     }
 
 

@@ -14,8 +14,8 @@ from ballbot_ros.analysis.metrics import Judgement, number, with_judgements
 from ballbot_ros.analysis.recorded_controller import ControllerIdentity
 from ballbot_ros.analysis.recorded_scenario import RecordedPush, outside_pushes
 from ballbot_ros.cli.progress import Progress
-from ballbot_ros.engine.scenario.metrics import OF_TASKS
 from ballbot_ros.engine.scenario.metrics import label as metric_label
+from ballbot_ros.engine.scenario.metrics import lacks_times
 from ballbot_ros.errors import short_text
 from ballbot_ros.files import next_steps
 from ballbot_ros.parameters import ControllerParameters, GyroParameters
@@ -91,8 +91,7 @@ def print_table(spec: RunSpec, result: RunResult) -> None:
         is_driven = bool(spec.scenario.segments) or mode == 'autonomous'
         for name, value, judgement in with_judgements(result.metrics, result.judgements):
             never_stands = is_driven and name == 'settling_time_s'
-            has_no_times = name in OF_TASKS and math.isnan(value)
-            if judgement or not (never_stands or has_no_times):
+            if judgement or not (never_stands or lacks_times(name, value)):
                 _add_metric(table, name, value, judgement, marked=result.is_complete)
     _add_pushes(table, result.external_pushes)
     table.add_section()

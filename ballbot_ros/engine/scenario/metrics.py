@@ -266,8 +266,13 @@ def duty_age_ms(motion: Motion) -> float:
     return longest_ms(motion.timing[:, DUTY_AGE_US])
 
 
-OF_TASKS = tuple(METRICS)[-4:]
+OF_TASKS = 'response_time_ms', 'lost_jobs', 'utilisation', 'duty_age_ms'
 """Metrics without a value if the tasks of the brick take no time."""
+
+
+def lacks_times(name: str, value: float) -> bool:
+    """Return whether a metric is one of tasks that take no time: it says nothing of the run."""
+    return name in OF_TASKS and math.isnan(value)
 
 
 def longest_ms(times_us: Floats) -> float:
