@@ -25,7 +25,7 @@ from ballbot_ros.engine.compilation import (
 )
 from ballbot_ros.engine.law_runs import LawCode, has_law, initial_state
 from ballbot_ros.engine.plant import SavedPlant
-from ballbot_ros.engine.plant_tick import STEP_VALUES, PlantState, waiting_count
+from ballbot_ros.engine.plant_tick import PlantState, waiting_count
 from ballbot_ros.engine.rows import (
     RobotRows,
     Rows,
@@ -60,7 +60,7 @@ from ballbot_ros.parameters.timing import FIRST_TICK_NS
 from ballbot_ros.robot.brick.brick import Inputs
 from ballbot_ros.robot.brick.kernel import kernel_size
 from ballbot_ros.robot.brick.link import longest_analog_steps
-from ballbot_ros.robot.plant.ground_truth import GroundTruth
+from ballbot_ros.robot.plant.ground_truth import STEP_VALUES, GroundTruth
 from ballbot_ros.robot.world.world import World
 
 MIN_TICKS = 25_000

@@ -6,7 +6,7 @@ A reading is that of the present state, or of an earlier step if the samples hav
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from types import SimpleNamespace
@@ -48,7 +48,7 @@ from ballbot_ros.robot.brick.sensors import (
     sonar_reading,
 )
 from ballbot_ros.robot.compiler_hints import compiled_as
-from ballbot_ros.robot.plant.ground_truth import GroundTruth, MeasuredState, Pair
+from ballbot_ros.robot.plant.ground_truth import GroundTruth, MeasuredState, Pair, state_before
 from ballbot_ros.robot.random_numbers import (
     Key,
     device_number,
@@ -306,21 +306,18 @@ def sample_age(
 P = TypeVar('P', bound=DeviceParameters)
 """Parameters of a device's driver."""
 
-Measured = TypeVar('Measured')
-"""The measured quantity, in SI."""
-
 Reading = TypeVar('Reading')
 """The reading, in the brick's integers."""
 
-Read: TypeAlias = Callable[[Measured, int], Reading]
-"""Returns the reading of a quantity at a stamp [ns]."""
+Read: TypeAlias = Callable[[Pair, int], Reading]
+"""Returns the reading of a measured quantity, in SI, at a stamp [ns]."""
 
 TrueState: TypeAlias = GroundTruth | MeasuredState
 """The present state, or that of an earlier step."""
 
 
 @dataclass(frozen=True)
-class Device(Generic[P, Measured, Reading]):
+class Device(Generic[P, Reading]):
     """A device of the brick.
 
     Attributes
@@ -339,8 +336,8 @@ class Device(Generic[P, Measured, Reading]):
 
     parameters: type[P]
     field: str
-    measured: Callable[[TrueState], Measured]
-    make: Callable[[P], Read[Measured, Reading]]
+    measured: Callable[[TrueState], Pair]
+    make: Callable[[P], Read[Reading]]
     link_of: Callable[[P], Link] = lambda parameters: NO_LINK
 
     @property
@@ -364,22 +361,20 @@ class Device(Generic[P, Measured, Reading]):
 
         return age
 
-    def sampled(self, parameters: P) -> Callable[[GroundTruth], Measured]:
+    def sampled(self, parameters: P) -> Callable[[GroundTruth], Pair]:
         """Return the function that measures the quantity of the sample at a tick."""
         age_of = self.age_of(parameters)
         if not self.longest_delay(parameters):
             return self.measured
         return lambda truth: self.measured_of(truth.steps, *age_of(truth.stamp_ns))
 
-    def measured_of(self, steps: Sequence[MeasuredState], age: int, share: float) -> Measured:
-        """Return the quantity at an age as in :meth:`age_of`; the newest step is the last one."""
-        older = steps[-1 - age]
+    def measured_of(self, steps: tuple[float, ...], age: int, share: float) -> Pair:
+        """Return the quantity at an age as in :meth:`age_of`, of steps as in `GroundTruth`."""
+        x, y = self.measured(state_before(steps, age))
         if share:
-            pairs = zip(older, steps[-age], strict=True)
-            older = MeasuredState(
-                *((between(x, xx, share), between(y, yy, share)) for (x, y), (xx, yy) in pairs)
-            )
-        return self.measured(older)
+            later_x, later_y = self.measured(state_before(steps, age - 1))
+            x, y = between(x, later_x, share), between(y, later_y, share)
+        return x, y
 
     def longest_delay(self, parameters: P) -> int:
         """Return the longest dead time of the samples [steps]."""
@@ -405,16 +400,16 @@ def between(earlier: float, later: float, share: float) -> float:
     return earlier + (later - earlier) * share
 
 
-def _gyro(parameters: GyroParameters) -> Read[Pair, tuple[int, int]]:
+def _gyro(parameters: GyroParameters) -> Read[tuple[int, int]]:
     constants = gyro_constants(parameters)
     return lambda rates, stamp_ns: read_gyro(constants, rates[0], rates[1], stamp_ns)
 
 
-def _encoder(parameters: EncoderParameters) -> Read[Pair, tuple[int, int]]:
+def _encoder(parameters: EncoderParameters) -> Read[tuple[int, int]]:
     return lambda angles, stamp_ns: read_encoder(angles[0], angles[1])
 
 
-def _sonar(parameters: SonarParameters) -> Read[Pair, int]:
+def _sonar(parameters: SonarParameters) -> Read[int]:
     constants = sonar_constants(numbers_of(parameters))
     sides = sides_of(parameters)
     return lambda position, stamp_ns: read_sonar(constants, *position, sides, stamp_ns)
@@ -424,7 +419,7 @@ GYRO_DEVICE = Device(GyroParameters, 'gyro', lambda truth: truth.psi_rate, _gyro
 ENCODER_DEVICE = Device(EncoderParameters, 'revolutions', lambda truth: truth.motor_angle, _encoder)
 SONAR_DEVICE = Device(SonarParameters, 'sonar_cm', lambda truth: truth.position, _sonar)
 
-AnyDevice: TypeAlias = Device[Any, Any, Any]
+AnyDevice: TypeAlias = Device[Any, Any]
 """A device of any kind."""
 
 ALL_DEVICES: tuple[AnyDevice, ...] = (GYRO_DEVICE, ENCODER_DEVICE, SONAR_DEVICE)

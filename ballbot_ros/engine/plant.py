@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 from ballbot_ros.engine.devices import numbers_of
 from ballbot_ros.engine.plant_tick import (
     NEVER_NS,
-    STEP_VALUES,
     PlantState,
     initial_state,
     motor_angles,
@@ -19,7 +18,7 @@ from ballbot_ros.engine.plant_tick import (
 )
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.parameters.timing import STEP_NS
-from ballbot_ros.robot.plant.ground_truth import GroundTruth, MeasuredState, Push
+from ballbot_ros.robot.plant.ground_truth import STEP_VALUES, GroundTruth, Push
 from ballbot_ros.robot.plant.laws import Floor, WallHit, motor_current
 
 _FLOAT32 = struct.Struct('<f')
@@ -99,20 +98,15 @@ class Plant:
 
         Steps from before the start, or before they were kept, are like the first one known.
         """
-        count = age + 1 if age else 0
-        if count == len(self.kept_steps) // STEP_VALUES:
+        size = (age + 1) * STEP_VALUES if age else 0
+        if size == len(self.kept_steps):
             return
-        known = self.steps or (self._measured_state(),)
-        newest = self.time_ns // STEP_NS
-        self.kept_steps = [0.0] * (count * STEP_VALUES)
-        for number in range(count):
-            step = known[max(len(known) - 1 - number, 0)]
-            at = (newest - number) % count * STEP_VALUES
-            self.kept_steps[at : at + STEP_VALUES] = (
-                *step.motor_angle,
-                *step.psi_rate,
-                *step.position,
-            )
+        known = self.steps or self._newest_step()
+        missing = max(size - len(known), 0) // STEP_VALUES
+        steps = [*known[:STEP_VALUES] * missing, *known]
+        self.kept_steps = steps[len(steps) - size :]
+        at = size - self._oldest_place
+        self.kept_steps = self.kept_steps[at:] + self.kept_steps[:at]
 
     def push(self, push: Push) -> None:
         """Add a disturbance; a push that has already ended has no effect."""
@@ -147,26 +141,24 @@ class Plant:
         return WallHit(s.hit_ns, (s.hit_x, s.hit_y), parts)
 
     @property
-    def steps(self) -> tuple[MeasuredState, ...]:
-        """The kept steps, the newest last."""
-        kept = self.kept_steps
-        count = len(kept) // STEP_VALUES
-        newest = self.time_ns // STEP_NS
-        rows = [(newest - age) % count * STEP_VALUES for age in range(count - 1, -1, -1)]
-        return tuple(
-            MeasuredState(
-                (kept[at], kept[at + 1]), (kept[at + 2], kept[at + 3]), (kept[at + 4], kept[at + 5])
-            )
-            for at in rows
-        )
+    def steps(self) -> tuple[float, ...]:
+        """The kept steps, :data:`STEP_VALUES` each, the newest last."""
+        kept, at = self.kept_steps, self._oldest_place
+        return (*kept[at:], *kept[:at])
+
+    @property
+    def _oldest_place(self) -> int:
+        """Where the oldest step is in the ring."""
+        count = len(self.kept_steps) // STEP_VALUES
+        return (self.time_ns // STEP_NS + 1) % count * STEP_VALUES if count else 0
 
     def truth(self) -> GroundTruth:
         """Return the current state of the robot."""
         volts: float = _FLOAT32.unpack(_FLOAT32.pack(self.state.measured_volts))[0]
-        return self.truth_of(self.state, volts, self.steps if self.kept_steps else ())
+        return self.truth_of(self.state, volts, self.steps)
 
     def truth_of(
-        self, state: PlantState, volts: float, steps: tuple[MeasuredState, ...] = ()
+        self, state: PlantState, volts: float, steps: tuple[float, ...] = ()
     ) -> GroundTruth:
         """Return what a state is of the robot; the numbers may be columns.
 
@@ -195,9 +187,9 @@ class Plant:
             steps,
         )
 
-    def _measured_state(self) -> MeasuredState:
+    def _newest_step(self) -> tuple[float, ...]:
         c, s = self.constants, self.state
-        return MeasuredState(motor_angles(c, s), (s.x[3], s.y[3]), position(c, s))
+        return (*motor_angles(c, s), s.x[3], s.y[3], *position(c, s))
 
     def save_state(self) -> SavedPlant:
         """Return the present state."""

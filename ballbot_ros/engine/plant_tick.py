@@ -17,7 +17,7 @@ from ballbot_ros.robot.arithmetic import Ints, Reals
 from ballbot_ros.robot.brick.link import link_of
 from ballbot_ros.robot.brick.sensors import drawn_delay
 from ballbot_ros.robot.compiler_hints import inlined
-from ballbot_ros.robot.plant.ground_truth import Pair
+from ballbot_ros.robot.plant.ground_truth import STEP_VALUES, Pair
 from ballbot_ros.robot.plant.integration import (
     Equations,
     ForceCoefficients,
@@ -59,9 +59,6 @@ LINEAR = choice(PlantParameters, 'plant_model', 'linear')
 DRAINING = choice(PlantParameters, 'battery_model', 'draining')
 STOP_AT_HIT = choice(PlantParameters, 'on_wall_hit', 'stop')
 ACTUATOR_DELAY = device_number('actuator delay')
-
-STEP_VALUES = 6
-"""Numbers of a kept step: motor angles [rad], pitch rates [rad/s] and positions [m] of x and y."""
 
 LATEST_DUTY = 20
 """Most steps after its tick after which a duty leaves the brick and acts."""
@@ -245,7 +242,7 @@ def plant_tick(
     effects_ns, waiting_duties : sequence of int
         The newest duties, in rings: when each takes effect, and its two values; both are changed.
     steps : sequence of float
-        The newest steps, :data:`STEP_VALUES` each, in a ring that is changed; empty for none.
+        The newest steps, STEP_VALUES each, in a ring that is changed; empty for none.
     sides, walls_before : array of int32
         As in :class:`~ballbot_ros.robot.world.world.Footprint`; without rows if there are no walls.
     """

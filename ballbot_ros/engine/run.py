@@ -52,7 +52,6 @@ from ballbot_ros.engine.devices import (
 )
 from ballbot_ros.engine.plant_tick import (
     NEVER_NS,
-    STEP_VALUES,
     PlantConstants,
     PlantState,
     initial_state,
@@ -102,6 +101,7 @@ from ballbot_ros.robot.brick.kernel import (
 from ballbot_ros.robot.brick.link import is_sending, longest_analog_steps
 from ballbot_ros.robot.brick.sensors import battery_mv
 from ballbot_ros.robot.compiler_hints import inlined
+from ballbot_ros.robot.plant.ground_truth import STEP_VALUES
 from ballbot_ros.robot.world.world import Cells
 
 

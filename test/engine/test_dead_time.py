@@ -12,6 +12,7 @@ from ballbot_ros.engine.closed_loop import ClosedLoop
 from ballbot_ros.engine.devices import ENCODER_DEVICE, GYRO_DEVICE, SONAR_DEVICE
 from ballbot_ros.engine.scenario.scenario import Scenario
 from ballbot_ros.parameters import PLANT, ControllerParameters, ParameterSet
+from ballbot_ros.robot.plant.ground_truth import STEP_VALUES, state_before
 
 ROBOT = {'plant_sim.start_pitch_x': 0.03, 'plant_sim.hold_time': 0.2, 'controller.time_start': 200}
 SCENARIO = Scenario(
@@ -113,10 +114,10 @@ def test_a_sample_is_the_reading_of_the_step_that_is_as_old():
     ages = {ENCODER_DEVICE: 3, GYRO_DEVICE: 6, SONAR_DEVICE: 25}
     readers = {each: each.make(parameters.of(each.parameters)) for each in ages}
     for truth, _, inputs, _ in run_loop(make_loop(settings, SCENARIO), 1.2):
-        assert len(truth.steps) == 26
+        assert len(truth.steps) == 26 * STEP_VALUES
         for device, age in ages.items():
             if truth.stamp_ns % device.period_ns == 0:
-                measured = device.measured(truth.steps[-1 - age])
+                measured = device.measured(state_before(truth.steps, age))
                 expected = readers[device](measured, truth.stamp_ns)
                 assert getattr(inputs, device.field) == expected
 

@@ -13,6 +13,7 @@ from ballbot_ros.lockstep.run_actions import Outcome
 from ballbot_ros.parameters import CONTROLLER, GYRO
 from ballbot_ros.parameters.timing import FREE_RUNNING_SILENCE_S, TICK_NS, TICK_S
 from ballbot_ros.robot.brick.brick import MotorDuty
+from ballbot_ros.robot.plant.ground_truth import STEP_VALUES
 
 START_NS = 1_000_000_000
 
@@ -163,7 +164,7 @@ def test_the_truth_has_the_steps_of_a_driver_that_comes_late():
     send_duty(world)
     world.wait(0.3)
     world.start(GYRO, parameters={'delay': 3}).wait(0.3)
-    steps = [len(each.truth.steps) for each in world.actions(do.PublishTruth)]
+    steps = [len(each.truth.steps) // STEP_VALUES for each in world.actions(do.PublishTruth)]
     assert steps == sorted(steps)
     assert set(steps) == {0, 4}
 

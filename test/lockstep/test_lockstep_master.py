@@ -35,6 +35,7 @@ from ballbot_ros.lockstep.run_master import DISCOVERY_POLL_S, DISCOVERY_S
 from ballbot_ros.parameters import COMMON_PERIOD_NS, CONTROLLER, GYRO, PLANT, RECORDER, SONAR
 from ballbot_ros.parameters.timing import MAX_LEAD_TICKS, TICK_NS, next_start_ns
 from ballbot_ros.robot.brick.brick import MotorDuty
+from ballbot_ros.robot.plant.ground_truth import STEP_VALUES
 
 START_NS = 1_000_000_000
 ENDLESS = 0.0
@@ -516,7 +517,8 @@ def test_the_truth_has_the_steps_for_the_announced_dead_times(announced, steps):
     world.start(GYRO, parameters=announced)
     for _ in range(2):
         world.wait().advance(3)
-        assert {len(each.truth.steps) for each in world.actions(do.PublishTruth)} == {steps}
+        sizes = {len(each.truth.steps) for each in world.actions(do.PublishTruth)}
+        assert sizes == {steps * STEP_VALUES}
         world.dispatch(world.master.reset)
 
 

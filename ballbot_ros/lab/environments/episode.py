@@ -36,7 +36,6 @@ from ballbot_ros.engine.moved_robots import (
     true_state,
 )
 from ballbot_ros.engine.plant_tick import (
-    STEP_VALUES,
     PlantState,
     initial_state,
     plant_constants,
@@ -51,6 +50,7 @@ from ballbot_ros.parameters import DEVICES, ControllerParameters, PlantParameter
 from ballbot_ros.parameters.timing import FIRST_TICK_NS, TICK_MS
 from ballbot_ros.robot.brick.job_times import job_times, kernel_constants
 from ballbot_ros.robot.brick.kernel import kernel_size
+from ballbot_ros.robot.plant.ground_truth import STEP_VALUES
 from ballbot_ros.robot.world.world import World
 
 MANY_TICKS = 100_000

@@ -10,7 +10,7 @@ import math
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache, lru_cache, partial
 from typing import Any, Generic, NamedTuple, TypeAlias
 
 from ballbot_ros.engine.devices import (
@@ -18,7 +18,6 @@ from ballbot_ros.engine.devices import (
     GYRO_DEVICE,
     SONAR_DEVICE,
     Device,
-    Measured,
     P,
     Reading,
 )
@@ -30,9 +29,13 @@ from ballbot_ros.recording.messages.conversions import (
     decode_body_rates,
     decode_motor_angles,
     decode_sticks,
-    fill_header,
 )
-from ballbot_ros.recording.messages.raw import MessageLayout, decoder, elements
+from ballbot_ros.recording.messages.raw import (
+    MessageLayout,
+    decoder,
+    elements,
+    with_stamp,
+)
 from ballbot_ros.recording.messages.topics import (
     BATTERY_STATE,
     GAMEPAD_JOY,
@@ -55,51 +58,68 @@ from ballbot_ros.robot.brick.sensors import (
     radians_to_degrees,
     sonar_cm_to_metres,
 )
-from ballbot_ros.robot.plant.ground_truth import GroundTruth, MeasuredState
+from ballbot_ros.robot.plant.ground_truth import STEP_VALUES, GroundTruth, Pair
 
 STEP_FIELDS = ('motor_x', 'motor_y', 'angular_velocity_y', 'angular_velocity_x', 'x', 'y')
 """Of planes x and y in turn; units and signs are those of ``plant/joint_states``, ``plant/imu`` and
 ``plant/odom``."""
 
-_STEP = struct.Struct(f'<{len(STEP_FIELDS)}d')
 _FIELD = 'sensor_msgs/msg/PointField'
+_POINT = 8 * STEP_VALUES
+_SIGN = STEP_VALUES - 1  # place of the number whose sign the message reverses
 
 # Only a graph with dead time needs them.
 _encoder, _decoder = cache(encoder), cache(decoder)
 
 
 def encode_steps(truth: GroundTruth) -> bytes:
-    """Return ``plant/steps``: a point for each step, the oldest first, that of the stamp last.
-
-    It has no fixed layout, since the number of steps depends on the drivers of the run.
-    """
-    message = new_message(PLANT_STEPS.type_name)
-    fill_header(message.header, truth.stamp_ns, 'map')
-    message.fields = _fields()
-    message.height, message.width = 1, len(truth.steps)
-    message.point_step, message.row_step = _STEP.size, _STEP.size * len(truth.steps)
-    message.data = b''.join(
-        _STEP.pack(*angles, *rates, x, -y) for angles, rates, (x, y) in truth.steps
-    )
-    message.is_dense = True
-    return _encoder(PLANT_STEPS.type_name)(message)
+    """Return ``plant/steps``: a point for each step, the oldest first, that of the stamp last."""
+    steps = list(truth.steps)
+    steps[_SIGN::STEP_VALUES] = [-y for y in steps[_SIGN::STEP_VALUES]]
+    numbers = struct.pack(f'<{len(steps)}d', *steps)
+    before, after = _around_steps(len(numbers))
+    return b''.join((with_stamp(before, truth.stamp_ns), numbers, after))
 
 
-def decode_steps(data: bytes, count: int) -> list[MeasuredState]:
-    """Return the newest steps of ``plant/steps``, that of the stamp last.
+def decode_steps(data: bytes, count: int) -> tuple[float, ...]:
+    """Return the newest steps of ``plant/steps`` as in `GroundTruth`.
 
     It raises ValueError if the message has other fields, or not as many steps.
     """
-    message = _decoder(PLANT_STEPS.type_name)(data)
-    if _layout(message.fields) != _layout(_fields()) or message.point_step != _STEP.size:
-        raise ValueError(f'the fields are not {", ".join(STEP_FIELDS)}')
-    first = len(message.data) - count * _STEP.size
+    numbers = _numbers_of_steps(data)
+    first = len(numbers) - count * _POINT
     if first < 0:
         raise ValueError(f'it has no step that is {count - 1} steps old')
-    return [
-        MeasuredState((motor_x, motor_y), (rate_x, rate_y), (x, -y))
-        for motor_x, motor_y, rate_x, rate_y, x, y in _STEP.iter_unpack(bytes(message.data)[first:])
-    ]
+    steps = list(struct.unpack_from(f'<{count * STEP_VALUES}d', numbers, first))
+    steps[_SIGN::STEP_VALUES] = [-y for y in steps[_SIGN::STEP_VALUES]]
+    return tuple(steps)
+
+
+def _numbers_of_steps(data: bytes) -> bytes:
+    before, after = _around_steps(0)
+    size = len(data) - len(before) - len(after)
+    if size > 0 and size % _POINT == 0:
+        before, after = _around_steps(size)
+        is_known = data.startswith(before[:4]) and data.startswith(before[12:], 12)
+        if is_known and data.endswith(after):
+            return data[len(before) : -1]
+    message = _decoder(PLANT_STEPS.type_name)(data)
+    if _layout(message.fields) != _layout(_fields()) or message.point_step != _POINT:
+        raise ValueError(f'the fields are not {", ".join(STEP_FIELDS)}')
+    return bytes(message.data)
+
+
+@lru_cache(8)
+def _around_steps(size: int) -> tuple[bytes, bytes]:
+    """Return what is before and after so many bytes of steps; only the stamp varies."""
+    message = new_message(PLANT_STEPS.type_name)
+    message.header.frame_id = 'map'
+    message.fields = _fields()
+    message.height, message.width = 1, size // _POINT
+    message.point_step, message.row_step = _POINT, size
+    message.data, message.is_dense = bytes(size), True
+    data = _encoder(PLANT_STEPS.type_name)(message)
+    return data[: -1 - size], data[-1:]
 
 
 @cache
@@ -108,7 +128,7 @@ def _fields() -> list[object]:
     for number, name in enumerate(STEP_FIELDS):
         field = new_message(_FIELD)
         field.name, field.count, field.datatype = name, 1, field.FLOAT64
-        field.offset = number * _STEP.size // len(STEP_FIELDS)
+        field.offset = number * 8
         fields.append(field)
     return fields
 
@@ -129,11 +149,11 @@ class AnsweredTopic(NamedTuple):
     """
 
     topic: Topic
-    measured: Callable[[bytes, int], Any]
+    measured: Callable[[bytes, int], Pair]
 
 
 @dataclass(frozen=True)
-class DeviceMessages(Generic[P, Measured, Reading]):
+class DeviceMessages(Generic[P, Reading]):
     """The input and output messages of a device's driver.
 
     Attributes
@@ -147,9 +167,9 @@ class DeviceMessages(Generic[P, Measured, Reading]):
         Returns the reading from a sample. Raises ValueError if no such device can have sent it.
     """
 
-    device: Device[P, Measured, Reading]
+    device: Device[P, Reading]
     truth: Topic
-    measured: Callable[[bytes], Measured]
+    measured: Callable[[bytes], Pair]
     sample: Topic
     encoder: Callable[[P], Callable[[int, Reading], bytes]]
     reading: Callable[[bytes], Reading]
@@ -160,7 +180,7 @@ class DeviceMessages(Generic[P, Measured, Reading]):
             return AnsweredTopic(self.truth, lambda data, stamp_ns: self.measured(data))
         age_of = self.device.age_of(parameters)
 
-        def measured(data: bytes, stamp_ns: int) -> Measured:
+        def measured(data: bytes, stamp_ns: int) -> Pair:
             age, share = age_of(stamp_ns)
             return self.device.measured_of(decode_steps(data, age + 1), age, share)
 
@@ -241,7 +261,7 @@ def decode_sonar(data: bytes) -> int:
     return reading
 
 
-AnyDeviceMessages: TypeAlias = DeviceMessages[Any, Any, Any]
+AnyDeviceMessages: TypeAlias = DeviceMessages[Any, Any]
 """The messages of any device."""
 
 DEVICE_MESSAGES: tuple[AnyDeviceMessages, ...] = (

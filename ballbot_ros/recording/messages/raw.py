@@ -25,7 +25,7 @@ from ballbot_ros.recording.schemas import encoder, new_message, typestore
 from ballbot_ros.robot.arithmetic import Floats
 
 # In CDR, the first field, here a time, follows four bytes of encoding.
-_STAMP = struct.Struct('<4xiI')
+_STAMP, _TIME = struct.Struct('<4xiI'), struct.Struct('<iI')
 _STAMPS = ('std_msgs/msg/Header', 'builtin_interfaces/msg/Time')
 
 
@@ -39,6 +39,11 @@ def stamp_of(data: bytes) -> int:
     except struct.error as error:
         raise ValueError(str(error)) from None
     return int(seconds) * SECOND_NS + int(nanoseconds)
+
+
+def with_stamp(message: bytes, stamp_ns: int) -> bytes:
+    """Return a serialised message that begins with a header or a time, with another stamp."""
+    return b''.join((message[:4], _TIME.pack(*divmod(stamp_ns, SECOND_NS)), message[12:]))
 
 
 def has_stamp(type_name: str) -> bool:

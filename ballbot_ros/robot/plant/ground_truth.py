@@ -15,12 +15,23 @@ Pair = tuple[float, float]
 """A value of plane x and one of plane y, in plane signs (docs/frames.md)."""
 
 
+STEP_VALUES = 6
+"""Numbers of a kept step: motor angles [rad], pitch rates [rad/s] and positions [m] of x and y."""
+
+
 class MeasuredState(NamedTuple):
     """What the devices measure of the true state of one physics step, as in `GroundTruth`."""
 
     motor_angle: Pair
     psi_rate: Pair
     position: Pair
+
+
+def state_before(steps: tuple[float, ...], age: int) -> MeasuredState:
+    """Return the state at an age [steps], of steps as in :class:`GroundTruth`."""
+    at = len(steps) - STEP_VALUES * (age + 1)
+    x, y, rate_x, rate_y, *position = steps[at : at + STEP_VALUES]
+    return MeasuredState((x, y), (rate_x, rate_y), (position[0], position[1]))
 
 
 class GroundTruth(NamedTuple):
@@ -38,8 +49,9 @@ class GroundTruth(NamedTuple):
         Ball centre, the start position plus Rs theta [m], and its rate [m/s].
     battery_voltage : float
         Terminal voltage [V] in single precision, as in its message.
-    steps : tuple of MeasuredState
-        The latest physics steps, this instant last; empty unless a device's samples are delayed.
+    steps : tuple of float
+        The latest physics steps, :data:`STEP_VALUES` each, this instant last; empty unless a
+        device's samples are delayed.
     """
 
     stamp_ns: int
@@ -51,7 +63,7 @@ class GroundTruth(NamedTuple):
     position: Pair
     velocity: Pair
     battery_voltage: float
-    steps: tuple[MeasuredState, ...] = ()
+    steps: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)

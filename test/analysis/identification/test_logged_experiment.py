@@ -22,6 +22,7 @@ from ballbot_ros.parameters import ControllerParameters, PlantParameters
 from ballbot_ros.parameters.timing import FIRST_TICK_NS, TICK_S
 from ballbot_ros.recording.csv_log import CsvLog
 from ballbot_ros.robot.brick.bluetooth import LogPacket
+from ballbot_ros.robot.plant.ground_truth import state_before
 from ballbot_ros.robot.plant.laws import max_voltage
 
 LSB = ControllerParameters().lsb
@@ -125,9 +126,9 @@ def test_with_its_true_voltages_a_segment_moves_as_the_plant_does(monkeypatch):
     for tick in range(8 * per_reading):
         truth = plant.truth()
         if tick % per_reading == 0:
-            shaft.append(np.degrees(truth.steps[-1].motor_angle))
+            shaft.append(np.degrees(state_before(truth.steps, 0).motor_angle))
             pitch.append(estimate.copy())
-        rate = np.degrees(truth.steps[-1].psi_rate)
+        rate = np.degrees(state_before(truth.steps, 0).psi_rate)
         offset = a_gd * offset + (1.0 - a_gd) * rate
         estimate += TICK_S * (rate - offset)
         plant.tick(*duty)

@@ -19,6 +19,7 @@ from ballbot_ros.analysis.identification.segments import cut
 from ballbot_ros.engine.plant import Plant
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.parameters.timing import STEPS_PER_TICK, TICK_S
+from ballbot_ros.robot.plant.ground_truth import state_before
 
 START_NS = 1_000_000_000
 TICKS = round(0.8 / TICK_S)
@@ -78,12 +79,12 @@ def parameters(**changes):
     return PlantParameters(hold_time=0.0, battery_capacity=math.inf, **changes)
 
 
-def between_steps(values, age):
+def between_steps(steps, name, age):
     """Return what was measured `age` steps before the newest step, interpolated."""
-    return np.array(values)[::-1][[math.floor(age), math.ceil(age)]].T @ [
-        1.0 - age % 1.0,
-        age % 1.0,
+    around = [
+        getattr(state_before(steps, each), name) for each in (math.floor(age), math.ceil(age))
     ]
+    return np.transpose(around) @ [1.0 - age % 1.0, age % 1.0]
 
 
 def run(plant_parameters, duties, ages):
@@ -97,7 +98,7 @@ def run(plant_parameters, duties, ages):
     for duty, delay_us in zip(duties.tolist(), delays_us.tolist(), strict=True):
         truth = plant.truth()
         rates, angles = (
-            between_steps([getattr(each, name) for each in truth.steps], ages[channel])
+            between_steps(truth.steps, name, ages[channel])
             for name, channel in (('psi_rate', GYRO), ('motor_angle', ENCODER))
         )
         readings[GYRO].append(np.degrees(rates) + OFFSETS)

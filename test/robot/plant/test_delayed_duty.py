@@ -7,6 +7,7 @@ from parts import START_NS, make_plant, nonlinear_step, physical, run_plant
 
 from ballbot_ros.engine.plant_tick import NEVER_NS, duty_at, note_duty, waiting_count
 from ballbot_ros.parameters.timing import STEP_NS, STEPS_PER_TICK, TICK_NS
+from ballbot_ros.robot.plant.ground_truth import STEP_VALUES, state_before
 from ballbot_ros.robot.plant.integration import (
     advance_linear,
     advance_linear_part,
@@ -75,8 +76,9 @@ def test_a_step_in_the_past_is_the_plant_moved_to_that_instant():
     truths = run_plant(plant, DUTIES)
     states = states_of_plane_x([duty for duty, _ in DUTIES for _ in range(STEPS_PER_TICK)])
     for number, truth in enumerate(truths):
-        assert len(truth.steps) == 10
-        for age, measured in enumerate(reversed(truth.steps)):
+        assert len(truth.steps) == 10 * STEP_VALUES
+        for age in range(10):
+            measured = state_before(truth.steps, age)
             assert_is(measured, states[max(0, number * STEPS_PER_TICK - age)])
 
 
@@ -87,9 +89,9 @@ def test_steps_that_are_kept_later_begin_with_the_present_one():
     run_plant(plant, DUTIES)
     known = plant.truth().steps
     plant.keep_steps(4)
-    assert plant.truth().steps == (known[0], known[0], *known)
+    assert plant.truth().steps == (*known[:STEP_VALUES] * 2, *known)
     plant.keep_steps(1)
-    assert plant.truth().steps == known[1:]
+    assert plant.truth().steps == known[STEP_VALUES:]
     plant.keep_steps(0)
     assert plant.truth().steps == ()
 
