@@ -25,11 +25,12 @@ from ballbot_ros.robot.plant.integration import (
     PlaneState,
     TransitionCoefficients,
     advance_linear,
-    advance_linear_part,
     advance_nonlinear,
     discrete_matrices,
     equations_of,
     linear_rates,
+    response_to_volt,
+    superposed,
 )
 from ballbot_ros.robot.plant.laws import (
     add_push_forces,
@@ -263,7 +264,9 @@ def plant_tick(
     has_walls = len(sides) > 0
     kept = len(steps) // STEP_VALUES
     newest = time_ns // STEP_NS
+    until_ns = time_ns + TICK_NS
     is_delayed = has_late_duties or actuator_delay + actuator_jitter > 0
+    change_ns = NEVER_NS
     if pushes:
         pushes = without_expired(push_times, push_forces, pushes, time_ns)
     if is_delayed:
@@ -276,35 +279,37 @@ def plant_tick(
         else:
             delay_ns = delay * STEP_NS
         note_duty(effects_ns, waiting_duties, time_ns, delay_ns, duty_x, duty_y)
-    elif not is_draining:
+        change_ns = time_ns
+    else:
         voltage_x = motor_voltage(duty_x, volts, dead_zone, volt_slope, volt_offset)
         voltage_y = motor_voltage(duty_y, volts, dead_zone, volt_slope, volt_offset)
     for _ in range(STEPS_PER_TICK):
-        step_ns, step_end_ns = time_ns, time_ns + STEP_NS
-        while time_ns < step_end_ns:
-            end_ns, dt = step_end_ns, STEP_S
-            if is_delayed or is_draining:
-                if is_delayed:
-                    duty_x, duty_y, end_ns = duty_at(
-                        effects_ns, waiting_duties, time_ns, step_end_ns
-                    )
-                    if end_ns - time_ns < STEP_NS:
-                        dt = (end_ns - time_ns) * 1e-9
+        start_ns, end_ns = time_ns, time_ns + STEP_NS
+        before_x, before_y = x, y
+        is_moving = start_ns >= hold_until_ns and not is_fallen
+        while time_ns < end_ns:
+            before_volts_x, before_volts_y = voltage_x, voltage_y
+            if time_ns >= change_ns:
+                duty_x, duty_y, change_ns = duty_at(effects_ns, waiting_duties, time_ns, until_ns)
                 voltage_x = motor_voltage(duty_x, volts, dead_zone, volt_slope, volt_offset)
                 voltage_y = motor_voltage(duty_y, volts, dead_zone, volt_slope, volt_offset)
-                if is_draining:
-                    current = supply_current(
-                        duty_x, duty_y,
-                        motor_current(voltage_x, x[2], x[3], back_emf, ohms),
-                        motor_current(voltage_y, y[2], y[3], back_emf, ohms),
-                    )  # fmt: skip
-                    charge, volts = discharge(
-                        charge, current, dt, idle_current, full_volts, charge_slope, battery_ohms
-                    )
-            if step_ns >= hold_until_ns and not is_fallen:
-                if time_ns == step_ns and is_release(time_ns, hold_until_ns):
+            part_end_ns = min(end_ns, change_ns)
+            dt = (part_end_ns - time_ns) * 1e-9
+            if is_draining:
+                voltage_x = motor_voltage(duty_x, volts, dead_zone, volt_slope, volt_offset)
+                voltage_y = motor_voltage(duty_y, volts, dead_zone, volt_slope, volt_offset)
+                current = supply_current(
+                    duty_x, duty_y,
+                    motor_current(voltage_x, x[2], x[3], back_emf, ohms),
+                    motor_current(voltage_y, y[2], y[3], back_emf, ohms),
+                )  # fmt: skip
+                charge, volts = discharge(
+                    charge, current, dt, idle_current, full_volts, charge_slope, battery_ohms
+                )
+            if is_moving:
+                if time_ns == start_ns and is_release(time_ns, hold_until_ns):
                     x, y = released(x, start_rate_x), released(y, start_rate_y)
-                before_x, before_y = x, y
+                    before_x, before_y = x, y
                 theta_x = psi_x = theta_y = psi_y = 0.0
                 if pushes:
                     theta_x, psi_x = forces_of(
@@ -318,34 +323,37 @@ def plant_tick(
                         equations, alpha, dt, x, y, voltage_x, voltage_y,
                         theta_x, psi_x, theta_y, psi_y,
                     )  # fmt: skip
-                elif end_ns - time_ns == STEP_NS:
+                elif time_ns == start_ns:
                     x = advance_linear(transition, force_coefficients, x, voltage_x, theta_x, psi_x)
                     y = advance_linear(transition, force_coefficients, y, voltage_y, theta_y, psi_y)
                 else:
-                    x = advance_linear_part(rates, dt, x, voltage_x, theta_x, psi_x)
-                    y = advance_linear_part(rates, dt, y, voltage_y, theta_y, psi_y)
-                if has_walls:
-                    start = start_x, start_y
-                    outline = Footprint(sides, walls_before, half_u, half_v)
-                    tried = ball_position(start, radius, x[0], y[0])
-                    if is_blocked(outline, tried):
-                        x, y = stopped_planes(
-                            before_x, before_y, x, y, start, radius, mass, is_linear, outline
-                        )
-                        if not (in_contact or since_sample):
-                            hit_ns = end_ns
-                            hit_x, hit_y = ball_position(start, radius, x[0], y[0])
-                            tried_x, tried_y = tried
-                        since_sample = True
-                if has_fallen(x[1], y[1], fall_angle):
-                    is_fallen = True
-                    x, y = state_after_fall(x, fall_angle), state_after_fall(y, fall_angle)
-                if half_play:
-                    wheel_x = wheel_angle(ratio, x[0], x[1], start_psi_x)
-                    wheel_y = wheel_angle(ratio, y[0], y[1], start_psi_y)
-                    shaft_x = shaft_angle(shaft_x, wheel_x, half_play)
-                    shaft_y = shaft_angle(shaft_y, wheel_y, half_play)
-            time_ns = end_ns
+                    # The whole step has been taken under the earlier voltages.
+                    response = response_to_volt(rates, (end_ns - time_ns) * 1e-9)
+                    x = superposed(x, response, voltage_x - before_volts_x)
+                    y = superposed(y, response, voltage_y - before_volts_y)
+            time_ns = part_end_ns
+        if is_moving:
+            if has_walls:
+                start = start_x, start_y
+                outline = Footprint(sides, walls_before, half_u, half_v)
+                tried = ball_position(start, radius, x[0], y[0])
+                if is_blocked(outline, tried):
+                    x, y = stopped_planes(
+                        before_x, before_y, x, y, start, radius, mass, is_linear, outline
+                    )
+                    if not (in_contact or since_sample):
+                        hit_ns = end_ns
+                        hit_x, hit_y = ball_position(start, radius, x[0], y[0])
+                        tried_x, tried_y = tried
+                    since_sample = True
+            if has_fallen(x[1], y[1], fall_angle):
+                is_fallen = True
+                x, y = state_after_fall(x, fall_angle), state_after_fall(y, fall_angle)
+            if half_play:
+                wheel_x = wheel_angle(ratio, x[0], x[1], start_psi_x)
+                wheel_y = wheel_angle(ratio, y[0], y[1], start_psi_y)
+                shaft_x = shaft_angle(shaft_x, wheel_x, half_play)
+                shaft_y = shaft_angle(shaft_y, wheel_y, half_play)
         if battery_age_ns and (time_ns + battery_age_ns) % BATTERY_PERIOD_NS == 0:
             measured_volts = volts
         if kept:

@@ -25,11 +25,12 @@ from ballbot_ros.robot.arithmetic import Floats
 from ballbot_ros.robot.plant.integration import (
     advance_linear,
     advance_nonlinear,
-    advance_pieces,
     discrete_matrices,
     equations_of,
     linear_rates,
     pieces_of,
+    response_of_pieces,
+    superposed,
 )
 from ballbot_ros.robot.plant.laws import effective_duty, max_voltage, motor_current, shaft_angle
 from ballbot_ros.robot.plant.model import PhysicalParameters
@@ -41,7 +42,8 @@ _AT_REST = (0.0,) * 4
 
 _advance_linear = for_arrays(advance_linear)
 _advance_nonlinear = for_arrays(advance_nonlinear)
-_advance_pieces = for_arrays(advance_pieces)
+_response_of_pieces = for_arrays(response_of_pieces)
+_superposed = for_arrays(superposed)
 _max_voltage = for_arrays(max_voltage)
 _motor_current = for_arrays(motor_current)
 _shaft_angle = for_arrays(shaft_angle)
@@ -194,10 +196,13 @@ class SegmentModel:
                 # As the controller does, with the rate at the start of the step.
                 gain = segments.experiment.step_s / self._filter_s
                 filtered_rate = filtered_rate + gain * (state[3] - filtered_rate)
+            before = None
             for number, share in drive.parts(step):
-                state = lanes.advance(state, drive.voltage(number, state, share), share)
-                wheel = lanes.wheel(state)
-                shaft = _shaft_angle(shaft, wheel, half_play) if half_play else wheel
+                voltage = drive.voltage(number, state, share)
+                state = lanes.advance(state, voltage, share, before)
+                before = voltage
+            wheel = lanes.wheel(state)
+            shaft = _shaft_angle(shaft, wheel, half_play) if half_play else wheel
         for channel in self._with_offset:
             offset = np.moveaxis(state_and_offset[_STATES], 0, -1)
             predicted.readings[channel][:] += offset[:, :, np.newaxis]
@@ -360,16 +365,27 @@ class _Lanes:
             if engine_of(common) is Engine.COMPILED:
                 self._advance = compiled_and_kept(advance_segments)
 
-    def advance(self, state: Floats, voltage: Floats, share: Floats | None = None) -> Floats:
-        """Return the state after a share of a step, shape (s,); after a whole one without it."""
+    def advance(
+        self, state: Floats, voltage: Floats, share: Floats | None, before: Floats | None
+    ) -> Floats:
+        """Return the state after a part of a step, as a plant computes it.
+
+        Parameters
+        ----------
+        share : ndarray, shape (s,), or None
+            That of the step; None for all of it.
+        before : ndarray or None
+            The voltage in the part before; None in the first one.
+        """
         if not self._is_linear:
             share = np.ones(state.shape[3]) if share is None else share
             return self._advance(self._constants, self._step_s * share, state, voltage)
-        if share is None:
+        if before is None:
             after = _advance_linear(self._matrices, _NO_FORCES, state, voltage, 0.0, 0.0)
         else:
-            h = self._step_s * share / self._pieces
-            after = _advance_pieces(self._rates, h, self._pieces, state, voltage, 0.0, 0.0)
+            h = self._step_s * np.asarray(share) / self._pieces
+            response = _response_of_pieces(self._rates, h, self._pieces)
+            after = _superposed(state, response, voltage - before)
         return np.array(after)
 
     def wheel(self, state: Floats) -> Floats:

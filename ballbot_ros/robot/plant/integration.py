@@ -132,11 +132,9 @@ def discrete_matrices(
     )  # fmt: skip
 
 
-LinearRates = tuple[
-    float, float, float, float, float, float, float, float, float, float, float, float, float
-]
-"""Coefficients of psi, theta_dot, psi_dot, the voltage and the forces on theta and psi, for
-theta_ddot and psi_ddot, and the norm of the state's matrix.
+LinearRates = tuple[float, float, float, float, float, float, float, float, float]
+"""Coefficients of psi, theta_dot, psi_dot and the voltage, for theta_ddot and psi_ddot, and the
+norm of the state's matrix.
 """
 
 _PART_TERMS = 14
@@ -155,26 +153,27 @@ def linear_rates(p: PhysicalParameters) -> LinearRates:
         norm = max(norm, abs(a[i, 1]) / scale + abs(a[i, 2]) + abs(a[i, 3]))
     return (
         float(a[2, 1]), float(a[2, 2]), float(a[2, 3]),
-        float(b[2, 0]), float(b[2, 1]), float(b[2, 2]),
+        float(b[2, 0]),
         float(a[3, 1]), float(a[3, 2]), float(a[3, 3]),
-        float(b[3, 0]), float(b[3, 1]), float(b[3, 2]), float(norm),
+        float(b[3, 0]), float(norm),
     )  # fmt: skip
 
 
-def advance_linear_part(
-    rates: LinearRates,
-    dt: float,
-    state: PlaneState,
-    voltage: float,
-    force_theta: float,
-    force_psi: float,
-) -> PlaneState:
-    """Return the state of a plane `dt` seconds later, which is less than a step.
-
-    It is the exact solution of the linear model, as that of :func:`advance_linear`.
-    """
+def response_to_volt(rates: LinearRates, dt: float) -> PlaneState:
+    """Return the state of a plane at rest after a time [s] at 1 V, exactly as the linear model."""
     pieces = pieces_of(rates[-1], dt)
-    return advance_pieces(rates, dt / pieces, pieces, state, voltage, force_theta, force_psi)
+    return response_of_pieces(rates, dt / pieces, pieces)
+
+
+@inlined
+def superposed(state: PlaneState, response: PlaneState, amount: float) -> PlaneState:
+    """Return a state of the linear model with a response that is added so many times."""
+    return (
+        state[0] + amount * response[0],
+        state[1] + amount * response[1],
+        state[2] + amount * response[2],
+        state[3] + amount * response[3],
+    )
 
 
 @inlined
@@ -184,24 +183,14 @@ def pieces_of(norm: float, dt: float) -> int:
 
 
 @inlined
-def advance_pieces(
-    rates: LinearRates,
-    h: float,
-    pieces: int,
-    state: PlaneState,
-    voltage: float,
-    force_theta: float,
-    force_psi: float,
-) -> PlaneState:
-    """Return the state of a plane after so many pieces of `h` seconds."""
-    a21, a22, a23, b20, b21, b22, a31, a32, a33, b30, b31, b32, _ = rates
-    theta, psi, theta_dot, psi_dot = state
-    input_theta = b20 * voltage + b21 * force_theta + b22 * force_psi
-    input_psi = b30 * voltage + b31 * force_theta + b32 * force_psi
+def response_of_pieces(rates: LinearRates, h: float, pieces: int) -> PlaneState:
+    """Return the response of :func:`response_to_volt` after so many pieces of `h` seconds."""
+    a21, a22, a23, b20, a31, a32, a33, b30, _ = rates
+    theta = psi = theta_dot = psi_dot = 0.0 * h
     for _ in range(pieces):
         t0, t1 = h * theta_dot, h * psi_dot
-        t2 = h * (a21 * psi + a22 * theta_dot + a23 * psi_dot + input_theta)
-        t3 = h * (a31 * psi + a32 * theta_dot + a33 * psi_dot + input_psi)
+        t2 = h * (a21 * psi + a22 * theta_dot + a23 * psi_dot + b20)
+        t3 = h * (a31 * psi + a32 * theta_dot + a33 * psi_dot + b30)
         theta, psi, theta_dot, psi_dot = theta + t0, psi + t1, theta_dot + t2, psi_dot + t3
         for term in range(2, _PART_TERMS + 1):
             share = h / term

@@ -10,9 +10,10 @@ from ballbot_ros.parameters.timing import STEP_NS, STEPS_PER_TICK, TICK_NS
 from ballbot_ros.robot.plant.ground_truth import STEP_VALUES, state_before
 from ballbot_ros.robot.plant.integration import (
     advance_linear,
-    advance_linear_part,
     discrete_matrices,
     linear_rates,
+    response_to_volt,
+    superposed,
     zero_order_hold,
 )
 from ballbot_ros.robot.plant.laws import motor_voltage
@@ -143,16 +144,18 @@ def test_duties_that_come_late_act_in_their_order():
 
 @given(
     st.tuples(*[st.floats(-10.0, 10.0)] * 4),
-    st.floats(-9.0, 9.0),
+    st.tuples(st.floats(-9.0, 9.0), st.floats(-9.0, 9.0)),
     st.tuples(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0)),
     st.integers(1, 999),
     st.sampled_from([6.69, 0.05]),
 )
-def test_the_parts_of_a_step_are_the_step(state, volts, forces, part_us, ohms):
+def test_a_response_that_is_added_is_a_change_of_the_voltage(state, volts, forces, part_us, ohms):
     p = physical(motor_resistance=ohms)
-    whole = advance_linear(*discrete_matrices(p, 1e-3), state, volts, *forces)
-    rates = linear_rates(p)
-    for length_us in (part_us, 1000 - part_us):
-        state = advance_linear_part(rates, length_us * 1e-6, state, volts, *forces)
-    scale = max(map(abs, whole)) + abs(volts) + 1e-3
-    assert state == pytest.approx(whole, rel=1e-9, abs=1e-11 * scale)
+    before, after = volts
+    whole = advance_linear(*discrete_matrices(p, 1e-3), state, before, *forces)
+    changed = superposed(whole, response_to_volt(linear_rates(p), part_us * 1e-6), after - before)
+    for length_us, voltage in ((1000 - part_us, before), (part_us, after)):
+        transition, held = zero_order_hold(*state_space(p), length_us * 1e-6)
+        state = transition @ state + held @ (voltage, *forces)
+    scale = max(map(abs, whole)) + abs(before) + abs(after) + 1e-3
+    assert changed == pytest.approx(state, rel=1e-9, abs=1e-11 * scale)
