@@ -111,37 +111,49 @@ def next_event(constants: KernelConstants, kernel: Ints, until_us: int) -> int:
     """
     tasks = (len(kernel) - HEAD) // STRIDE
     while True:
-        now, tick = kernel[NOW], kernel[NEXT_TICK]
-        is_blocked = kernel[BLOCKER] >= 0
-        if tick <= now and not is_blocked:
-            if now >= until_us:
-                return -1
+        now, tick, blocker = kernel[NOW], kernel[NEXT_TICK], kernel[BLOCKER]
+        if now >= until_us:
+            return -1
+        if tick <= now and blocker < 0:
             interrupt(constants, kernel, tasks)
             continue
-        running = highest_task(kernel, tasks) if kernel[ACTIVE] else NO_TASK
-        limit = until_us if is_blocked else min(tick, until_us)
-        if running < 0:
-            kernel[NOW] = max(now, limit)
-            if kernel[NOW] >= until_us:
-                return -1
+        if not kernel[ACTIVE]:
+            pass_idle_time(constants, kernel, until_us)
+            kernel[NOW] = min(kernel[NEXT_TICK], until_us)
             continue
-        if running == kernel[BLOCKER]:
+        running = highest_task(kernel, tasks)
+        if running == blocker:
             # It goes on, so the interrupt is acknowledged; one that waits happens first.
             kernel[BLOCKER] = NOT_YET
             continue
         at = HEAD + STRIDE * running
-        if now >= until_us:
-            return -1
         if kernel[at + START] < 0:
             kernel[at + START] = now
             return 2 * running
-        spent = min(kernel[at + LEFT], max(limit - now, 0))
+        limit = until_us if blocker >= 0 else min(tick, until_us)
+        spent = min(kernel[at + LEFT], limit - now)
         kernel[at + LEFT] -= spent
         kernel[NOW] = now + spent
         if not kernel[at + LEFT]:
             kernel[at + ACTIVATED] = 0
             kernel[ACTIVE] -= 1
             return 2 * running + 1
+
+
+@inlined
+def pass_idle_time(constants: KernelConstants, kernel: Ints, until_us: int) -> None:
+    """Carry out the interrupts at which no alarm expires, while no task is active."""
+    due = -(-(until_us - kernel[NEXT_TICK]) // TICK_US)
+    ticks = min(due, kernel[NEXT_ALARM] - kernel[TICKS])
+    if ticks <= 0:
+        return
+    first = 0 if kernel[LINK_SENDS] else 1
+    if constants.has_link and kernel[DUTY_SET] >= 0 and first < ticks:
+        kernel[DUTY_SENT] = kernel[NEXT_TICK] + first * TICK_US + constants.link_us
+        kernel[DUTY_SET] = NOT_YET
+    kernel[LINK_SENDS] = (kernel[LINK_SENDS] + ticks) % 2
+    kernel[TICKS] += ticks
+    kernel[NEXT_TICK] += ticks * TICK_US
 
 
 @inlined
