@@ -15,6 +15,7 @@ from ballbot_ros.cli.options import (
     NEW_FILE,
     PATH,
     Choice,
+    FloatRange,
     command_line,
     heading,
     set_option,
@@ -25,6 +26,7 @@ from ballbot_ros.parameters import CONTROLLER, MAX_DELAY_MS, PLANT, ParameterSet
 from ballbot_ros.parameters.controller import MODEL
 from ballbot_ros.parameters.files import assign, format_parameters, read_parameter_file
 from ballbot_ros.parameters.parameter import TextEnum
+from ballbot_ros.parameters.timing import TICK_MS
 from ballbot_ros.process import stdout_to_stderr
 from ballbot_ros.robot.plant.model import PhysicalParameters
 
@@ -280,6 +282,13 @@ five_poles = _numbers_callback(
     help='Dead time of the motors to design for, 0 … 100 ms.  [default: plant_sim.actuator_delay]',
 )
 @click.option(
+    '--period',
+    type=FloatRange(1.0, 20.0),
+    metavar='MS',
+    help='Analyse the loop as if task_ts1 had this period, 1 … 20 ms, with the same gains and time '
+    'constants.  [default: 4]',
+)
+@click.option(
     '--output',
     type=NEW_FILE,
     help='Parameter file to write or replace, with the designed gains, for the option --params of '
@@ -308,6 +317,7 @@ def command(
     r: float | None,
     poles: tuple[complex, ...] | None,
     delay: float | None,
+    period: float | None,
     output: Path | None,
     plot: Path | None,
     as_json: bool,
@@ -325,6 +335,8 @@ def command(
         raise click.UsageError('--controller has a design of its own: omit --method')
     if output and not (redesign or controller):
         raise click.UsageError('--output needs --method or --controller')
+    if period and (redesign or controller or plot):
+        raise click.UsageError('--period only analyses: omit --method, --controller and --plot')
     parameters = read_parameter_file(parameter_file) if parameter_file else ParameterSet()
     for assignment in assignments:
         assign(parameters, assignment)
@@ -347,7 +359,8 @@ def command(
     # Imported only here: it takes two seconds.
     from ballbot_ros.cli.design_output import DesignOutput
 
-    design = DesignOutput(parameters, is_redesigned=redesign is not None)
+    period_ms = period or float(TICK_MS)
+    design = DesignOutput(parameters, is_redesigned=redesign is not None, period_ms=period_ms)
     written = []
     if plot:
         write_file('--plot', plot, design.plot())

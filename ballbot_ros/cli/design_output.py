@@ -45,6 +45,7 @@ from ballbot_ros.parameters import (
     ParameterSet,
     PlantParameters,
 )
+from ballbot_ros.parameters.timing import TICK_MS
 from ballbot_ros.robot.plant.model import Matrix, PhysicalParameters
 
 GAIN_NAMES = ('θ', 'ψ', 'θ̇', 'ψ̇', '∫θ')
@@ -61,10 +62,18 @@ class DesignOutput:
     parameters : ParameterSet
     is_redesigned : bool
         Whether the gains in use come from another design than section 4.2.
+    period_ms : float
+        Period of task_ts1.
     """
 
-    def __init__(self, parameters: ParameterSet, *, is_redesigned: bool = False) -> None:
-        self._parameters = parameters
+    def __init__(
+        self,
+        parameters: ParameterSet,
+        *,
+        is_redesigned: bool = False,
+        period_ms: float = TICK_MS,
+    ) -> None:
+        self._parameters, self._period_ms = parameters, period_ms
         self._in_use_heading = 'designed' if is_redesigned else 'in use'
         self._own = parameters.of(ControllerParameters)
         self._physical = PhysicalParameters.from_parameters(parameters.of(PlantParameters))
@@ -75,7 +84,7 @@ class DesignOutput:
             self._servo = error
         self._loops: tuple[LoopAnalysis, LoopAnalysis] | None = None
         if self._own.implementation in DOCUMENTS_PROGRAM:
-            self._loops = analyse_ideal(parameters), analyse_sampled(parameters)
+            self._loops = analyse_ideal(parameters), analyse_sampled(parameters, period_ms)
 
     @property
     def _in_use(self) -> tuple[float, ...]:
@@ -94,7 +103,7 @@ class DesignOutput:
             return
         _, sampled = self._loops
         console.print(_margin_table(*self._loops))
-        console.print(_pole_table(sampled))
+        console.print(_pole_table(sampled, self._period_ms))
         for finding in findings(sampled):
             console.print(finding)
         if names := neglected(self._parameters):
@@ -217,12 +226,12 @@ def _margin_table(ideal: LoopAnalysis, sampled: LoopAnalysis) -> Table:
     return table
 
 
-def _pole_table(loop: LoopAnalysis) -> Table:
+def _pole_table(loop: LoopAnalysis, period_ms: float) -> Table:
     poles = single_poles(loop.poles)
     slowest = sorted(poles, key=lambda pole: pole.decay)[:SHOWN_POLES]
     more = f'{len(poles) - len(slowest)} more decay faster' if len(poles) > len(slowest) else None
     table = Table(
-        title='Poles of the loop that runs, every 4 ms', title_justify='left',
+        title=f'Poles of the loop that runs, every {period_ms:g} ms', title_justify='left',
         caption=more, caption_justify='left',
     )  # fmt: skip
     for heading in ('z', '|z|', 'natural [Hz]', 'damping'):

@@ -47,6 +47,14 @@ def test_both_loops_stand_side_by_side(command):
     assert max(map(len, text.splitlines())) <= 80
 
 
+def test_another_period_has_other_margins(command):
+    document = content(command, '--period', '2')
+    assert document['as_it_runs']['margins']['dead_time_ms']['value'] == pytest.approx(
+        3.74, abs=0.01
+    )
+    assert 'Poles of the loop that runs, every 6 ms' in words(command, '--period', '6')
+
+
 def test_json_has_what_the_tables_have(command):
     found = content(command)
     sampled = analyse_sampled(ParameterSet())
@@ -274,6 +282,8 @@ def test_a_run_takes_the_designed_gains(command, tmp_path):
     (['--method', 'dlqr', '--output', 'x.yaml', '--plot', '/nowhere/x.png'], '--plot /nowhere/x'),
     (['--method', 'lqr', '--delay', '3'], '--delay: --method lqr takes --q, --r'),
     (['--delay', '3'], '--delay needs --method'),
+    (['--period', '2', '--method', 'lqr'], '--period only analyses: omit --method, --controller'),
+    (['--period', '0.5'], "'--period': 0.5 is not in the range 1.0<=x<=20.0"),
     (['--output', 'x.yaml'], '--output needs --method or --controller'),
     (['--method', 'dlqr', '--output', '/nowhere/x.yaml'], '--output /nowhere/x.yaml: No such file'),
     (['--method', 'dlqr', '--controller', 'lqg'], 'omit --method'),

@@ -29,7 +29,7 @@ from ballbot_ros.controllers.design.sampled_loop import (
 )
 from ballbot_ros.controllers.document.program import mean_delays
 from ballbot_ros.parameters import CONTROLLER, ControllerParameters, ParameterSet, PlantParameters
-from ballbot_ros.parameters.timing import TICK_S
+from ballbot_ros.parameters.timing import TICK_MS
 from ballbot_ros.robot.plant.laws import motor_voltage
 from ballbot_ros.robot.plant.model import Matrix, PhysicalParameters, state_space
 
@@ -348,8 +348,8 @@ def analyse_ideal(parameters: ParameterSet) -> LoopAnalysis:
     return LoopAnalysis(poles, LoopResponse(loop).margins() if is_stable else None)
 
 
-def analyse_sampled(parameters: ParameterSet) -> LoopAnalysis:
-    """Analyse the loop as it runs, as a :class:`SampledLoop`.
+def analyse_sampled(parameters: ParameterSet, period_ms: float = TICK_MS) -> LoopAnalysis:
+    """Analyse the loop as it runs, as a :class:`SampledLoop` with a period of task_ts1.
 
     Raises
     ------
@@ -357,11 +357,11 @@ def analyse_sampled(parameters: ParameterSet) -> LoopAnalysis:
         If the controller is not the document's program.
     """
     delays = LoopDelays.of(parameters)
-    loop = SampledLoop(parameters, delays)
-    poles = sorted_poles(loop.poles(), TICK_S)
+    loop = SampledLoop(parameters, delays, period_ms)
+    poles = sorted_poles(loop.poles(), loop.period_s)
     if not all(pole.is_stable for pole in poles):
         return LoopAnalysis(poles, None)
-    dead_time = partial(_dead_time_margin, parameters, delays)
+    dead_time = partial(_dead_time_margin, parameters, delays, period_ms)
     return LoopAnalysis(
         poles,
         LoopResponse(loop.open_loop()).margins(dead_time('actuator')),
@@ -397,7 +397,9 @@ def sorted_poles(values: Iterable[complex], dt: float = 0.0) -> tuple[Pole, ...]
     return tuple(sorted(poles, key=lambda pole: (pole.hz, pole.value.imag)))
 
 
-def _dead_time_margin(parameters: ParameterSet, delays: LoopDelays, name: str) -> Limit:
+def _dead_time_margin(
+    parameters: ParameterSet, delays: LoopDelays, period_ms: float, name: str
+) -> Limit:
     """Return the smallest additional dead time [ms] at which the loop oscillates.
 
     Parts of a tick also change when within the tick a duty acts or a sample is taken, so it is
@@ -411,7 +413,7 @@ def _dead_time_margin(parameters: ParameterSet, delays: LoopDelays, name: str) -
 
     def slowest(extra_ms: float) -> complex:
         delayed = replace(delays, **{name: getattr(delays, name) + extra_ms})
-        return complex(max(SampledLoop(parameters, delayed).poles(), key=abs))
+        return complex(max(SampledLoop(parameters, delayed, period_ms).poles(), key=abs))
 
     def excess(extra_ms: float) -> float:
         return abs(slowest(extra_ms)) - 1.0
@@ -421,7 +423,8 @@ def _dead_time_margin(parameters: ParameterSet, delays: LoopDelays, name: str) -
         unstable = stable + max(MIN_STEP_MS, RELATIVE_STEP * stable)
         if excess(unstable) >= 0.0:
             margin = float(bisect(excess, stable, unstable, xtol=1e-6))
-            return Limit(margin, abs(cmath.phase(slowest(margin))) / TICK_S / (2.0 * math.pi))
+            angle = abs(cmath.phase(slowest(margin)))
+            return Limit(margin, angle / (2.0 * math.pi * period_ms * 1e-3))
         stable = unstable
     return Limit(math.inf, math.nan)
 

@@ -33,8 +33,9 @@ from ballbot_ros.parameters import (
     ParameterSet,
     PlantParameters,
 )
-from ballbot_ros.parameters.timing import STEPS_PER_TICK, TICK_MS, TICK_S
+from ballbot_ros.parameters.timing import STEPS_PER_TICK, TICK_MS
 from ballbot_ros.robot.brick.sensors import battery_mv, mean_delay
+from ballbot_ros.robot.compiler_hints import with_globals
 from ballbot_ros.robot.plant.laws import max_voltage
 from ballbot_ros.robot.plant.model import Matrix, PhysicalParameters, state_space
 
@@ -49,6 +50,9 @@ _PROGRAM = (
     'theta_smooth',
 )  # fmt: skip
 """The variables of a plane that last, in the order of `PlaneValues` of the document's program."""
+
+FILTERS = ('a_d', 'a_gd', 'a_r')
+"""Shares of the old value in the program's low passes, each tick."""
 
 _REFERENCE = ('theta_ref_dot', 'sum_theta_ref_dot')
 """Those outside the loop: they depend on the stick alone."""
@@ -113,9 +117,14 @@ class SampledLoop:
         Those of the plant, the drivers and the document's program.
     delays : LoopDelays, optional
         Instead of the dead times in `parameters`.
+    period_ms : float
+        Period of task_ts1. The simulation has that of the document only. With another one the
+        gains are the same, and so are the time constants of the filters.
 
     Attributes
     ----------
+    period_s : float
+        Period of task_ts1 [s].
     states : tuple of str
         Those of the plane [rad, rad/s], of the program, and samples and duties on their way.
     a, b, c, d : ndarray, shape (n, n), (n, 5), (n,) and (5,)
@@ -127,14 +136,19 @@ class SampledLoop:
         If the controller is another than the document's program.
     """
 
-    def __init__(self, parameters: ParameterSet, delays: LoopDelays | None = None) -> None:
+    def __init__(
+        self,
+        parameters: ParameterSet,
+        delays: LoopDelays | None = None,
+        period_ms: float = TICK_MS,
+    ) -> None:
         require_documents_program(parameters)
         delays = delays or LoopDelays.of(parameters)
         plane = _Plane.of(parameters.of(PlantParameters))
-        tick = _Tick(plane, delays)
-        self.states = tick.states
+        tick = _Tick(plane, delays, period_ms)
+        self.states, self.period_s = tick.states, period_ms * 1e-3
         rows = np.vstack([tick.program, tick.gyro, tick.angle, tick[STICK]])
-        *program_after, duty = _law(parameters) @ rows
+        *program_after, duty = _law(parameters, period_ms) @ rows
         transition = np.vstack([tick.plane_after, program_after, tick.queues_after])
         n = len(self.states)
         self.a, self.b = transition[:, :n], transition[:, n:]
@@ -159,7 +173,7 @@ class SampledLoop:
         names, basis = self.feedback_states()
         inverse = np.linalg.pinv(basis)
         return control.ss(
-            inverse @ self.a @ basis, inverse @ self.b[:, :1], -self.c @ basis, 0.0, TICK_S,
+            inverse @ self.a @ basis, inverse @ self.b[:, :1], -self.c @ basis, 0.0, self.period_s,
             inputs=['duty'], outputs=['duty_fb'], states=names, name='sampled_loop',
         )  # fmt: skip
 
@@ -170,8 +184,9 @@ class SampledLoop:
         a, b = self.closed()
         column = INPUTS.index(source)
         return control.ss(
-            inverse @ a @ basis, inverse @ b[:, [column]], self.c @ basis, self.d[column], TICK_S,
-            inputs=[source], outputs=['duty'], states=names, name='closed_sampled_loop',
+            inverse @ a @ basis, inverse @ b[:, [column]], self.c @ basis, self.d[column],
+            self.period_s, inputs=[source], outputs=['duty'], states=names,
+            name='closed_sampled_loop',
         )  # fmt: skip
 
     def feedback_states(self) -> tuple[list[str], Matrix]:
@@ -243,9 +258,13 @@ class _Tick:
         The other states at the end of the tick.
     """
 
-    def __init__(self, plane: _Plane, delays: LoopDelays) -> None:
-        duties = _queue(DUTY, delays.actuator)
-        gyros, angles = _queue('gyro', delays.gyro), _queue('angle', delays.encoder)
+    def __init__(self, plane: _Plane, delays: LoopDelays, period_ms: float) -> None:
+        duties, gyros, angles = (
+            tuple(f'{name}[{ticks}]' for ticks in range(1, math.ceil(delay_ms / period_ms) + 1))
+            for name, delay_ms in (
+                (DUTY, delays.actuator), ('gyro', delays.gyro), ('angle', delays.encoder),
+            )
+        )  # fmt: skip
         self.states = (*STATES, *_PROGRAM, *duties, *gyros, *angles)
         names = (*self.states, *INPUTS)
         self._rows = dict(zip(names, np.eye(len(names)), strict=True))
@@ -257,12 +276,12 @@ class _Tick:
 
         # Within the tick: when the next duty takes effect, and when the samples are taken.
         change, gyro_ms, angle_ms = (
-            -delay % TICK_MS for delay in (-delays.actuator, delays.gyro, delays.encoder)
+            -delay % period_ms for delay in (-delays.actuator, delays.gyro, delays.encoder)
         )
         acting = [self[DUTY], *(self[name] for name in duties)]
-        newer = int(delays.actuator // TICK_MS)
+        newer = int(delays.actuator // period_ms)
         samples = {}
-        for start, end in pairwise(sorted({0.0, change, gyro_ms, angle_ms, float(TICK_MS)})):
+        for start, end in pairwise(sorted({0.0, change, gyro_ms, angle_ms, float(period_ms)})):
             samples[start] = state
             duty = acting[newer if start >= change else newer + 1]
             state = plane.move(end - start, state, duty, self[FORCE])
@@ -280,20 +299,16 @@ class _Tick:
         return np.array([self._rows[each] for each in name])
 
 
-def _queue(name: str, delay_ms: float) -> tuple[str, ...]:
-    """Return the states that hold the values of the last ticks which a dead time spans."""
-    return tuple(f'{name}[{ticks}]' for ticks in range(1, math.ceil(delay_ms / TICK_MS) + 1))
-
-
-def _law(parameters: ParameterSet) -> Matrix:
+def _law(parameters: ParameterSet, period_ms: float) -> Matrix:
     """Return the law of the program as a matrix, from what :func:`axis.control` computes.
 
     It has a row for each variable after the tick and for the duty; a column for each variable
     before, the gyro's and the encoder's sample and the stick.
     """
-    program = replace(
-        ProgramConstants.of(parameters.of(ControllerParameters)), pwm_offset=Single(0)
-    )
+    own = parameters.of(ControllerParameters)
+    filters = {name: getattr(own, name) ** (period_ms / TICK_MS) for name in FILTERS}
+    program = replace(ProgramConstants.of(replace(own, **filters)), pwm_offset=Single(0))
+    law = with_globals(axis.control, {'TS1_PERIOD': np.float64(period_ms)})
     gains, *others = axis.constants_of(program)
     constants = cast(axis.Constants, (tuple(map(np.float64, gains)), *map(np.float64, others)))
     sample = battery_mv(parameters.of(PlantParameters).battery_voltage)
@@ -301,7 +316,7 @@ def _law(parameters: ParameterSet) -> Matrix:
     columns = []
     for vector in np.eye(len(_PROGRAM) + 3) * _UNIT:
         *before, gyro, angle, stick = vector
-        after, _, duty = axis.control(
+        after, _, duty = law(
             constants, cast(axis.AxisState, tuple(before)), gyro, angle, stick, volts
         )
         columns.append([*after, duty])

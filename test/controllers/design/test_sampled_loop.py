@@ -1,6 +1,6 @@
 """The model of the loop that runs, against the running code with the quantisers off."""
 
-from dataclasses import astuple
+from dataclasses import astuple, replace
 
 import control
 import numpy as np
@@ -9,6 +9,7 @@ from parts import START_NS
 from unquantised import run_unquantised
 
 from ballbot_ros.controllers.design.linear_model import DesignError
+from ballbot_ros.controllers.design.loop_analysis import analyse_sampled
 from ballbot_ros.controllers.design.sampled_loop import (
     DUTY,
     ENCODER_ERROR,
@@ -19,10 +20,17 @@ from ballbot_ros.controllers.design.sampled_loop import (
     LoopDelays,
     SampledLoop,
 )
-from ballbot_ros.parameters import ParameterSet
+from ballbot_ros.controllers.document import axis
+from ballbot_ros.controllers.document.axis import ProgramConstants
+from ballbot_ros.controllers.document.program import max_motor_voltage
+from ballbot_ros.parameters import ControllerParameters, ParameterSet, PlantParameters
 from ballbot_ros.parameters.files import assign_values
 from ballbot_ros.parameters.timing import TICK_NS, TICK_S
+from ballbot_ros.robot.brick.sensors import battery_mv
 from ballbot_ros.robot.plant.ground_truth import Push
+from ballbot_ros.robot.plant.integration import zero_order_hold
+from ballbot_ros.robot.plant.laws import max_voltage
+from ballbot_ros.robot.plant.model import PhysicalParameters, state_space
 
 PUSH_N, PUSH_TICKS, STICK_PERCENT = 0.01, 10, 1.0
 
@@ -88,6 +96,46 @@ def test_the_model_answers_as_the_running_code_does(values):
 def test_in_single_precision_it_differs_by_rounding(values):
     ticks = 250 if is_stable(values) else 40
     assert 1e-9 < difference(values, np.float32, ticks) < 1e-3
+
+
+@pytest.mark.parametrize('period_ms', [2.0, 3.0, 4.0, 6.0, 8.0])
+def test_another_period_of_the_program_is_that_of_its_loop(monkeypatch, period_ms):
+    """The program with another constant for its period, and a plane that it moves."""
+    parameters = parameters_with({'controller.pwm_offset': 0.0})
+    monkeypatch.setattr(axis, 'TS1_PERIOD', np.float64(period_ms))
+    own = parameters.of(ControllerParameters)
+    own = replace(own, a_d=own.a_d ** (period_ms / 4), a_gd=own.a_gd ** (period_ms / 4))
+    gains, *others = axis.constants_of(ProgramConstants.of(own))
+    constants = tuple(map(np.float64, gains)), *map(np.float64, others)
+    plant = parameters.of(PlantParameters)
+    p = PhysicalParameters.from_parameters(plant)
+    volts = max_voltage(plant.battery_voltage, plant.voltage_slope, plant.voltage_offset)
+    transition, held = zero_order_hold(*state_space(p), period_ms * 1e-3)
+    motor_volts = max_motor_voltage(np.float64(battery_mv(plant.battery_voltage)))
+    plane, state, moved = np.array([0.0, 1e-15, 0.0, 0.0]), (np.float64(0.0),) * 6, []
+    for _ in range(40):
+        gyro, angle = np.degrees(plane[3]), np.degrees(p.ratio * (plane[0] - plane[1]))
+        state, _, duty = axis.control(constants, state, gyro, angle, np.float64(0.0), motor_volts)
+        plane = transition @ plane + held[:, 0] * volts * duty / 100
+        moved.append(plane)
+    a, _ = SampledLoop(parameters, LoopDelays(), period_ms).closed()
+    x = np.zeros(len(a))
+    x[1] = 1e-15
+    for expected in moved:
+        x = a @ x
+        np.testing.assert_allclose(x[:4], expected, rtol=1e-7, atol=1e-9 * abs(expected).max())
+
+
+def test_no_period_lets_the_documents_gains_bear_the_link_of_a_brick():
+    borne = {
+        period_ms: analyse_sampled(ParameterSet(), period_ms).margins
+        for period_ms in (2.0, 3.0, 4.0, 6.0, 8.0)
+    }
+    values = {period: margins and margins.dead_time_ms.value for period, margins in borne.items()}
+    assert values == {
+        2.0: pytest.approx(3.74, abs=0.01), 3.0: pytest.approx(2.85, abs=0.01),
+        4.0: pytest.approx(3.46, abs=0.01), 6.0: None, 8.0: None,
+    }  # fmt: skip
 
 
 def is_stable(values):
