@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.analysis.run_data import Integers
-from ballbot_ros.controllers.controller import IDLE
-from ballbot_ros.engine.scenario.task_timing import DUTY_TASKS, TICK_US, processor_share
+from ballbot_ros.engine.scenario.task_timing import TICK_US, duty_rank, processor_share
 from ballbot_ros.recording.messages.jobs import Jobs
 from ballbot_ros.robot.arithmetic import Floats
 from ballbot_ros.robot.brick.kernel import TICK_US as INTERRUPT_PERIOD_US
@@ -24,10 +23,9 @@ def ended(jobs: Jobs) -> Jobs:
 
 
 def sets_duty(jobs: Jobs) -> NDArray[np.bool_]:
-    """Return whether each job may set the duty: all do in a controller with tasks of its own."""
-    names = np.array(jobs.tasks)
-    known = np.isin(names, DUTY_TASKS)
-    return np.asarray((known if known.any() else names != IDLE)[jobs.task])
+    """Return whether each job may set the duty."""
+    ranks = np.array([*map(duty_rank, jobs.tasks)])
+    return np.asarray((ranks == ranks.max())[jobs.task])
 
 
 def pieces(done: Jobs, interrupt_us: int) -> Integers:

@@ -29,7 +29,7 @@ from ballbot_ros.analysis.recorded_scenario import (
 )
 from ballbot_ros.controllers.interface import OperatingState
 from ballbot_ros.engine.scenario.scenario import Scenario
-from ballbot_ros.engine.scenario.task_timing import DUTY_TASKS, task_timing
+from ballbot_ros.engine.scenario.task_timing import duty_rank, task_timing
 from ballbot_ros.engine.trajectory import Trajectory
 from ballbot_ros.errors import RecordingError, one_line
 from ballbot_ros.lockstep.run_actions import Outcome, ParameterChange
@@ -406,7 +406,7 @@ def _timing(
     ticks = int(np.searchsorted(trajectory.time, last + TICK_S / 2))
     rows = np.searchsorted(duty.time, trajectory.time[:ticks] - TICK_S / 2)
     rows = rows.clip(max=len(duty.time) - 1)  # of a free-running controller
-    table = np.column_stack([np.isin(tasks, DUTY_TASKS)[task], *columns])
+    table = np.column_stack([np.array([*map(duty_rank, tasks)])[task], *columns])
     delays_ns = 1000 * np.rint(1e6 * duty.values[rows, 2]).astype(np.int64)
     return task_timing(controller, table, duty.stamps[rows], trajectory.duty[:ticks], delays_ns)
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.controllers.controller import TICK
+from ballbot_ros.controllers.controller import IDLE, TICK
 from ballbot_ros.controllers.document.axis import TASK_TS1
 from ballbot_ros.parameters.timing import TICK_MS, TICK_NS
 from ballbot_ros.robot.arithmetic import Floats
@@ -15,9 +15,6 @@ from ballbot_ros.robot.brick.job_times import bus_share, is_timed, kernel_consta
 from ballbot_ros.robot.brick.kernel import NOT_YET, Job
 
 TICK_US = TICK_NS // 1000
-
-DUTY_TASKS = TASK_TS1, TICK
-"""The task that sets the duty, in the document's program and in other controllers."""
 
 RESPONSE_US, LOST, SHARE, DUTY_AGE_US = range(4)
 COUNT = 4
@@ -43,9 +40,17 @@ def duty_age(effect_us: Any, start_us: Any) -> Any:
     return effect_us - start_us // TICK_US * TICK_US
 
 
+def duty_rank(task: str) -> int:
+    """Return a number that is greatest for the tasks of a controller that set its duty.
+
+    All but the idle one do so if it has tasks of its own.
+    """
+    return 2 if task in (TASK_TS1, TICK) else 0 if task == IDLE else 1
+
+
 def job_row(job: Job) -> tuple[int, ...]:
-    """Return whether the task of a job is one of :data:`DUTY_TASKS`, and its other fields."""
-    return (job.task in DUTY_TASKS, *job[1:])
+    """Return the :func:`duty_rank` of the task of a job, and its other fields."""
+    return (duty_rank(job.task), *job[1:])
 
 
 def task_timing(
@@ -73,13 +78,13 @@ def task_timing(
     ends_in = np.maximum(jobs[:, 2] // TICK_US, (jobs[:, 3] - 1) // TICK_US) * TICK_US
     at = np.searchsorted(stamps_us, ends_in).clip(max=count - 1)
     is_known = stamps_us[at] == ends_in
-    sets_duty, release, start, end, preempted, is_lost = jobs[is_known].T
+    rank, release, start, end, preempted, is_lost = jobs[is_known].T
     at, ended = at[is_known], is_lost == 0
     jobs_us = np.bincount(at[ended], (end - start - preempted)[ended], count)
     timing[:, LOST] = np.bincount(at[~ended], minlength=count)
     timing[:, SHARE] = processor_share(bus_share(p), kernel_constants(p).interrupt_us, jobs_us)
     timing[:, [RESPONSE_US, DUTY_AGE_US]] = NOT_YET
-    ended &= sets_duty == 1
+    ended &= rank == rank.max(initial=0)
     np.maximum.at(timing[:, RESPONSE_US], at[ended], (end - release)[ended])
     starts_us = np.full(count, NOT_YET)
     starts_us[at[ended]] = start[ended]  # of several, the last

@@ -51,6 +51,11 @@ def test_a_job_counts_in_the_tick_in_which_it_ends():
     assert not found[:, LOST].any()
 
 
+def test_in_a_controller_with_own_tasks_all_but_the_idle_one_set_the_duty():
+    own = [('fast', 0, 10, 60), ('slow', 0, 60, 300), ('idle', 4000, 4000, 4900)]
+    assert timing(own, [0] * 2, [0] * 2)[:, RESPONSE_US].tolist() == [300, -1]
+
+
 def test_lost_alarms_of_all_tasks_count():
     lost = [(name, at, at, at, 0, True) for name, at in
             (('task_ts1', 4000), ('task_ts3', 4000), ('task_ts1', 8000))]  # fmt: skip
