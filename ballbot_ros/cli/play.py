@@ -7,7 +7,6 @@ import re
 import select
 import sys
 import termios
-import time
 import tty
 from collections.abc import Callable
 from pathlib import Path
@@ -42,23 +41,22 @@ def _play_file(parameters: PlayerParameters) -> int:
         if not sys.stdin.isatty():
             return player
 
-        def press(key: str, now: float) -> None:
+        def press(key: str) -> None:
             if key == QUIT:
                 player.finish()
             elif action := terminal_action(key):
-                player.playback.apply(action, now)
+                player.playback.apply(action)
                 if player.playback.rate != player.parameters.rate:
                     player.set_parameters([Parameter('rate', value=player.playback.rate)])
 
         def attend() -> None:
-            now = time.monotonic()
             playback = player.playback
             for key in terminal.read_keys():
-                press(key, now)
-            position = playback.position(now)
+                press(key)
+            paused = '' if playback.is_playing else '   paused'
             terminal.show(
-                f'{position:8.2f} / {playback.duration:.2f} s   {playback.rate:.2f} ×'
-                f'{"   loop" if playback.loop else ""}{"   paused" if playback.paused else ""}'
+                f'{playback.time:8.2f} / {playback.end:.2f} s   {playback.rate:.2f} ×'
+                f'{"   loop" if playback.is_looping else ""}{paused}'
             )
 
         player.create_wall_timer(KEYS_S, attend)

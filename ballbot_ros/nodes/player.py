@@ -45,7 +45,10 @@ class Player(BallbotNode[PlayerParameters]):
         self._recording = RecordingReader(self.parameters.file)
         chosen = [name.strip() for name in self.parameters.topics.split(',') if name.strip()]
         self.playback = Playback(
-            self._recording, chosen or None, rate=self.parameters.rate, loop=self.parameters.loop
+            self._recording,
+            chosen or None,
+            rate=self.parameters.rate,
+            is_looping=self.parameters.loop,
         )
         recorded = self._recording.topics()
         topics = {name: recorded[name].type_name for name in chosen or recorded}
@@ -68,7 +71,7 @@ class Player(BallbotNode[PlayerParameters]):
             self.warn(f'{self._recording.path}: {self._recording.damage}; the rest is played')
         self._begins_at = time.monotonic() + SETTLE_S
         self.playback.begin(self.parameters.start, self._begins_at)
-        self._clock_ns = self._position_ns(self._begins_at)
+        self._clock_ns = self.playback.now_ns
         name = self.get_name()
         self.create_service(SetBool, f'{name}/pause', self._pause)
         self.create_subscription(Float64, f'{name}/seek', self._seek, 10)
@@ -91,14 +94,13 @@ class Player(BallbotNode[PlayerParameters]):
         now = time.monotonic()
         if self.finished or now < self._begins_at:
             return
-        if self.playback.rate != self.parameters.rate:
-            self.playback.set_rate(self.parameters.rate, now)
+        self.playback.rate = self.parameters.rate
         for topic, stamp_ns, _, data in self.playback.due(now):
             if topic in self._outputs and not self._is_derived_elsewhere(topic):
                 self._outputs[topic].publish(data)
             self.count_sample(stamp_ns)
         if self._made_clock:
-            self._make_clock(self._made_clock, now)
+            self._make_clock(self._made_clock)
         if self.playback.finished:
             self.finish()
 
@@ -106,16 +108,11 @@ class Player(BallbotNode[PlayerParameters]):
         """Return whether another node publishes a topic that is derived in the recording."""
         return topic in self._derived and self.count_publishers(topic) > 1
 
-    def _position_ns(self, now: float) -> int:
-        """Return the sim time of the playback [ns]."""
-        return self.playback.first_ns + round(self.playback.position(now) * 1e9)
-
-    def _make_clock(self, output: TopicPublisher, now: float) -> None:
-        """Publish ``/clock`` if the position has changed."""
-        position_ns = self._position_ns(now)
-        if position_ns != self._clock_ns:
-            self._clock_ns = position_ns
-            output.publish(encode_clock(position_ns))
+    def _make_clock(self, output: TopicPublisher) -> None:
+        """Publish ``/clock`` if the time has changed."""
+        if self.playback.now_ns != self._clock_ns:
+            self._clock_ns = self.playback.now_ns
+            output.publish(encode_clock(self._clock_ns))
 
     def _watch(self) -> None:
         """End if a plant or another player appears in the domain."""
@@ -125,7 +122,7 @@ class Player(BallbotNode[PlayerParameters]):
             self.exit_status = 2
 
     def _pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        self.playback.pause(request.data, time.monotonic())
+        self.playback.is_playing = not request.data
         response.success = True
         response.message = 'paused' if request.data else 'playing'
         return response
@@ -134,16 +131,15 @@ class Player(BallbotNode[PlayerParameters]):
         if math.isnan(message.data):
             self.warn(f'{self.get_name()}/seek: nan is not a position')
             return
-        self.playback.seek(message.data, time.monotonic())
+        self.playback.seek(message.data)
 
     def diagnose(self) -> Mapping[str, object]:
         """Return the playback position."""
-        position = self.playback.position(time.monotonic())
         return {
             'file': self._recording.path,
-            'position [s]': f'{position:.3f}',
-            'duration [s]': f'{self.playback.duration:.3f}',
-            'paused': self.playback.paused,
+            'position [s]': f'{self.playback.time:.3f}',
+            'duration [s]': f'{self.playback.end:.3f}',
+            'paused': not self.playback.is_playing,
         }
 
     def close(self) -> None:

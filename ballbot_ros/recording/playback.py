@@ -70,10 +70,78 @@ def slower(rate: float) -> float:
     return max((each for each in RATES if each < rate), default=rate)
 
 
-class Playback:
-    """Plays a recording at a variable rate.
+class PlaybackClock:
+    """Playback time up to `end` [s].
 
-    The caller provides the time: `now` is any monotonic clock [s].
+    Attributes
+    ----------
+    time : float
+        The present time, from 0 to `end` [s].
+    rate : float
+        Speed in multiples of real time.
+    is_playing : bool
+        Whether the time passes.
+    is_looping : bool
+        Whether the playback restarts at its end.
+    """
+
+    def __init__(self, end: float, rate: float = 1.0, *, is_looping: bool = False) -> None:
+        self.end = end
+        self.time = 0.0
+        self.rate = rate
+        self.is_playing = True
+        self.is_looping = is_looping
+
+    def advance(self, seconds: float) -> tuple[float, float]:
+        """Let `seconds` of wall time pass; return the played interval [s]."""
+        if not self.is_playing:
+            return self.time, self.time
+        if self.is_looping and self.time >= self.end:
+            self.seek(0.0)
+        start = self.time
+        self.time = min(self.end, start + seconds * self.rate)
+        self.is_playing = self.time < self.end or (self.is_looping and self.end > 0.0)
+        return start, self.time
+
+    def seek(self, time: float) -> None:
+        """Continue from `time` [s], or from the nearer end."""
+        self.time = min(max(time, 0.0), self.end)
+
+    def step(self, seconds: float) -> None:
+        """Pause, and go on by `seconds` at once."""
+        self.is_playing = False
+        self.time = min(self.time + seconds, self.end)
+
+    def apply(self, action: PlaybackAction) -> None:
+        """Do what a key or a button asks for."""
+        match action:
+            case PlaybackAction.PAUSE:
+                if not self.is_playing and self.time >= self.end:
+                    self.seek(0.0)
+                self.is_playing = not self.is_playing
+            case PlaybackAction.STEP:
+                self.step(TICK_S)
+            case PlaybackAction.BACK:
+                self.seek(self.time - SKIP_S)
+            case PlaybackAction.FORWARD:
+                self.seek(self.time + SKIP_S)
+            case PlaybackAction.START:
+                self.seek(0.0)
+            case PlaybackAction.END:
+                self.is_playing = False
+                self.seek(self.end)
+            case PlaybackAction.LOOP:
+                self.is_looping = not self.is_looping
+            case PlaybackAction.SLOWER:
+                self.rate = slower(self.rate)
+            case PlaybackAction.FASTER:
+                self.rate = faster(self.rate)
+
+
+class Playback(PlaybackClock):
+    """Plays a recording; its time counts from the oldest message, its end is the newest one.
+
+    The caller provides the wall time: `now` is any monotonic clock [s].
 
     Parameters
     ----------
@@ -82,21 +150,15 @@ class Playback:
         The topics to play; None for all.
     rate : float
         Speed in multiples of real time.
-    loop : bool
+    is_looping : bool
         Whether to restart from the oldest message at the end.
 
     Attributes
     ----------
     first_ns : int
         The oldest stamp of the file, including topics that are not played [ns].
-    duration : float
-        Time from there to the newest stamp [s].
-    rate : float
-        Speed in multiples of real time.
-    loop : bool
-        Whether to restart from the oldest message at the end.
-    paused, finished : bool
-        Whether the playback is paused, and whether everything has been played.
+    finished : bool
+        Whether everything has been played.
 
     Raises
     ------
@@ -110,18 +172,15 @@ class Playback:
         topics: Collection[str] | None,
         *,
         rate: float,
-        loop: bool,
+        is_looping: bool,
     ) -> None:
         if reader.times is None:
             raise RecordingError(f'{reader.path}: no messages to play')
         self.first_ns, last_ns = reader.times
-        self.duration = (last_ns - self.first_ns) / 1e9
+        super().__init__((last_ns - self.first_ns) / 1e9, rate, is_looping=is_looping)
         self._reader = reader
         self._topics = topics
-        self.loop = loop
-        self.rate = rate
-        self.paused = False
-        self.seek(0.0, 0.0)
+        self.begin(0.0, 0.0)
 
     def begin(self, start: float, now: float) -> None:
         """Start playing at `start`, counted from the oldest message [s].
@@ -131,76 +190,34 @@ class Playback:
         RecordingError
             If `start` is after the end.
         """
-        if start > self.duration:
+        if start > self.end:
             raise RecordingError(
-                f'{self._reader.path}: start {start:g} s is after the end, {self.duration:g} s'
+                f'{self._reader.path}: start {start:g} s is after the end, {self.end:g} s'
             )
-        self.seek(start, now)
+        self.seek(start)
+        self._now = now
 
-    def position(self, now: float) -> float:
-        """Return the position, counted from the oldest message [s]."""
-        passed = 0.0 if self.paused else (now - self._anchor) * self.rate
-        return min(max(self._position + passed, 0.0), self.duration)
-
-    def set_rate(self, rate: float, now: float) -> None:
-        """Continue at another speed."""
-        self._position, self._anchor = self.position(now), now
-        self.rate = rate
-
-    def pause(self, paused: bool, now: float) -> None:
-        """Pause or resume."""
-        self._position, self._anchor = self.position(now), now
-        self.paused = paused
-
-    def seek(self, position: float, now: float) -> None:
-        """Jump to another position, or to the nearest end [s]."""
-        self._position, self._anchor = min(max(position, 0.0), self.duration), now
-        start_ns = self.first_ns + round(self._position * 1e9)
-        self._messages = self._reader.raw_messages(self._topics, start_ns)
+    def seek(self, time: float) -> None:
+        """Jump to another time, or to the nearest end [s]."""
+        super().seek(time)
+        self._messages = self._reader.raw_messages(self._topics, self.now_ns)
         self._next = next(self._messages, None)
         self.finished = False
 
-    def step(self, seconds: float, now: float) -> None:
-        """Pause, and play the next `seconds` of the recording at once."""
-        self.pause(True, now)
-        self._position = min(self._position + seconds, self.duration)
-
-    def apply(self, action: PlaybackAction, now: float) -> None:
-        """Do what a key asks for."""
-        position = self.position(now)
-        match action:
-            case PlaybackAction.PAUSE:
-                if self.paused and position >= self.duration:
-                    self.seek(0.0, now)
-                self.pause(not self.paused, now)
-            case PlaybackAction.STEP:
-                self.step(TICK_S, now)
-            case PlaybackAction.BACK:
-                self.seek(position - SKIP_S, now)
-            case PlaybackAction.FORWARD:
-                self.seek(position + SKIP_S, now)
-            case PlaybackAction.START:
-                self.seek(0.0, now)
-            case PlaybackAction.END:
-                self.pause(True, now)
-                self.seek(self.duration, now)
-            case PlaybackAction.LOOP:
-                self.loop = not self.loop
-            case PlaybackAction.SLOWER:
-                self.set_rate(slower(self.rate), now)
-            case PlaybackAction.FASTER:
-                self.set_rate(faster(self.rate), now)
+    @property
+    def now_ns(self) -> int:
+        """The sim time of the playback [ns]."""
+        return self.first_ns + round(self.time * 1e9)
 
     def due(self, now: float) -> Iterator[RawMessage]:
         """Iterate over the messages that have become due since the last call, in file order."""
-        if now < self._anchor:
+        if now < self._now:
             return
-        until_ns = self.first_ns + round(self.position(now) * 1e9)
+        was_playing = self.is_playing
+        self.advance(now - self._now)
+        self._now = now
+        until_ns = self.now_ns
         while self._next is not None and self._next.stamp_ns <= until_ns:
             message, self._next = self._next, next(self._messages, None)
             yield message
-        if self._next is None and not self.paused and self.position(now) >= self.duration:
-            if self.loop and self.duration > 0.0:
-                self.seek(0.0, now)
-            else:
-                self.finished = True
+        self.finished = was_playing and not self.is_playing

@@ -17,7 +17,7 @@ from ballbot_ros.analysis.figure_parts import envelope
 from ballbot_ros.analysis.topic_samples import TopicSamples
 from ballbot_ros.errors import RecordingError
 from ballbot_ros.process import ProgressCallback
-from ballbot_ros.recording.playback import KEYS, RATES, PlaybackAction
+from ballbot_ros.recording.playback import KEYS, RATES, PlaybackAction, PlaybackClock
 from ballbot_ros.robot.arithmetic import Floats
 from ballbot_ros.viewer.overlay import (
     Button,
@@ -29,7 +29,7 @@ from ballbot_ros.viewer.overlay import (
     Timeline,
 )
 from ballbot_ros.viewer.page import Page
-from ballbot_ros.viewer.playback_run import PlaybackClock, PlaybackRun
+from ballbot_ros.viewer.playback_run import PlaybackRun
 from ballbot_ros.viewer.plots import (
     MAX_ROWS,
     PlotData,

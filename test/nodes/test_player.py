@@ -235,6 +235,7 @@ def test_the_clock_stands_still_during_a_pause(make_player):
     player = make_player()
     sent = []
     player._begins_at, player._made_clock = -math.inf, SimpleNamespace(publish=sent.append)
+    player.playback.begin(0.0, 0.0)
     for is_paused in (True, False):
         player._pause(SetBool.Request(data=is_paused), SetBool.Response())
         player._play()
@@ -261,7 +262,7 @@ def test_a_position_must_be_a_number():
     sought, warned = [], []
     node = bare(
         Player,
-        playback=SimpleNamespace(seek=lambda position_s, now_s: sought.append(position_s)),
+        playback=SimpleNamespace(seek=sought.append),
         get_name=lambda: 'player',
         warn=warned.append,
     )
@@ -279,7 +280,6 @@ def test_messages_are_played_once_their_time_has_come(monkeypatch):
         rate=1.0,
         finished=False,
         due=lambda now_s: [('/talk', 5, 0, b'a'), ('/strange', 6, 0, b'b')],
-        set_rate=lambda rate, now_s: done.append(rate),
     )
     node = bare(
         Player,
@@ -288,7 +288,7 @@ def test_messages_are_played_once_their_time_has_come(monkeypatch):
         _derived=set(),
         done=SimpleNamespace(done=lambda: False), finish=lambda: done.append('finished'),
     )  # fmt: skip
-    played = [2.0, b'a', 5, 6]
+    played = [b'a', 5, 6]
     for now_s[0], playback.finished, expected in (
         (0.9, True, []), (1.0, False, played), (1.1, True, [*played, 'finished'])
     ):  # fmt: skip

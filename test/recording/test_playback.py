@@ -28,47 +28,48 @@ def due(playback, now):
 
 
 def test_messages_are_due_at_the_set_rate(reader):
-    playback = Playback(reader, None, rate=2.0, loop=False)
+    playback = Playback(reader, None, rate=2.0, is_looping=False)
     assert due(playback, 0.0) == [0]
     playback.begin(0.0, 50.0)
     assert due(playback, 49.9) == []
     assert due(playback, 50.0) == [0]
     assert due(playback, 50.21) == [1, 2, 3, 4]
-    assert playback.position(50.21) == pytest.approx(0.42)
+    assert playback.time == pytest.approx(0.42)
     assert due(playback, 50.22) == []
-    playback.set_rate(1.0, 50.25)
-    assert due(playback, 50.36) == [5, 6]
+    playback.rate = 1.0
+    assert due(playback, 50.36) == [5]
     assert not playback.finished
-    assert due(playback, 60.0) == [7, 8, 9, 10]
+    assert due(playback, 60.0) == [6, 7, 8, 9, 10]
     assert playback.finished
 
 
 def test_pause_holds_and_seek_jumps(reader):
-    playback = Playback(reader, ['/odd'], rate=1.0, loop=False)
+    playback = Playback(reader, ['/odd'], rate=1.0, is_looping=False)
     playback.begin(0.25, 0.0)
     assert due(playback, 0.1) == [3]
-    playback.pause(True, 0.1)
+    playback.is_playing = False
     assert due(playback, 9.0) == []
-    assert playback.position(9.0) == pytest.approx(0.35)
-    playback.seek(0.05, 9.0)
+    assert playback.time == pytest.approx(0.35)
+    playback.seek(0.05)
     assert due(playback, 9.5) == []
-    playback.pause(False, 10.0)
-    assert due(playback, 10.1) == [1]
-    playback.seek(99.0, 10.1)
-    assert playback.position(10.1) == playback.duration
-    playback.pause(True, 10.1)
+    playback.is_playing = True
+    assert due(playback, 9.6) == [1]
+    playback.seek(99.0)
+    assert playback.time == playback.end
+    playback.is_playing = False
     assert due(playback, 10.1) == []
     assert not playback.finished
-    playback.pause(False, 10.1)
+    playback.is_playing = True
     assert due(playback, 10.1) == []
     assert playback.finished
-    playback.seek(-5.0, 10.2)
+    playback.seek(-5.0)
+    playback.is_playing = True
     assert not playback.finished
-    assert due(playback, 10.4) == [1]
+    assert due(playback, 10.3) == [1]
 
 
 def test_a_loop_restarts(reader):
-    playback = Playback(reader, None, rate=1.0, loop=True)
+    playback = Playback(reader, None, rate=1.0, is_looping=True)
     playback.begin(0.95, 0.0)
     assert due(playback, 0.06) == [10]
     assert not playback.finished
@@ -76,51 +77,31 @@ def test_a_loop_restarts(reader):
 
 
 def test_a_step_plays_the_next_messages_and_pauses(reader):
-    playback = Playback(reader, None, rate=1.0, loop=False)
+    playback = Playback(reader, None, rate=1.0, is_looping=False)
     playback.begin(0.0, 0.0)
     assert due(playback, 0.05) == [0]
-    playback.step(0.1, 0.05)
+    playback.step(0.1)
     assert due(playback, 9.0) == [1]
-    assert playback.paused
-    playback.step(99.0, 9.0)
+    assert not playback.is_playing
+    playback.step(99.0)
     assert due(playback, 9.0) == [2, 3, 4, 5, 6, 7, 8, 9, 10]
-    assert playback.position(99.0) == playback.duration
+    assert playback.time == playback.end
     assert not playback.finished
 
 
-@pytest.mark.parametrize(
-    ('action', 'before', 'after'),
-    [
-        (PlaybackAction.PAUSE, (0.5, False), (0.5, True)),
-        (PlaybackAction.PAUSE, (0.5, True), (0.5, False)),
-        (PlaybackAction.PAUSE, (1.0, True), (0.0, False)),
-        (PlaybackAction.STEP, (0.5, False), (0.504, True)),
-        (PlaybackAction.BACK, (0.5, False), (0.0, False)),
-        (PlaybackAction.FORWARD, (0.5, True), (1.0, True)),
-        (PlaybackAction.START, (0.5, True), (0.0, True)),
-        (PlaybackAction.END, (0.5, False), (1.0, True)),
-    ],
-)
-def test_a_key_moves_or_pauses_the_playback(reader, action, before, after):
-    playback = Playback(reader, None, rate=1.0, loop=False)
-    playback.seek(before[0], 7.0)
-    playback.pause(before[1], 7.0)
-    playback.apply(action, 7.0)
-    assert (playback.position(7.0), playback.paused) == pytest.approx(after)
-
-
-def test_keys_choose_rate_and_loop(reader):
-    playback = Playback(reader, None, rate=1.2, loop=False)
-    for action, rate in (
-        (PlaybackAction.FASTER, 2.0),
-        (PlaybackAction.SLOWER, 1.0),
-        (PlaybackAction.SLOWER, 0.5),
+def test_keys_move_the_playback_from_message_to_message(reader):
+    playback = Playback(reader, None, rate=1.0, is_looping=False)
+    assert due(playback, 0.55) == [0, 1, 2, 3, 4, 5]
+    for action, expected in (
+        (PlaybackAction.START, [0]),
+        (PlaybackAction.FORWARD, [10]),
+        (PlaybackAction.BACK, [0]),
+        (PlaybackAction.END, [10]),
+        (PlaybackAction.STEP, []),
+        (PlaybackAction.PAUSE, [0]),
     ):
-        playback.apply(action, 0.0)
-        assert playback.rate == rate
-    for is_looping in (True, False):
-        playback.apply(PlaybackAction.LOOP, 0.0)
-        assert playback.loop is is_looping
+        playback.apply(action)
+        assert due(playback, 0.55) == expected, action
 
 
 def test_a_single_message_is_played_once(tmp_path):
@@ -128,22 +109,22 @@ def test_a_single_message_is_played_once(tmp_path):
         topic = writer.add_topic('/one', HEADER)
         writer.write(topic, 10**9, encoder(HEADER)(new_message(HEADER)), 7)
     with RecordingReader(tmp_path / 'one.mcap') as reader:
-        playback = Playback(reader, None, rate=1.0, loop=True)
+        playback = Playback(reader, None, rate=1.0, is_looping=True)
         playback.begin(0.0, 0.0)
         assert due(playback, 1.0) == [7]
         assert playback.finished
 
 
 def test_mistakes_are_one_line(reader, tmp_path):
-    playback = Playback(reader, None, rate=1.0, loop=False)
+    playback = Playback(reader, None, rate=1.0, is_looping=False)
     playback.begin(1.0, 0.0)
     with pytest.raises(RecordingError, match=r'run\.mcap: start 2 s is after the end, 1 s$'):
         playback.begin(2.0, 0.0)
     with pytest.raises(RecordingError, match="topic '/x' not found"):
-        Playback(reader, ['/x'], rate=1.0, loop=False)
+        Playback(reader, ['/x'], rate=1.0, is_looping=False)
     RecordingWriter(tmp_path / 'empty.mcap').close()
     with (
         RecordingReader(tmp_path / 'empty.mcap') as empty,
         pytest.raises(RecordingError, match='no messages to play'),
     ):
-        Playback(empty, None, rate=1.0, loop=False)
+        Playback(empty, None, rate=1.0, is_looping=False)

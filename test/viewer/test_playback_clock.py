@@ -2,9 +2,8 @@
 
 import pytest
 
-from ballbot_ros.recording.playback import KEYS, RATES, SKIP_S, PlaybackAction
+from ballbot_ros.recording.playback import KEYS, RATES, SKIP_S, PlaybackAction, PlaybackClock
 from ballbot_ros.viewer.overlay import ChooseRate, Hold, Mark, MarkKind, Press, Seek, Timeline
-from ballbot_ros.viewer.playback_run import PlaybackClock
 from ballbot_ros.viewer.recording_page import playback_overlay, take_request
 
 END = 20.0

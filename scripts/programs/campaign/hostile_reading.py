@@ -77,7 +77,7 @@ def watch() -> None:
 def play() -> None:
     """Play a recording as the player does."""
     with RecordingReader(FILE) as reader:
-        playback = Playback(reader, None, rate=1.0, loop=False)
+        playback = Playback(reader, None, rate=1.0, is_looping=False)
         for moment in (0.0, 0.1, 1e9):
             for _, _ in zip(range(10_000), playback.due(moment), strict=False):
                 pass
