@@ -8,13 +8,7 @@ from typing import ClassVar, Literal
 
 from ballbot_ros.parameters.brick_time import KernelChoice, LinkParameters, TaskCosts
 from ballbot_ros.parameters.nodes import DeviceSeed, LockstepChoice, Radii, StickScale
-from ballbot_ros.parameters.parameter import (
-    NodeParameters,
-    TakesEffect,
-    Value,
-    quantity,
-    setting,
-)
+from ballbot_ros.parameters.parameter import NodeParameters, Value, live, quantity, setting
 
 Gains = tuple[float, float, float, float]
 Period = Literal[4, 20, 100]
@@ -55,51 +49,22 @@ class ControllerParameters(
         'project',
     )
     mode: Literal['remote', 'autonomous'] = setting('remote', 'drive mode (task_init)', '7.3')
-    k_f: Gains = quantity(
+    k_f: Gains = live(
         (-0.01504899, -1.56981134, -0.02700482, -0.23249821),
         'V/deg, V·s/deg',
         ANY,
         'servo control feedback gain of θ, ψ, θ˙, ψ˙',
         '4.2',
-        takes_effect=TakesEffect.IMMEDIATELY,
     )
-    k_i: float = quantity(
-        -0.00712528,
-        'V/(deg·s)',
-        ANY,
-        'servo control integral gain',
-        '4.2',
-        takes_effect=TakesEffect.IMMEDIATELY,
-    )
+    k_i: float = live(-0.00712528, 'V/(deg·s)', ANY, 'servo control integral gain', '4.2')
     a_b: float = quantity(0.8, '1', COEFFICIENT, 'low pass: battery voltage', '7.7')
     a_d: float = quantity(0.8, '1', COEFFICIENT, 'low pass: velocity', '7.7')
     a_r: float = quantity(0.996, '1', COEFFICIENT, 'low pass: speed reference', '7.7')
     a_gc: float = quantity(0.8, '1', COEFFICIENT, 'low pass: gyro calibration', '7.7')
     a_gd: float = quantity(0.999, '1', COEFFICIENT, 'low pass: gyro drift', '7.7')
-    pwm_gain: float = quantity(
-        1.0,
-        '1',
-        (0.0, 100.0),
-        'friction compensator gain',
-        '7.7',
-        takes_effect=TakesEffect.IMMEDIATELY,
-    )
-    pwm_offset: float = quantity(
-        0.0,
-        '%',
-        (0.0, 100.0),
-        'friction compensator offset',
-        '7.7',
-        takes_effect=TakesEffect.IMMEDIATELY,
-    )
-    dst_thr: int = quantity(
-        30,
-        'cm',
-        (-1, 255),
-        'obstacle avoidance threshold',
-        '7.7',
-        takes_effect=TakesEffect.IMMEDIATELY,
-    )
+    pwm_gain: float = live(1.0, '1', (0.0, 100.0), 'friction compensator gain', '7.7')
+    pwm_offset: float = live(0.0, '%', (0.0, 100.0), 'friction compensator offset', '7.7')
+    dst_thr: int = live(30, 'cm', (-1, 255), 'obstacle avoidance threshold', '7.7')
     sonar_hold: int = quantity(
         0, 'ms', (0, 60000), 'time for which the last echo stays valid if none returns', 'project'
     )
@@ -108,35 +73,18 @@ class ControllerParameters(
     time_stop: int = quantity(
         500, 'ms', UINT32_BOUNDS, 'time from the loss of control until the motors stop', '7.6'
     )
-    theta_diff_thr: float = quantity(
-        600.0,
-        'deg',
-        (0.0, 1e6),
-        'wheel angle error from which control counts as lost',
-        '7.6',
-        takes_effect=TakesEffect.IMMEDIATELY,
+    theta_diff_thr: float = live(
+        600.0, 'deg', (0.0, 1e6), 'wheel angle error from which control counts as lost', '7.6'
     )
-    psi_diff_thr: float = quantity(
-        15.0,
-        'deg',
-        (0.0, 180.0),
-        'body pitch error from which control counts as lost',
-        '7.6',
-        takes_effect=TakesEffect.IMMEDIATELY,
+    psi_diff_thr: float = live(
+        15.0, 'deg', (0.0, 180.0), 'body pitch error from which control counts as lost', '7.6'
     )
     sound_freq: int = quantity(440, 'Hz', (31, 14080), 'tone after calibration', '7.6')
     sound_dur: int = quantity(
         500, 'ms', (0, 65535), 'duration of the tone after calibration', '7.6'
     )
     sound_volume: int = quantity(70, '%', (0, 100), 'volume of all tones', '7.6')
-    tone_gain: int = quantity(
-        0,
-        'Hz/cm',
-        (0, 55),
-        'tone proportional to the distance; 0: none',
-        '10',
-        takes_effect=TakesEffect.IMMEDIATELY,
-    )
+    tone_gain: int = live(0, 'Hz/cm', (0, 55), 'tone proportional to the distance; 0: none', '10')
     log_count: int = quantity(25, 'ticks', (1, 255), 'ticks between log packets', '7.4')
     ts2_period: Period = quantity(20, 'ms', (4, 100), 'period of task_ts2: obstacles', '7.5')
     ts3_period: Period = quantity(

@@ -12,11 +12,14 @@ from ballbot_ros.parameters.parameter import (
     Subset,
     TakesEffect,
     dead_time,
+    live,
     path,
     quantity,
     setting,
 )
 from ballbot_ros.parameters.timing import SLOW_PERIOD_NS, TICK_NS
+
+READ_ONLY = TakesEffect.READ_ONLY
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,7 +53,7 @@ class LockstepChoice:
         True,
         'true: each tick waits for its inputs; false: wall-clock timers, newest sample wins',
         'project',
-        takes_effect=TakesEffect.READ_ONLY,
+        takes_effect=READ_ONLY,
     )
 
 
@@ -58,14 +61,7 @@ class LockstepChoice:
 class StickScale:
     """The meaning of a full stick."""
 
-    k_thetadot: float = quantity(
-        380.0,
-        'deg/s',
-        (0.0, 1e4),
-        'speed reference gain (0.17 m/s)',
-        '7.7',
-        takes_effect=TakesEffect.IMMEDIATELY,
-    )
+    k_thetadot: float = live(380.0, 'deg/s', (0.0, 1e4), 'speed reference gain (0.17 m/s)', '7.7')
     gp_max: int = quantity(100, '%', (1, 127), 'largest stick value', '5.1')
 
 
@@ -255,12 +251,12 @@ class RecorderParameters(NodeParameters):
     node: ClassVar[str] = 'recorder'
 
     output: str = path(
-        'file to write; empty: a new one under runs/', 'project', takes_effect=TakesEffect.READ_ONLY
+        'file to write; empty: a new one under runs/', 'project', takes_effect=READ_ONLY
     )
     attachments: str = path(
         'folder whose files are attached to the recording; empty: none',
         'project',
-        takes_effect=TakesEffect.READ_ONLY,
+        takes_effect=READ_ONLY,
     )
 
 
@@ -270,31 +266,19 @@ class PlayerParameters(NodeParameters):
 
     node: ClassVar[str] = 'player'
 
-    file: str = path('recording to play', 'project', takes_effect=TakesEffect.READ_ONLY)
-    rate: float = quantity(
-        1.0,
-        '1',
-        (0.01, 100.0),
-        'speed in multiples of real time',
-        'project',
-        takes_effect=TakesEffect.IMMEDIATELY,
-    )
+    file: str = path('recording to play', 'project', takes_effect=READ_ONLY)
+    rate: float = live(1.0, '1', (0.01, 100.0), 'speed in multiples of real time', 'project')
     start: float = quantity(
         0.0,
         's',
         (0.0, 1e9),
         'start, counted from the first message',
         'project',
-        takes_effect=TakesEffect.READ_ONLY,
+        takes_effect=READ_ONLY,
     )
-    loop: bool = setting(
-        False, 'true: restarts at the end', 'project', takes_effect=TakesEffect.READ_ONLY
-    )
+    loop: bool = setting(False, 'true: restarts at the end', 'project', takes_effect=READ_ONLY)
     topics: str = setting(
-        '',
-        'topics to play, separated by commas; empty: all',
-        'project',
-        takes_effect=TakesEffect.READ_ONLY,
+        '', 'topics to play, separated by commas; empty: all', 'project', takes_effect=READ_ONLY
     )
 
 
@@ -308,7 +292,7 @@ class ViewerParameters(Dimensions, MapChoice, NodeParameters):
         '127.0.0.1',
         'address that serves the page: all who reach it can watch, those with the token can steer',
         'project',
-        takes_effect=TakesEffect.READ_ONLY,
+        takes_effect=READ_ONLY,
     )
     port: int = quantity(
         -1,
@@ -316,7 +300,7 @@ class ViewerParameters(Dimensions, MapChoice, NodeParameters):
         (-1, 65535),
         'port of the page; -1: 8080, or the next free one; 0: any free one',
         'project',
-        takes_effect=TakesEffect.READ_ONLY,
+        takes_effect=READ_ONLY,
     )
 
 
@@ -332,7 +316,7 @@ class VisualizerParameters(Dimensions, Masses, NodeParameters):
         (1.0, 250.0),
         'maximum rate of markers, transforms and odometry',
         'project',
-        takes_effect=TakesEffect.READ_ONLY,
+        takes_effect=READ_ONLY,
     )
 
 

@@ -92,14 +92,14 @@ class Parameter:
     nodes: tuple[str, ...]
     name: str
     default: Value
-    unit: str
-    bounds: tuple[float, float] | None
-    or_zero: bool
-    is_path: bool
-    choices: tuple[str | int, ...]
     description: str
-    source: str
-    takes_effect: TakesEffect
+    source: str = ''
+    unit: str = ''
+    bounds: tuple[float, float] | None = None
+    or_zero: bool = False
+    is_path: bool = False
+    choices: tuple[str | int, ...] = ()
+    takes_effect: TakesEffect = TakesEffect.NEXT_RUN
     is_designed: bool = False
 
     @property
@@ -163,11 +163,9 @@ class Parameter:
     def _number(self, value: object, name: str) -> float:
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise ParameterError(f'{name}: {short_repr(value)} is not a number')
-        if self.bounds is None:
-            if not math.isfinite(value):
-                raise ParameterError(f'{name}: {value!r} is not finite')
-            return value if isinstance(self.default, int) else float(value)
-        low, high = self.bounds
+        low, high = self.bounds or (-math.inf, math.inf)
+        if not self.bounds and not math.isfinite(value):
+            raise ParameterError(f'{name}: {value!r} is not finite')
         if not (low <= value <= high or (self.or_zero and value == 0)):
             raise ParameterError(
                 f'{name}: {short_repr(value)} is not within {self.bounds_text}{self._spaced_unit}'
@@ -228,9 +226,14 @@ def quantity(
 ) -> _Value:
     """Declare a number, or several of a kind; for the arguments see :class:`Parameter`."""
     return _declared(
-        default, unit=unit, bounds=bounds, or_zero=or_zero,
-        description=description, source=source, takes_effect=takes_effect,
-    )  # fmt: skip
+        default, description, source, takes_effect, unit=unit, bounds=bounds, or_zero=or_zero
+    )
+
+
+def live(default: _Value, unit: str, bounds: _Bounds, description: str, source: str) -> _Value:
+    """Declare a number whose new value takes effect in a running node at once."""
+    at_once = TakesEffect.IMMEDIATELY
+    return _declared(default, description, source, at_once, unit=unit, bounds=bounds)
 
 
 def dead_time(description: str) -> int:
@@ -246,7 +249,7 @@ def setting(
     takes_effect: TakesEffect = TakesEffect.NEXT_RUN,
 ) -> _Value:
     """Declare a switch or a text; a field of a Literal type is a choice among its values."""
-    return _declared(default, description=description, source=source, takes_effect=takes_effect)
+    return _declared(default, description, source, takes_effect)
 
 
 def designed(
@@ -257,37 +260,19 @@ def designed(
     takes_effect: TakesEffect = TakesEffect.NEXT_RUN,
 ) -> tuple[float, ...]:
     """Declare numbers that are designed once, when a run is composed, unless they are set."""
-    return _declared(
-        (), unit=unit, bounds=bounds, description=description, source='',
-        takes_effect=takes_effect, is_designed=True,
-    )  # fmt: skip
+    return _declared((), description, '', takes_effect, unit=unit, bounds=bounds, is_designed=True)
 
 
 def path(description: str, source: str, *, takes_effect: TakesEffect = TakesEffect.NEXT_RUN) -> str:
     """Declare the path of a file or folder, or the name of a shipped one; empty by default."""
-    return _declared(
-        '', description=description, source=source, takes_effect=takes_effect, is_path=True
-    )
+    return _declared('', description, source, takes_effect, is_path=True)
 
 
 def _declared(
-    default: _Value,
-    *,
-    description: str,
-    source: str,
-    takes_effect: TakesEffect,
-    unit: str = '',
-    bounds: _Bounds | None = None,
-    or_zero: bool = False,
-    is_path: bool = False,
-    is_designed: bool = False,
+    default: _Value, description: str, source: str, takes_effect: TakesEffect, **others: object
 ) -> _Value:
-    metadata = {
-        'unit': unit, 'bounds': bounds, 'or_zero': or_zero, 'is_path': is_path,
-        'description': description, 'source': source, 'takes_effect': takes_effect,
-        'is_designed': is_designed,
-    }  # fmt: skip
-    return field(default=default, metadata=metadata)
+    given = {'description': description, 'source': source, 'takes_effect': takes_effect}
+    return field(default=default, metadata={**given, **others})
 
 
 def table(classes: tuple[type[NodeParameters], ...]) -> tuple[Parameter, ...]:

@@ -19,6 +19,7 @@ from ballbot_ros.parameters.parameter import (
     NodeParameters,
     TakesEffect,
     dead_time,
+    live,
     path,
     quantity,
     setting,
@@ -79,11 +80,7 @@ class PlantParameters(
         1.0, 's', (0.0, 1e6), 'time from the start for which the robot is held still', '6.3'
     )
     fall_angle: float = quantity(
-        math.pi / 3,
-        'rad',
-        (0.1, 1.5),
-        'body pitch beyond which the robot has fallen',
-        'project',
+        math.pi / 3, 'rad', (0.1, 1.5), 'body pitch beyond which the robot has fallen', 'project'
     )
     on_wall_hit: Literal['stop', 'report'] = setting(
         'stop', 'reaction to a wall hit: end the run as failed, or report it and continue', 'B.3'
@@ -119,14 +116,7 @@ class PlantParameters(
     idle_current: float = quantity(
         0.1, 'A', (0.0, 10.0), 'current of the brick, draining model', 'project'
     )
-    push_duration: float = quantity(
-        0.1,
-        's',
-        (1e-3, 10.0),
-        'duration of a plant/push',
-        'project',
-        takes_effect=TakesEffect.IMMEDIATELY,
-    )
+    push_duration: float = live(0.1, 's', (1e-3, 10.0), 'duration of a plant/push', 'project')
     real_time_factor: float = quantity(
         1.0,
         '1',

@@ -20,7 +20,7 @@ from ballbot_ros.engine.scenario.scenario import (
     segment_fault,
 )
 from ballbot_ros.errors import StudyError
-from ballbot_ros.parameters import Parameter, TakesEffect
+from ballbot_ros.parameters import Parameter
 from ballbot_ros.robot.plant.ground_truth import FORCE_LIMIT
 
 PUSH, STICK = 'push', 'stick'
@@ -132,19 +132,7 @@ def event_parameter(name: str, part: EventPart) -> Parameter:
     """Return the bounds and the unit of a part, as those of a parameter."""
     known = _PUSH_FIELDS if isinstance(part, PushPart) else _SEGMENT_FIELDS
     unit, bounds = known[part.field]
-    return Parameter(
-        nodes=(),
-        name=name,
-        default=0.0,
-        unit=unit,
-        bounds=bounds,
-        or_zero=False,
-        is_path=False,
-        choices=(),
-        description='',
-        source='',
-        takes_effect=TakesEffect.NEXT_RUN,
-    )
+    return Parameter((), name, 0.0, '', unit=unit, bounds=bounds)
 
 
 def scenarios_of(
