@@ -40,15 +40,7 @@ class MessageComparator:
     def __init__(self, topics: Iterable[Topic]) -> None:
         self._topics = {topic: _Pairs(topic) for topic in topics}
 
-    def add_recorded(self, topic: Topic, stamp_ns: int, data: bytes, epoch: int = 0) -> None:
-        """Add a recorded message."""
-        self.add_all_recorded(topic, (stamp_ns,), (data,), epoch)
-
-    def add_replayed(self, topic: Topic, stamp_ns: int, data: bytes, epoch: int = 0) -> None:
-        """Add a replayed message."""
-        self.add_all_replayed(topic, (stamp_ns,), (data,), epoch)
-
-    def add_all_recorded(
+    def add_recorded(
         self, topic: Topic, stamps_ns: Sequence[int], data: Sequence[bytes], epoch: int = 0
     ) -> None:
         """Add recorded messages of a topic."""
@@ -56,7 +48,7 @@ class MessageComparator:
             pairs.recorded.extend(epoch, stamps_ns, data)
             pairs.compare_many()
 
-    def add_all_replayed(
+    def add_replayed(
         self, topic: Topic, stamps_ns: Sequence[int], data: Sequence[bytes], epoch: int = 0
     ) -> None:
         """Add replayed messages of a topic."""

@@ -341,7 +341,7 @@ class RecordingReplay:
                 update(done)
             for epoch, topic, raw in self._recording.messages([BRICK_TASKS]):
                 if job.inputs.run.has(epoch, raw.stamp_ns) and raw.stamp_ns <= job.inputs.last_ns:
-                    comparator.add_recorded(topic, raw.stamp_ns, raw.data, epoch)
+                    comparator.add_recorded(topic, [raw.stamp_ns], [raw.data], epoch)
             divergence.jobs = comparator.first_difference(complete=False)
             divergences.append(divergence)
         return divergences

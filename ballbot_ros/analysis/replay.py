@@ -369,13 +369,16 @@ def replay_controller(
     """
     reader, run = recording.reader, inputs.run
     samples: dict[Topic, dict[int, Any]] = {topic: {} for topic in INPUT_READERS}
-    sink = partial(comparator.add_replayed, epoch=run.epoch)
-    messages = ControllerMessages(lambda topic: partial(sink, topic))
+
+    def replayed(topic: Topic, stamp_ns: int, data: bytes) -> None:
+        comparator.add_replayed(topic, [stamp_ns], [data], run.epoch)
+
+    messages = ControllerMessages(lambda topic: partial(replayed, topic))
     retuned = _RetunedProgram(recording, inputs, parameters, messages)
     program, tasks = retuned.program, BrickTasks(parameters.of(ControllerParameters))
     now = run.start_ns
     for topic, raw in _messages(recording, inputs):
-        comparator.add_recorded(topic, raw.stamp_ns, raw.data, run.epoch)
+        comparator.add_recorded(topic, [raw.stamp_ns], [raw.data], run.epoch)
         if topic not in INPUT_READERS:
             continue
         with _RecordingErrorContext(reader, raw.topic, raw.stamp_ns):
@@ -420,7 +423,7 @@ def replay_run(
         STAMPED_TOPICS, inputs.run.start_ns, inputs.last_ns
     ):
         if epoch == inputs.run.epoch:
-            comparator.add_all_recorded(topic, stamps_ns, data, epoch)
+            comparator.add_recorded(topic, stamps_ns, data, epoch)
             # Do not run ahead of the recording, so that few messages wait for their counterparts.
             if topic is CLOCK:
                 yield from robot.run_to(max(stamps_ns))
@@ -450,10 +453,10 @@ class _Robot:
             # Leave out stamped messages after the last tick with a duty: a push may end later, and
             # in a run without a duty only events are compared.
             if stamp_ns <= inputs.last_ns or topic in EVENTS:
-                comparator.add_replayed(topic, stamp_ns, data, epoch)
+                comparator.add_replayed(topic, [stamp_ns], [data], epoch)
 
         def all_replayed(topic: Topic, stamps_ns: Stamps, messages: Messages) -> None:
-            comparator.add_all_replayed(topic, stamps_ns.tolist(), messages.tolist(), epoch)
+            comparator.add_replayed(topic, stamps_ns.tolist(), messages.tolist(), epoch)
 
         def make(topic: Topic) -> Send:
             return partial(replayed, topic)
@@ -510,7 +513,7 @@ def compare_events(
     ends = {each.run.epoch: max(each.run.start_ns, each.last_ns) for each in runs}
     for epoch, topic, raw in recording.messages(EVENTS):
         if epoch in ends and raw.stamp_ns <= ends[epoch]:
-            comparator.add_recorded(topic, raw.stamp_ns, raw.data, epoch)
+            comparator.add_recorded(topic, [raw.stamp_ns], [raw.data], epoch)
 
 
 def _messages(recording: RobotRecording, inputs: RunInputs) -> Iterator[tuple[Topic, RawMessage]]:

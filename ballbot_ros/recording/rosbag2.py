@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from functools import lru_cache
 from pathlib import PurePath
 from typing import Any, NamedTuple
@@ -50,17 +50,10 @@ class QosProfile:
     @classmethod
     def from_rclpy(cls, profile: Any) -> QosProfile:
         """Convert an ``rclpy.qos.QoSProfile``, such as ``TopicEndpointInfo.qos_profile``."""
-        return cls(
-            history=profile.history.name.lower(),
-            depth=profile.depth,
-            reliability=profile.reliability.name.lower(),
-            durability=profile.durability.name.lower(),
-            deadline=profile.deadline.nanoseconds,
-            lifespan=profile.lifespan.nanoseconds,
-            liveliness=profile.liveliness.name.lower(),
-            liveliness_lease_duration=profile.liveliness_lease_duration.nanoseconds,
-            avoid_ros_namespace_conventions=profile.avoid_ros_namespace_conventions,
-        )
+        values = {each.name: getattr(profile, each.name) for each in fields(cls)}
+        values |= {name: values[name].name.lower() for name in _WORDS}
+        values |= {name: values[name].nanoseconds for name in _DURATIONS}
+        return cls(**values)
 
 
 RELIABLE_LATCHED = QosProfile('keep_last', 128, 'reliable', 'transient_local')

@@ -38,6 +38,8 @@ RUN_OUTCOME = 'ballbot_run'
 RUN_PARTICIPANTS = 'ballbot_participants'
 """Name of the metadata record that describes the participants of the run, by role."""
 
+_TYPE_HASH = 'topic_type_hash'
+"""Key of a channel's metadata, with the hash of its type."""
 
 RecordedMessages = tuple[RecordedTopic, NDArray[np.int64], NDArray[np.void]]
 """A topic, stamps [ns] that are in range and never decrease, and its messages as structures."""
@@ -148,13 +150,12 @@ class RecordingWriter:
             )
         metadata = {
             'offered_qos_profiles': offered_qos_profiles(tuple(qos)),
-            'topic_type_hash': type_hash,
+            _TYPE_HASH: type_hash,
         }
         if derived:
             metadata[DERIVED] = 'true'
         key = (type_name, SchemaEncoding.ROS2, definition.text.encode())
-        channel = self._register(name, MessageEncoding.CDR, key, metadata)
-        return self._note(RecordedTopic(channel, name, type_name, type_hash, qos))
+        return self._register(name, MessageEncoding.CDR, key, metadata, qos)
 
     def copy_topic(self, channel: Channel, definition: Schema | None) -> RecordedTopic:
         """Add a topic of another recording unchanged, whatever its type.
@@ -171,11 +172,9 @@ class RecordingWriter:
             The topic to pass to `write`.
         """
         key = (definition.name, definition.encoding, definition.data) if definition else None
-        number = self._register(channel.topic, channel.message_encoding, key, channel.metadata)
-        qos = parse_offered_qos(channel.metadata.get('offered_qos_profiles', ''))
-        type_hash = channel.metadata.get('topic_type_hash', '')
-        type_name = definition.name if definition else ''
-        return self._note(RecordedTopic(number, channel.topic, type_name, type_hash, qos))
+        metadata = channel.metadata
+        qos = parse_offered_qos(metadata.get('offered_qos_profiles', ''))
+        return self._register(channel.topic, channel.message_encoding, key, metadata, qos)
 
     def _register(
         self,
@@ -183,17 +182,17 @@ class RecordingWriter:
         encoding: str,
         definition: tuple[str, str, bytes] | None,
         metadata: dict[str, str],
-    ) -> int:
-        """Register a channel and its schema (name, encoding, text), and return its number."""
+        qos: Sequence[QosProfile],
+    ) -> RecordedTopic:
+        """Register a channel and its schema (name, encoding, text)."""
         with self._writing():
             if definition and definition not in self._schemas:
                 self._schemas[definition] = self._writer.add_schema(*definition)
             schema_id = self._schemas[definition] if definition else 0
-            return self._writer.add_channel(topic, encoding, schema_id, metadata)
-
-    def _note(self, topic: RecordedTopic) -> RecordedTopic:
-        self._topics[topic.channel] = topic
-        return topic
+            number = self._writer.add_channel(topic, encoding, schema_id, metadata)
+        type_name, type_hash = definition[0] if definition else '', metadata.get(_TYPE_HASH, '')
+        self._topics[number] = RecordedTopic(number, topic, type_name, type_hash, qos)
+        return self._topics[number]
 
     def write(
         self,

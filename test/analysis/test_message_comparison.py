@@ -23,7 +23,7 @@ def compared(recorded, replayed):
     for take, values in ((comparator.add_recorded, recorded), (comparator.add_replayed, replayed)):
         for tick, value in enumerate(values):
             if value is not None:
-                take(MOTOR_DUTY, tick * TICK, duty(tick * TICK, value))
+                take(MOTOR_DUTY, [tick * TICK], [duty(tick * TICK, value)])
     return comparator
 
 
@@ -64,11 +64,11 @@ def test_within_a_tick_the_cause_comes_before_its_effect():
         (MOTOR_DUTY, duty(0, 1), duty(0, 2)),
         (LCD, encoder(LCD.type_name)(text), None),
     ):
-        comparator.add_recorded(topic, 0, one)
+        comparator.add_recorded(topic, [0], [one])
         if other is None:
             text.data = 'other'
             other = encoder(LCD.type_name)(text)
-        comparator.add_replayed(topic, 0, other)
+        comparator.add_replayed(topic, [0], [other])
     assert comparator.first_difference(complete=True).topic == 'lcd'
 
 
@@ -92,7 +92,7 @@ def test_a_message_that_cannot_be_decoded_differs():
     broken = bytearray(duty(TICK, 2))
     broken[12 + 3] ^= 1  # the length of the frame's name
     comparator = compared([1], [1, 2])
-    comparator.add_recorded(MOTOR_DUTY, TICK, bytes(broken))
+    comparator.add_recorded(MOTOR_DUTY, [TICK], [bytes(broken)])
     difference = comparator.first_difference(complete=True)
     assert difference.stamp_ns == TICK
     assert difference.what.startswith(

@@ -292,27 +292,15 @@ DEVICE_MESSAGES: tuple[AnyDeviceMessages, ...] = (
 )
 
 
-@dataclass(frozen=True)
-class _Input:
-    """A topic, the device input that it fills, and the function that reads its messages."""
-
-    topic: Topic
-    field: str
-    read: Callable[[bytes], Any]
-
-
-_CONTROLLER_INPUTS = (
-    *(_Input(each.sample, each.device.field, each.reading) for each in DEVICE_MESSAGES),
-    _Input(GAMEPAD_JOY, 'sticks', decode_sticks),
-    _Input(BATTERY_STATE, 'battery_mv', decode_battery_mv),
-)
-_TOPIC_OF = {each.field: each.topic for each in _CONTROLLER_INPUTS}
-_TOPICS = tuple(_TOPIC_OF[field] for field in DeviceInputs._fields)
-
-INPUT_READERS: dict[Topic, Callable[[bytes], Any]] = {
-    each.topic: each.read for each in _CONTROLLER_INPUTS
+_INPUTS: dict[str, tuple[Topic, Callable[[bytes], Any]]] = {
+    **{each.device.field: (each.sample, each.reading) for each in DEVICE_MESSAGES},
+    'sticks': (GAMEPAD_JOY, decode_sticks),
+    'battery_mv': (BATTERY_STATE, decode_battery_mv),
 }
-"""For each topic, the function that reads its messages."""
+_TOPICS = tuple(_INPUTS[field][0] for field in DeviceInputs._fields)
+
+INPUT_READERS = dict(_INPUTS.values())
+"""For each topic that the controller reads, the function that reads its messages."""
 
 
 def device_inputs(sample: Callable[[Topic], Any]) -> DeviceInputs:

@@ -5,7 +5,7 @@ The classes of rclpy and of rosbags have these fields, but neither library decla
 
 from __future__ import annotations
 
-from collections.abc import MutableSequence, Sequence
+from collections.abc import Sequence
 from typing import Protocol
 
 
@@ -119,7 +119,6 @@ class JointState(Stamped, Protocol):
 class MapMetaData(Protocol):
     """``nav_msgs/MapMetaData``."""
 
-    map_load_time: Time
     resolution: float
     width: int
     height: int
@@ -131,12 +130,6 @@ class OccupancyGridMessage(Stamped, Protocol):
 
     info: MapMetaData
     data: Sequence[int]
-
-
-class Text(Protocol):
-    """``std_msgs/String``."""
-
-    data: str
 
 
 class Bytes(Protocol):
@@ -156,11 +149,6 @@ class ParameterValue(Protocol):
     """``rcl_interfaces/ParameterValue``."""
 
     type: int
-    bool_value: bool
-    integer_value: int
-    double_value: float
-    string_value: str
-    double_array_value: Sequence[float]
 
 
 class ParameterMessage(Protocol):
@@ -173,9 +161,7 @@ class ParameterMessage(Protocol):
 class ParameterEvent(Protocol):
     """``rcl_interfaces/ParameterEvent``."""
 
-    stamp: Time
-    node: str
-    changed_parameters: MutableSequence[ParameterMessage]
+    changed_parameters: Sequence[ParameterMessage]
 
 
 class DiagnosticStatus(Protocol):
@@ -185,4 +171,4 @@ class DiagnosticStatus(Protocol):
     name: str
     message: str
     hardware_id: str
-    values: MutableSequence[KeyValue]
+    values: Sequence[KeyValue]

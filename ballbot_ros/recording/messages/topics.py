@@ -75,18 +75,15 @@ def _samples_of(driver: type[DriverParameters], name: str, type_name: str) -> To
     return Topic(name, type_name, driver.node, driver.period_ns)
 
 
+def _state(name: str, type_name: str, publisher: str, period_ns: int = 0) -> Topic:
+    """Return the topic of a state that is recorded with its changes."""
+    return Topic(name, type_name, publisher, period_ns, latched_depth=1, has_history=True)
+
+
 CLOCK = Topic('/clock', 'rosgraph_msgs/msg/Clock', PLANT, TICK_NS)
-RUN = Topic('plant/run', 'std_msgs/msg/Header', PLANT, latched_depth=1, has_history=True)
-ROLL_CALL = Topic(
-    'plant/roll_call', 'std_msgs/msg/Header', PLANT, latched_depth=1, has_history=True
-)
-RUN_STATUS = Topic(
-    'plant/run_status',
-    'diagnostic_msgs/msg/DiagnosticStatus',
-    PLANT,
-    latched_depth=1,
-    has_history=True,
-)
+RUN = _state('plant/run', 'std_msgs/msg/Header', PLANT)
+ROLL_CALL = _state('plant/roll_call', 'std_msgs/msg/Header', PLANT)
+RUN_STATUS = _state('plant/run_status', 'diagnostic_msgs/msg/DiagnosticStatus', PLANT)
 PARTICIPANTS = Topic(
     'participants', 'diagnostic_msgs/msg/DiagnosticStatus', None, latched_depth=HISTORY
 )
@@ -99,15 +96,8 @@ UNRECORDED = (PLANT_STEPS, PLANT_SLOW_ODOM)
 """What only the drivers read: the physics steps, through which a replay moves the plant again, and
 every fifth odometry, for those that have a sample only every 20 ms."""
 
-BATTERY_STATE = Topic(
-    'battery_state',
-    'sensor_msgs/msg/BatteryState',
-    PLANT,
-    BATTERY_PERIOD_NS,
-    latched_depth=1,
-    has_history=True,
-)
-WALL_HIT = Topic('wall_hit', 'std_msgs/msg/Bool', PLANT, latched_depth=1, has_history=True)
+BATTERY_STATE = _state('battery_state', 'sensor_msgs/msg/BatteryState', PLANT, BATTERY_PERIOD_NS)
+WALL_HIT = _state('wall_hit', 'std_msgs/msg/Bool', PLANT)
 MAP = Topic('map', 'nav_msgs/msg/OccupancyGrid', PLANT, latched_depth=1)
 PUSH = Topic('plant/push', 'geometry_msgs/msg/WrenchStamped', None)
 ACCEPTED_PUSH = Topic(
@@ -126,18 +116,13 @@ CMD_VEL = Topic('cmd_vel', 'geometry_msgs/msg/Twist', None)
 CMD_VEL_STAMPED = Topic('cmd_vel', 'geometry_msgs/msg/TwistStamped', None)
 MOTOR_DUTY = Topic('motor_duty', 'geometry_msgs/msg/Vector3Stamped', CONTROLLER, TICK_NS)
 CONTROLLER_STATE = Topic('controller/state', 'sensor_msgs/msg/JointState', CONTROLLER, TICK_NS)
-OPERATING_STATE = Topic(
-    'operating_state', 'std_msgs/msg/String', CONTROLLER, latched_depth=1, has_history=True
-)
+OPERATING_STATE = _state('operating_state', 'std_msgs/msg/String', CONTROLLER)
 PARAMETER_EVENTS = Topic(
-    'controller/parameter_events',
-    'rcl_interfaces/msg/ParameterEvent',
-    CONTROLLER,
-    has_history=True,
+    'controller/parameter_events', 'rcl_interfaces/msg/ParameterEvent', CONTROLLER, has_history=True
 )
 BLUETOOTH_TX = Topic('bluetooth/tx', 'std_msgs/msg/UInt8MultiArray', CONTROLLER, has_history=True)
 SOUND = Topic('sound', 'geometry_msgs/msg/Vector3Stamped', CONTROLLER, has_history=True)
-LCD = Topic('lcd', 'std_msgs/msg/String', CONTROLLER, latched_depth=1, has_history=True)
+LCD = _state('lcd', 'std_msgs/msg/String', CONTROLLER)
 BRICK_TASKS = Topic('brick/tasks', 'std_msgs/msg/Int64MultiArray', CONTROLLER, has_history=True)
 RECORDER_ACK = Topic('recorder/ack', 'std_msgs/msg/Header', RECORDER)
 DIAGNOSTICS = Topic('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', None)
