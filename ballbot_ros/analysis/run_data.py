@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -313,7 +313,7 @@ def run_data(
         recorded=run,
         trajectory=trajectory,
         series=series,
-        states=_states(extraction, run, last),
+        states=tuple(Interval(*each) for each in _lasting(extraction.states, run, last)),
         grid=_grid(extraction, run) if has_map else None,
         statuses=_events(extraction.statuses, run),
         pages=_events(extraction.pages, run),
@@ -332,7 +332,11 @@ def run_data(
         plant=plant,
         failure=failure,
         pushes=_pushes(extraction, run, last, attached.scenario),
-        wall_hits=_wall_hits(extraction, run, last),
+        wall_hits=tuple(
+            Interval(start, end, 'wall hit', IntervalKind.WALL_HIT)
+            for start, end, is_hit in _lasting(extraction.wall_hits, run, last)
+            if is_hit
+        ),
         jobs=jobs,
     )
 
@@ -422,14 +426,15 @@ def _events(
     )
 
 
-def _states(extraction: Extraction, run: RecordedRun, last: float) -> tuple[Interval, ...]:
-    changes = _events(extraction.states, run)
-    ends = [time for time, _ in changes[1:]] + [float(last) + TICK_S]
-    return tuple(
-        Interval(time, until, state)
-        for (time, state), until in zip(changes, ends, strict=False)  # one more end if no change
-        if until > time
-    )
+def _lasting(
+    published: list[tuple[int, int, _Event]], run: RecordedRun, last: float
+) -> Iterator[tuple[float, float, _Event]]:
+    """Yield begin and end [s] of what each event says, which holds until the next event."""
+    events = _events(published, run)
+    ends = [time for time, _ in events[1:]] + [float(last) + TICK_S]
+    for (time, content), end in zip(events, ends, strict=False):  # one more end if no event
+        if end > time:
+            yield time, end, content
 
 
 def _pushes(
@@ -441,16 +446,6 @@ def _pushes(
     found = recorded_pushes(pushes, scheduled, run.start_ns)
     # The pushes of a scenario are announced at its start, also those after an early end.
     return tuple(push for push in found if push.start <= last)
-
-
-def _wall_hits(extraction: Extraction, run: RecordedRun, last: float) -> tuple[Interval, ...]:
-    changes = _events(extraction.wall_hits, run)
-    ends = [time for time, _ in changes[1:]] + [float(last) + TICK_S]
-    return tuple(
-        Interval(time, until, 'wall hit', IntervalKind.WALL_HIT)
-        for (time, is_hit), until in zip(changes, ends, strict=False)
-        if is_hit
-    )
 
 
 def _grid(extraction: Extraction, run: RecordedRun) -> OccupancyGrid | None:

@@ -235,18 +235,15 @@ def identify(
     half_widths = found.half_widths
     if used[0].duty is None:
         half_widths = half_widths + UNDRIVEN_ERROR
-    judge = _Judge(names, chosen, information(residuals), half_widths)
-    plant, recorded = estimator.plant(fits[0]), used[0].experiment.recorded
-    values = estimator.values
+    plant, values = estimator.plant(fits[0]), estimator.values
     return Identification(
-        parameters=tuple(
-            judge.parameter(
-                name,
-                begin[name] if name in chosen else getattr(plant, name),
-                getattr(plant, name),
-                None if recorded is None else getattr(recorded, name),
-            )
-            for name in names
+        parameters=_judged(
+            names,
+            dict(zip(chosen, half_widths.tolist(), strict=True)),
+            information(residuals),
+            begin,
+            plant,
+            used[0].experiment.recorded,
         ),
         experiments=(
             *(_summary(fit.model.segments, begin, values, fit) for fit in fits),
@@ -287,21 +284,9 @@ def _unseen(
 ) -> Identification:
     """Return that nothing can be identified from so few segments."""
     experiment = segments[0].experiment
-    recorded = experiment.recorded
+    nothing = np.zeros((len(names), len(names)))
     return Identification(
-        parameters=tuple(
-            IdentifiedParameter(
-                name=name,
-                unit=parameters_of(PLANT)[name].unit,
-                verdict=Identifiability.NOT_SEEN,
-                start=getattr(experiment.plant, name),
-                value=None,
-                half_width=math.inf,
-                relative=math.inf,
-                recorded=None if recorded is None else getattr(recorded, name),
-            )
-            for name in names
-        ),
+        parameters=_judged(names, {}, nothing, {}, experiment.plant, experiment.recorded),
         experiments=tuple(_summary(each, {}, {}) for each in segments),
         checks=tuple(_summary(cut(each), {}, {}) for each in checks),
         correlation=np.zeros((0, 0)),
@@ -354,64 +339,64 @@ def _half_widths(information: Floats) -> Floats:
     return np.asarray(_TWO_SIGMA * np.sqrt(np.diag(np.linalg.inv(normal))) / size)
 
 
-class _Judge:
-    """Tells what the data say of each parameter.
+def _judged(
+    names: Sequence[str],
+    chosen: Mapping[str, float],
+    information: Floats,
+    start: Mapping[str, float],
+    plant: PlantParameters,
+    recorded: PlantParameters | None,
+) -> tuple[IdentifiedParameter, ...]:
+    """Return what the data say of each parameter.
 
     Parameters
     ----------
-    names : sequence of str
-        All parameters.
-    chosen : sequence of str
-        The estimated ones.
+    chosen : mapping of str to float
+        Half of the width of the interval of each estimated one, relative to its scale.
     information : ndarray, shape (p, p)
         Of all parameters, relative to their scales.
-    half_widths : ndarray
-        Of the estimated ones, relative to their scales.
+    plant, recorded : PlantParameters
+        With the present values, and those of the recorded robot if they are known.
     """
-
-    def __init__(
-        self, names: Sequence[str], chosen: Sequence[str], information: Floats, half_widths: Floats
-    ) -> None:
-        self._names, self._chosen = names, chosen
-        self._information, self._half_widths = information, half_widths
-
-    def parameter(
-        self, name: str, start: float, value: float, recorded: float | None
-    ) -> IdentifiedParameter:
-        """Return the judgement of a parameter, of which `value` is the present value."""
+    found = []
+    for number, name in enumerate(names):
+        value = getattr(plant, name)
         alike: tuple[str, ...] = ()
-        if name in self._chosen:
-            relative = float(self._half_widths[self._chosen.index(name)])
+        if name in chosen:
+            relative = chosen[name]
             narrow = relative <= MAX_HALF_WIDTH
             verdict = Identifiability.IDENTIFIED if narrow else Identifiability.UNCERTAIN
         else:
-            number = self._names.index(name)
-            relative = float(_half_widths(self._information[[[number]], [[number]]])[0])
+            relative = float(_half_widths(information[[[number]], [[number]]])[0])
             verdict = Identifiability.NOT_SEEN
             if relative <= MAX_HALF_WIDTH:
-                verdict, alike = Identifiability.NOT_TOLD_APART, self._alike(number)
-        return IdentifiedParameter(
-            name=name,
-            unit=parameters_of(PLANT)[name].unit,
-            verdict=verdict,
-            start=start,
-            value=value if name in self._chosen else None,
-            half_width=relative * _scale(name, value),
-            relative=relative,
-            alike=alike,
-            recorded=recorded,
+                verdict = Identifiability.NOT_TOLD_APART
+                alike = _alike(name, names, list(chosen), information)
+        found.append(
+            IdentifiedParameter(
+                name=name,
+                unit=parameters_of(PLANT)[name].unit,
+                verdict=verdict,
+                start=start[name] if name in chosen else value,
+                value=value if name in chosen else None,
+                half_width=relative * _scale(name, value),
+                relative=relative,
+                alike=alike,
+                recorded=None if recorded is None else getattr(recorded, name),
+            )
         )
+    return tuple(found)
 
-    def _alike(self, number: int) -> tuple[str, ...]:
-        """Return the estimated parameters that a change of another one would change most."""
-        chosen = [self._names.index(name) for name in self._chosen]
-        own = self._information[np.ix_(chosen, chosen)]
-        changes = np.linalg.solve(own, self._information[chosen, number])
-        return tuple(
-            name
-            for name, change in zip(self._chosen, changes, strict=True)
-            if abs(change) >= MIN_LIKENESS
-        )
+
+def _alike(
+    name: str, names: Sequence[str], chosen: Sequence[str], information: Floats
+) -> tuple[str, ...]:
+    """Return the estimated parameters that a change of another one would change most."""
+    rows = [names.index(each) for each in chosen]
+    changes = np.linalg.solve(information[np.ix_(rows, rows)], information[rows, names.index(name)])
+    return tuple(
+        each for each, change in zip(chosen, changes, strict=True) if abs(change) >= MIN_LIKENESS
+    )
 
 
 def _summary(

@@ -88,10 +88,11 @@ class Segments:
 
     def beginnings(self, length: int) -> Segments:
         """Return the first readings of each segment."""
+        steps = slice(length * STEPS_PER_TICK)
         return replace(
             self,
-            duty=None if self.duty is None else self.duty[:, : length * STEPS_PER_TICK],
-            changes=None if self.changes is None else self.changes[:, : length * STEPS_PER_TICK],
+            duty=None if self.duty is None else self.duty[:, steps],
+            changes=None if self.changes is None else self.changes[:, steps],
             readings={channel: values[:, :length] for channel, values in self.readings.items()},
             shown={channel: values[:, :length] for channel, values in self.shown.items()},
             battery=self.battery[:, :length],
@@ -99,17 +100,13 @@ class Segments:
 
     def without(self, dropped: NDArray[np.bool_]) -> Segments:
         """Return the segments without those in a mask, shape (s,)."""
-        kept = ~dropped
+        arrays = ('starts', 'duty', 'duty_before', 'changes', 'battery', 'contact')
+        given = {name: getattr(self, name) for name in arrays}
         return replace(
             self,
-            starts=self.starts[kept],
-            duty=None if self.duty is None else self.duty[kept],
-            duty_before=None if self.duty_before is None else self.duty_before[kept],
-            changes=None if self.changes is None else self.changes[kept],
-            readings={channel: values[kept] for channel, values in self.readings.items()},
-            shown={channel: values[kept] for channel, values in self.shown.items()},
-            battery=self.battery[kept],
-            contact=self.contact[kept],
+            readings={channel: values[~dropped] for channel, values in self.readings.items()},
+            shown={channel: values[~dropped] for channel, values in self.shown.items()},
+            **{name: each[~dropped] for name, each in given.items() if each is not None},
         )
 
 
