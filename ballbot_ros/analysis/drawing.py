@@ -111,11 +111,6 @@ SHADES: Mapping[IntervalKind, Shade] = {
 }
 
 
-def draw_planes(axes: Axes, quantity: Quantity, table: Table) -> None:
-    """Draw a quantity of both planes against time, plane x in front of plane y."""
-    draw_row(axes, quantity.panel.row(table))
-
-
 def draw_line(axes: Axes, x: Floats, y: Floats, line: Line, height: float = _LINES) -> None:
     """Draw a line through points, each of shape (n,), in front of earlier ones.
 
@@ -313,11 +308,6 @@ def legend_above(axes: Axes, columns: int = 2) -> None:
     axes.legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=columns, frameon=False)
 
 
-def _legend_below(axes: Axes, columns: int = 2) -> None:
-    """Put the legend below the axes, on the right, next to the axis label."""
-    axes.legend(loc='upper right', bbox_to_anchor=(1.0, -0.2), ncols=columns, frameon=False)
-
-
 def style_axes(axes: Axes) -> None:
     """Draw a faint grid, and remove the frame where there is no axis."""
     axes.grid(alpha=0.3)
@@ -389,8 +379,9 @@ def _draw_history(
         **DUTY.columns(trajectory.duty),
     }
     for axes, quantity in zip(rows, (POSITION, PITCH, DUTY), strict=True):
-        draw_planes(axes, quantity, table)
+        draw_row(axes, quantity.panel.row(table))
         shade_intervals(axes, intervals)
     name_intervals(rows[0], intervals)
     label_time(rows[2])
-    _legend_below(rows[2])
+    # Below the axes, on the right, next to the axis label.
+    rows[2].legend(loc='upper right', bbox_to_anchor=(1.0, -0.2), ncols=2, frameon=False)

@@ -73,7 +73,6 @@ class PackedColumn(NamedTuple):
     high: float
 
 
-@dataclass
 class PackedNumbers:
     """Columns of 16 bits a value, as differences; equal columns are kept once.
 
@@ -112,14 +111,6 @@ class PackedNumbers:
     def compressed(self) -> bytes:
         """Return all columns, compressed with gzip; equal columns give equal bytes."""
         return gzip.compress(bytes(self._bytes), mtime=0)
-
-    def values(self, column: PackedColumn) -> NDArray[np.float64]:
-        """Return the numbers of a column as the page reads them."""
-        offset, length, low, high = column
-        data = np.frombuffer(bytes(self._bytes), np.uint8)[offset : offset + 2 * length]
-        steps = np.cumsum(data[:length] + 256 * data[length:].astype(np.int64)) & 0xFFFF
-        values = low + (high - low) * steps / STEPS
-        return np.where(steps == STEPS + 1, np.nan, values)
 
 
 def _range(values: NDArray[np.float64]) -> tuple[float, float]:

@@ -32,8 +32,11 @@ class MarginRow(NamedTuple):
 
 def margin_rows(ideal: LoopAnalysis, sampled: LoopAnalysis) -> list[MarginRow]:
     """Return the margins of the ideal loop next to those of the loop that runs."""
-    columns = [_words(loop) for loop in (ideal, sampled)]
-    return [MarginRow(*row) for row in zip(_NAMES, *columns, _frequencies(sampled), strict=True)]
+    columns = _margins(ideal), _margins(sampled)
+    return [
+        MarginRow(name, value, *others)
+        for name, (value, _), others in zip(_NAMES, *columns, strict=True)
+    ]
 
 
 _NAMES = (
@@ -42,30 +45,28 @@ _NAMES = (
 )  # fmt: skip
 
 
-def _words(loop: LoopAnalysis) -> list[str]:
+def _margins(loop: LoopAnalysis) -> list[tuple[str, str]]:
+    """Return each margin, and the frequency at which the loop then oscillates."""
     margins = loop.margins
     if margins is None:
-        return ['not stable', *['–'] * (len(_NAMES) - 1)]
+        return [('not stable', ''), *[('–', '')] * (len(_NAMES) - 1)]
+    gains, phase, peak = (
+        (margins.gain_low, margins.gain_high),
+        margins.phase_deg,
+        margins.sensitivity,
+    )
     return [
-        f'{_number(margins.gain_low.value)} … {_number(margins.gain_high.value)}',
-        f'{_number(margins.phase_deg.value)}°',
-        *(f'{_number(each.value)} ms' if each else '–' for each in _dead_times(loop, margins)),
-        _number(margins.disk),
-        _number(margins.sensitivity.value),
-    ]
-
-
-def _frequencies(loop: LoopAnalysis) -> list[str]:
-    margins = loop.margins
-    if margins is None:
-        return [''] * len(_NAMES)
-    gains = [_hertz(each.hz) for each in (margins.gain_low, margins.gain_high)]
-    return [
-        ' … '.join(filter(None, gains)),
-        _hertz(margins.phase_deg.hz),
-        *(_hertz(each.hz) if each else '' for each in _dead_times(loop, margins)),
-        '',
-        _hertz(margins.sensitivity.hz),
+        (
+            ' … '.join(_number(each.value) for each in gains),
+            ' … '.join(filter(None, (_hertz(each.hz) for each in gains))),
+        ),
+        (f'{_number(phase.value)}°', _hertz(phase.hz)),
+        *(
+            (f'{_number(each.value)} ms', _hertz(each.hz)) if each else ('–', '')
+            for each in _dead_times(loop, margins)
+        ),
+        (_number(margins.disk), ''),
+        (_number(peak.value), _hertz(peak.hz)),
     ]
 
 
@@ -93,18 +94,14 @@ def findings(sampled: LoopAnalysis) -> Iterator[str]:
             f'damping {_number(pole.damping)}.'
         )
     if margins := sampled.margins:
-        yield from _limits(sampled, margins)
+        for change, limit in _changes(sampled, margins):
+            yield f'{change}: oscillates at {_hertz(limit.hz)}.'
     if samples := sampled.samples:
         yield (
             f'Noise of one count of the gyro gives {_number(samples.gyro_noise)} % duty, of the '
             f'encoder {_number(samples.encoder_noise)} %; rounding to whole counts '
             f'{_number(samples.rounding_noise)} % (standard deviations).'
         )
-
-
-def _limits(loop: LoopAnalysis, margins: Margins) -> Iterator[str]:
-    for change, limit in _changes(loop, margins):
-        yield f'{change}: oscillates at {_hertz(limit.hz)}.'
 
 
 def _changes(loop: LoopAnalysis, margins: Margins) -> Iterator[tuple[str, Limit]]:

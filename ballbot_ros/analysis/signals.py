@@ -90,28 +90,32 @@ def _held(series: Series, stamps: Integers) -> Floats:
     return np.where(rows[:, np.newaxis] < 0, np.nan, series.values[rows.clip(min=0)])
 
 
-def _pitch(run: RunData, stamps: Integers) -> Floats:
-    return np.asarray(np.degrees(run.series[PLANT_IMU].at(stamps)[:, :2]))
+def _sampled(
+    name: str,
+    unit: str,
+    topic: Topic,
+    columns: slice = slice(2),
+    convert: Callable[[Floats], Floats] = np.asarray,
+    *,
+    is_held: bool = False,
+) -> Signal:
+    """Return the signal in columns of a topic, whose newest value counts if it `is_held`."""
+
+    def values(run: RunData, stamps: Integers) -> Floats:
+        series = run.series[topic]
+        samples = _held(series, stamps) if is_held else series.at(stamps)
+        return np.asarray(convert(samples[:, columns]))
+
+    return Signal(name, unit, values, (topic,), has_planes=columns != slice(1))
 
 
-def _pitch_rate(run: RunData, stamps: Integers) -> Floats:
-    return np.asarray(np.degrees(run.series[PLANT_IMU].at(stamps)[:, 2:]))
-
-
-def _position(run: RunData, stamps: Integers) -> Floats:
-    return run.series[PLANT_ODOM].at(stamps)
+def _whole_degrees(radians: Floats) -> Floats:
+    """Return a reading of the brick, which counts in degrees."""
+    return np.asarray(np.rint(np.degrees(radians)))
 
 
 def _speed(run: RunData, stamps: Integers) -> Floats:
     return replace(run.series[PLANT_ODOM], values=ball_speed(run)).at(stamps)
-
-
-def _motor_rate(run: RunData, stamps: Integers) -> Floats:
-    return np.asarray(np.degrees(run.series[PLANT_JOINT_STATES].at(stamps)[:, :2]))
-
-
-def _motor_torque(run: RunData, stamps: Integers) -> Floats:
-    return run.series[PLANT_JOINT_STATES].at(stamps)[:, 2:]
 
 
 def _duty(run: RunData, stamps: Integers) -> Floats:
@@ -120,54 +124,30 @@ def _duty(run: RunData, stamps: Integers) -> Floats:
     return held[:, :2]
 
 
-def _gyro(run: RunData, stamps: Integers) -> Floats:
-    return _whole_degrees(run.series[GYRO_IMU], stamps)
-
-
 def _gyro_offset(run: RunData, stamps: Integers) -> Floats:
     return replace(run.series[GYRO_IMU], values=estimated_gyro_offset(run)).at(stamps)
-
-
-def _encoder(run: RunData, stamps: Integers) -> Floats:
-    return _whole_degrees(run.series[JOINT_STATES], stamps)
-
-
-def _whole_degrees(series: Series, stamps: Integers) -> Floats:
-    """Return a reading of the brick, which counts in degrees."""
-    return np.asarray(np.rint(np.degrees(series.at(stamps))))
-
-
-def _distance(run: RunData, stamps: Integers) -> Floats:
-    return _held(run.series[SONAR_RANGE], stamps)[:, :1]
-
-
-def _battery(run: RunData, stamps: Integers) -> Floats:
-    return _held(run.series[BATTERY_STATE], stamps)
-
-
-def _sticks(run: RunData, stamps: Integers) -> Floats:
-    return _held(run.series[GAMEPAD_JOY], stamps) * 100.0
 
 
 def _estimated_pitch(run: RunData, stamps: Integers) -> Floats:
     return np.asarray(np.degrees(estimated_pitch(run, stamps)))
 
 
+_SECOND_PAIR = slice(2, 4)
 _CONTROLLER = (CONTROLLER_STATE,)
 
 SIGNALS = (
-    Signal('position', 'm', _position, (PLANT_ODOM,)),
+    _sampled('position', 'm', PLANT_ODOM),
     Signal('speed', 'm_per_s', _speed, (PLANT_ODOM,)),
-    Signal('pitch', 'deg', _pitch, (PLANT_IMU,)),
-    Signal('pitch_rate', 'deg_per_s', _pitch_rate, (PLANT_IMU,)),
-    Signal('motor_rate', 'deg_per_s', _motor_rate, (PLANT_JOINT_STATES,)),
-    Signal('motor_torque', 'n_m', _motor_torque, (PLANT_JOINT_STATES,)),
+    _sampled('pitch', 'deg', PLANT_IMU, convert=np.degrees),
+    _sampled('pitch_rate', 'deg_per_s', PLANT_IMU, _SECOND_PAIR, np.degrees),
+    _sampled('motor_rate', 'deg_per_s', PLANT_JOINT_STATES, convert=np.degrees),
+    _sampled('motor_torque', 'n_m', PLANT_JOINT_STATES, _SECOND_PAIR),
     Signal('duty', 'percent', _duty, (MOTOR_DUTY,)),
-    Signal('gyro', 'deg_per_s', _gyro, (GYRO_IMU,)),
-    Signal('encoder', 'deg', _encoder, (JOINT_STATES,)),
-    Signal('distance', 'm', _distance, (SONAR_RANGE,), has_planes=False),
-    Signal('battery', 'v', _battery, (BATTERY_STATE,), has_planes=False),
-    Signal('stick', 'percent', _sticks, (GAMEPAD_JOY,)),
+    _sampled('gyro', 'deg_per_s', GYRO_IMU, convert=_whole_degrees),
+    _sampled('encoder', 'deg', JOINT_STATES, convert=_whole_degrees),
+    _sampled('distance', 'm', SONAR_RANGE, slice(1), is_held=True),
+    _sampled('battery', 'v', BATTERY_STATE, slice(1), is_held=True),
+    _sampled('stick', 'percent', GAMEPAD_JOY, convert=lambda share: share * 100.0, is_held=True),
     Signal('estimated_position', 'm', estimated_position, _CONTROLLER),
     Signal('estimated_pitch', 'deg', _estimated_pitch, _CONTROLLER),
     Signal('estimated_gyro_offset', 'deg_per_s', _gyro_offset, (GYRO_IMU, CONTROLLER_STATE)),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import astuple, fields
 from pathlib import Path
 from typing import TextIO
@@ -51,26 +53,27 @@ class CsvLog:
 
     def write(self, packet: LogPacket) -> None:
         """Write a packet."""
-        try:
+        with self._writing():
             if self._next_start_ms is not None and _is_since(packet.time_ms, self._next_start_ms):
                 self._run_start_ms, self._next_start_ms = self._next_start_ms, None
                 self._file.close()
                 self._file = self._create_next()
             self._file.write(','.join(map(str, astuple(packet))) + '\n')
-        except OSError as error:
-            raise TeleopError(f'{self.paths[-1]}: {error.strerror}') from None
 
     def flush(self) -> None:
         """Pass everything to the operating system."""
-        try:
+        with self._writing():
             self._file.flush()
-        except OSError as error:
-            raise TeleopError(f'{self.paths[-1]}: {error.strerror}') from None
 
     def close(self) -> None:
         """Finish the file."""
-        try:
+        with self._writing():
             self._file.close()
+
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        try:
+            yield
         except OSError as error:
             raise TeleopError(f'{self.paths[-1]}: {error.strerror}') from None
 

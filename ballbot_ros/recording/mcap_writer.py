@@ -37,16 +37,18 @@ from mcap.records import (
 from mcap.writer import MCAP0_MAGIC
 from numpy.typing import NDArray
 
-from ballbot_ros.recording.batch import MESSAGE_HEADER, read_structs, write_structs
-
-_RECORD_HEADER = struct.calcsize('<BQ')
-"""Size of the opcode and the length of a record."""
+from ballbot_ros.recording.batch import (
+    MESSAGE_HEADER,
+    RECORD_HEADER_SIZE,
+    read_structs,
+    write_structs,
+)
 
 _pack_header = struct.Struct('<BQHIQQ').pack
 """Encodes :data:`~ballbot_ros.recording.batch.MESSAGE_HEADER`."""
 
 _MESSAGE, _HEADER = int(Opcode.MESSAGE), MESSAGE_HEADER.itemsize
-_FIELDS = _HEADER - _RECORD_HEADER
+_FIELDS = _HEADER - RECORD_HEADER_SIZE
 _MESSAGE_INDEX = struct.Struct('<BQHI')
 """Opcode and length of a message index, then the channel and the length of its entries."""
 
@@ -322,5 +324,5 @@ def _encode(record: McapRecord) -> bytes:
 
 def _encode_index(channel: int, entries: bytes) -> bytes:
     """Return a message index: the log time and the offset of each message of a channel."""
-    length = _MESSAGE_INDEX.size - _RECORD_HEADER + len(entries)
+    length = _MESSAGE_INDEX.size - RECORD_HEADER_SIZE + len(entries)
     return _MESSAGE_INDEX.pack(Opcode.MESSAGE_INDEX, length, channel, len(entries)) + entries

@@ -9,7 +9,7 @@ from ballbot_ros.analysis.drawing import (
     PITCH,
     STATE_COLOURS,
     draw_floor,
-    draw_planes,
+    draw_row,
     draw_track,
     legend_above,
 )
@@ -67,7 +67,7 @@ def test_the_ends_of_a_single_track_are_named_in_the_legend_those_of_several_hav
 
 def test_plane_x_is_named_first_and_drawn_over_plane_y(axes):
     values = np.zeros((3, 2))
-    draw_planes(axes, PITCH, {'time_s': np.arange(3), **PITCH.columns(values)})
+    draw_row(axes, PITCH.panel.row({'time_s': np.arange(3), **PITCH.columns(values)}))
     x, y = axes.get_lines()
     assert (x.get_label(), y.get_label()) == ('plane x', 'plane y')
     assert x.get_zorder() > y.get_zorder()

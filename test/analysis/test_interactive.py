@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from browsing import open_document, shared_browser
+from packed_columns import unpacked
 from PIL import Image
 
 from ballbot_ros.analysis.figure_parts import BLUE, DARKER, PLANES, Interval, IntervalKind, Line
@@ -119,7 +120,7 @@ def test_the_track_has_the_map_its_ends_pushes_and_hits(eventful, numbers):
     named = {each['name']: each for each in figure['data'] if 'name' in each}
     assert named.keys() == {'track', 'start', 'end', 'push', 'wall hit', 'ball'}
     track = named['track']['packed']
-    x, time = (numbers.values(track[name]) for name in ('x', 'customdata'))
+    x, time = (unpacked(numbers, track[name]) for name in ('x', 'customdata'))
     at_push = np.interp(PUSH.start, time, x)
     assert named['push']['x'] == [pytest.approx(at_push, abs=0.1)]
 
@@ -132,7 +133,7 @@ def test_a_long_run_keeps_its_peaks_in_few_rows(driven_assessment, numbers):
     table = {'time_s': np.arange(20_000) * 0.004, 'duty_x_percent': long, 'duty_y_percent': -long}
     duty = next(each for each in contents if each.figure.name == 'duty')
     figure = history_of(run, [replace(duty, table=table)], numbers)
-    x, y = (numbers.values(each['packed']['y']) for each in curves(figure))
+    x, y = (unpacked(numbers, each['packed']['y']) for each in curves(figure))
     assert len(x) <= MAX_ROWS
     assert x.max() == 42.0
     assert y.min() == -42.0

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 from laws import given
+from packed_columns import unpacked
 
 from ballbot_ros.analysis.interactive import STEPS, PackedNumbers
 
@@ -18,7 +19,7 @@ def test_every_column_comes_back_to_half_a_step_and_what_is_no_number_as_nan(lis
     columns = [np.array(values, float) for values in lists]
     placed = [packed.add(column) for column in columns]
     for column, place in zip(columns, placed, strict=True):
-        back = packed.values(place)
+        back = unpacked(packed, place)
         known = np.isfinite(column)
         assert np.isnan(back[~known]).all()
         step = np.ptp(column[known]) / STEPS if known.any() else 0.0
@@ -28,14 +29,15 @@ def test_every_column_comes_back_to_half_a_step_and_what_is_no_number_as_nan(lis
 @given(st.lists(st.floats(-1e3, 1e3), min_size=1, max_size=30))
 def test_the_extremes_come_back(values):
     packed = PackedNumbers()
-    back = packed.values(packed.add(np.array(values)))
+    back = unpacked(packed, packed.add(np.array(values)))
     assert (back.min(), back.max()) == pytest.approx((min(values), max(values)), rel=1e-9)
 
 
 @given(st.lists(st.integers(0, 2**30 - 1), max_size=30))
 def test_whole_numbers_come_back_exactly(values):
     packed = PackedNumbers()
-    high, low = map(packed.values, packed.add_whole(np.array(values, np.int64)))
+    placed = packed.add_whole(np.array(values, np.int64))
+    high, low = (unpacked(packed, each) for each in placed)
     assert (32768 * np.rint(high) + np.rint(low)).tolist() == values
 
 

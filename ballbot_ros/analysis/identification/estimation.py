@@ -53,20 +53,6 @@ _MAX_SETTLING = 8
 _SETTLED = 1e-6
 
 
-class Unknown(NamedTuple):
-    """A parameter to estimate.
-
-    Attributes
-    ----------
-    scale : float
-        A value of its usual size.
-    bounds : tuple of float
-    """
-
-    scale: float
-    bounds: tuple[float, float]
-
-
 class Residuals(NamedTuple):
     """Residuals of the segments of an experiment, and their derivatives.
 
@@ -334,14 +320,18 @@ class Estimator:
             fit.linearised(self.plant(fit), scales, self._battery_error(fit)) for fit in self.fits
         ]
 
-    def solve(self, parameters: Mapping[str, Unknown]) -> None:
-        """Minimise the squares of all residuals over parameters and unknowns of the segments."""
-        projected = _Projected(self, parameters)
+    def solve(self, scales: Mapping[str, float], bounds: Mapping[str, tuple[float, float]]) -> None:
+        """Minimise the squares of all residuals over parameters and unknowns of the segments.
+
+        `scales` and `bounds` are those of the parameters to estimate.
+        """
+        projected = _Projected(self, scales)
+        limits = [np.divide(bounds[name], scale) for name, scale in scales.items()]
         found = least_squares(
             projected.residuals,
             projected.start,
             projected.jacobian,
-            bounds=projected.bounds,
+            bounds=tuple(zip(*limits, (-np.inf, np.inf), strict=True)),
             x_scale='jac',
             ftol=1e-6,
             xtol=1e-6,
@@ -361,18 +351,12 @@ class _Projected:
     ----------
     start : ndarray, shape (p,)
         The present estimates over their scales, and last the battery reading's error.
-    bounds : tuple of sequence of float
-        Lower and upper ones.
     """
 
-    def __init__(self, estimator: Estimator, parameters: Mapping[str, Unknown]) -> None:
-        self._estimator = estimator
-        self._scales = {name: each.scale for name, each in parameters.items()}
+    def __init__(self, estimator: Estimator, scales: Mapping[str, float]) -> None:
+        self._estimator, self._scales = estimator, scales
         values = [estimator.values[name] / scale for name, scale in self._scales.items()]
         self.start = np.array([*values, estimator.battery_sigmas])
-        bounds = [tuple(np.divide(each.bounds, each.scale)) for each in parameters.values()]
-        low, high = zip(*bounds, (-np.inf, np.inf), strict=True)
-        self.bounds = low, high
         self._origin = self.start
         self._unknowns = [fit.unknowns for fit in estimator.fits]
         self._answers = [np.zeros((*each.shape, len(self.start))) for each in self._unknowns]

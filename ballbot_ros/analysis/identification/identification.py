@@ -13,7 +13,6 @@ from ballbot_ros.analysis.identification.estimation import (
     Estimator,
     ExperimentFit,
     Residuals,
-    Unknown,
     covariance,
     information,
 )
@@ -273,9 +272,8 @@ def _estimate(
             estimator.keep(chosen)
         if not chosen:
             break
-        estimator.solve(
-            {name: Unknown(_scale(name, begin[name]), _bounds(name)) for name in chosen}
-        )
+        scales = {name: _scale(name, begin[name]) for name in chosen}
+        estimator.solve(scales, {name: _bounds(name) for name in chosen})
     return estimator, chosen
 
 
