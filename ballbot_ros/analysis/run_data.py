@@ -174,8 +174,7 @@ class RunData:
     @property
     def start_ns(self) -> int:
         """Sim time of the first tick [ns]."""
-        series = next(iter(self.series.values()))
-        return int(series.stamps[0]) - round(float(series.time[0]) * SECOND_NS)
+        return self.recorded.start_ns
 
     @property
     def floor(self) -> FloorMap | OccupancyGrid | None:
@@ -263,7 +262,9 @@ def read_run(
     if not 1 <= number <= len(runs):
         known = 'run 1' if len(runs) == 1 else f'runs 1 … {len(runs)}'
         raise RecordingError(f'{path}: run {number} not found; the file has {known}')
-    failure = _failure(outcome) if number == len(runs) else ''
+    failure = ''  # the outcome is that of the last run
+    if number == len(runs) and outcome.get('outcome') == Outcome.FAILED.value:
+        failure = one_line(outcome.get('reason', ''))
     return run_data(Path(path), extraction, attached, number, damage=damage, failure=failure)
 
 
@@ -313,7 +314,11 @@ def run_data(
         recorded=run,
         trajectory=trajectory,
         series=series,
-        states=tuple(Interval(*each) for each in _lasting(extraction.states, run, last)),
+        states=tuple(
+            Interval(start, end, state)
+            for start, end, state in _lasting(extraction.states, run, last)
+            if end > start
+        ),
         grid=_grid(extraction, run) if has_map else None,
         statuses=_events(extraction.statuses, run),
         pages=_events(extraction.pages, run),
@@ -339,12 +344,6 @@ def run_data(
         ),
         jobs=jobs,
     )
-
-
-def _failure(outcome: Mapping[str, str]) -> str:
-    """Return why the last run of a file failed; '' if it did not."""
-    failed = outcome.get('outcome') == Outcome.FAILED.value
-    return one_line(outcome.get('reason', '')) if failed else ''
 
 
 def _series(extraction: Extraction, run: RecordedRun) -> dict[Topic, Series]:
@@ -433,8 +432,7 @@ def _lasting(
     events = _events(published, run)
     ends = [time for time, _ in events[1:]] + [float(last) + TICK_S]
     for (time, content), end in zip(events, ends, strict=False):  # one more end if no event
-        if end > time:
-            yield time, end, content
+        yield time, end, content
 
 
 def _pushes(

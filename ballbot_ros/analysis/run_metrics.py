@@ -99,7 +99,7 @@ def estimated_pitch(run: RunData, stamps: NDArray[np.int64]) -> Floats:
 
 
 def _while_balancing(run: RunData, stamps: NDArray[np.int64], believed: Floats) -> Floats:
-    believed[~run.balancing(seconds(stamps) - _start(run))] = np.nan
+    believed[~run.balancing(seconds(stamps) - run.start_ns * 1e-9)] = np.nan
     return believed
 
 
@@ -151,11 +151,6 @@ def _smooth(values: Floats) -> None:
         rows = np.arange(begin, min(begin + _MEAN_ROWS, count))
         first, last = (rows - half).clip(min=0), (rows + half + 1).clip(max=count)
         values[rows] = (sums[last] - sums[first]) / (last - first)[:, np.newaxis]
-
-
-def _start(run: RunData) -> float:
-    series = next(iter(run.series.values()))
-    return float(series.stamps[0] * 1e-9 - series.time[0])
 
 
 @RUN_METRICS.metric(
