@@ -15,7 +15,7 @@ from ballbot_ros.analysis.figure_parts import BLUE, ORANGE, envelope
 from ballbot_ros.parameters.timing import TICK_S
 from ballbot_ros.robot.arithmetic import Floats
 from ballbot_ros.viewer.playback_run import PlaybackRun
-from ballbot_ros.viewer.robot import GHOST, GHOST_LIGHT, Colour
+from ballbot_ros.viewer.robot import GHOST, GHOST_LIGHT
 
 _DASHED, _DOTTED = (5.0, 4.0), (1.5, 3.0)
 _PLANE_COLOURS = BLUE, ORANGE
@@ -104,7 +104,7 @@ def plot_data(
     known = [
         curve
         for curve in kind.curves
-        if curve.column in columns and (keeps_unknown or _has_values(columns[curve.column]))
+        if curve.column in columns and (keeps_unknown or not np.isnan(columns[curve.column]).all())
     ]
     values = tuple(columns[curve.column] * kind.scale for curve in known)
     return PlotData(tuple(known), time, values)
@@ -121,23 +121,15 @@ def topic_kind(topic: str, column: str) -> PlotKind:
     return PlotKind(f'{topic} {column}', (PlotCurve(column, 'value', BLUE, has_points=True),))
 
 
-def _has_values(values: Floats) -> bool:
-    return not np.isnan(values).all()
-
-
 def _ghost_of(curve: PlotCurve) -> PlotCurve:
-    colour = GHOST_LIGHT if curve.colour == ORANGE else GHOST
+    red, green, blue = GHOST_LIGHT if curve.colour == ORANGE else GHOST
     return replace(
         curve,
         column=_GHOST_PREFIX + curve.column,
         label=f'ghost {curve.label}',
-        colour=_hex(colour),
+        colour=f'#{red:02x}{green:02x}{blue:02x}',
         width=1.0,
     )
-
-
-def _hex(colour: Colour) -> str:
-    return '#{:02x}{:02x}{:02x}'.format(*colour)
 
 
 def _planes(
@@ -345,9 +337,18 @@ def recorded_kinds(runs: Sequence[PlaybackRun]) -> list[PlotKind]:
 def recorded_plot(kind: PlotKind, runs: Sequence[PlaybackRun]) -> PlotData:
     """Return the whole curves of a run, and those of a second one as its ghost."""
     ticks = max(run.ticks for run in runs)
-    table = runs[0].table(kind.columns, ticks)
-    for ghost in runs[1:]:
-        table |= ghost_columns(ghost.table(kind.columns, ticks))
+    return whole_plot(
+        kind,
+        np.asarray(TICK_S * np.arange(ticks), float),
+        [run.table(kind.columns, ticks) for run in runs],
+    )
+
+
+def whole_plot(kind: PlotKind, time: Floats, tables: Sequence[Mapping[str, Floats]]) -> PlotData:
+    """Return the curves of a run's columns, and those of a second run as its ghost."""
+    table = dict(tables[0])
+    for columns in tables[1:]:
+        table |= ghost_columns(columns)
         kind = kind.with_ghost()
-    reduced = dict(envelope(TICK_S * np.arange(ticks), table, MAX_ROWS))
+    reduced = dict(envelope(time, table, MAX_ROWS))
     return plot_data(kind, reduced.pop('time_s'), reduced)

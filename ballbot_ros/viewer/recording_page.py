@@ -13,12 +13,10 @@ from typing import Any
 import numpy as np
 import viser
 
-from ballbot_ros.analysis.figure_parts import envelope
 from ballbot_ros.analysis.topic_samples import TopicSamples
 from ballbot_ros.errors import RecordingError
 from ballbot_ros.process import ProgressCallback
 from ballbot_ros.recording.playback import KEYS, RATES, PlaybackAction, PlaybackClock
-from ballbot_ros.robot.arithmetic import Floats
 from ballbot_ros.viewer.overlay import (
     Button,
     ChooseRate,
@@ -31,15 +29,13 @@ from ballbot_ros.viewer.overlay import (
 from ballbot_ros.viewer.page import Page
 from ballbot_ros.viewer.playback_run import PlaybackRun
 from ballbot_ros.viewer.plots import (
-    MAX_ROWS,
     PlotData,
     PlotKind,
     Plots,
-    ghost_columns,
-    plot_data,
     recorded_kinds,
     recorded_plot,
     topic_kind,
+    whole_plot,
 )
 from ballbot_ros.viewer.processor_panel import ProcessorPanel
 from ballbot_ros.viewer.scene import PERIOD, Scene, ScenePanel
@@ -121,14 +117,10 @@ class RecordedTopics:
         name, samples = self._samples[kind]
         end = max(run.end for run, _ in self._topics_of)
         time = np.unique(np.concatenate([[0.0, end], *(each.time for each in samples)]))
-        table: dict[str, Floats] = {}
-        for number, each in enumerate(samples):
-            columns = {name: each.newest(name, time)} if name in each.columns else {}
-            table |= ghost_columns(columns) if number else columns
-        if len(samples) > 1:
-            kind = kind.with_ghost()
-        reduced = dict(envelope(time, table, MAX_ROWS))
-        return plot_data(kind, reduced.pop('time_s'), reduced)
+        tables = [
+            {name: each.newest(name, time)} if name in each.columns else {} for each in samples
+        ]
+        return whole_plot(kind, time, tables)
 
 
 def _part(progress: ProgressCallback, before: int, count: int) -> ProgressCallback:
