@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import struct
 from array import array
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
@@ -116,17 +116,6 @@ class Batch:
     def select(self, rows: Rows | NDArray[np.bool_]) -> Batch:
         """Return some of the messages, by row numbers or a mask."""
         return Batch(self.data, self.headers[rows], self.starts[rows], self.ends[rows], self.names)
-
-    def from_time(self, start_ns: int) -> Batch:
-        """Return the messages from a log time [ns] on."""
-        log_ns = self.headers['log_ns']
-        return self if not start_ns else self.select(log_ns >= start_ns)
-
-    def of_topics(self, topics: Iterable[str]) -> Batch:
-        """Return the messages of some topics."""
-        wanted = set(topics)
-        numbers = [number for number, name in self.names.items() if name in wanted]
-        return self.select(np.isin(self.headers['channel'], numbers))
 
     def rows(self) -> dict[str, Rows]:
         """Return the rows of each topic that has messages."""

@@ -44,7 +44,6 @@ class Exporter:
 
     Attributes
     ----------
-    reader : RecordingReader
     folder : Path
         Folder for the tables, created if necessary; no file in it is overwritten.
     file_format : str

@@ -185,22 +185,12 @@ class McapWriter:
         self, create_ns: int, log_ns: int, name: str, media_type: str, data: bytes
     ) -> None:
         """Attach a file."""
-        record = _encode(
-            Attachment(
-                create_time=create_ns, log_time=log_ns, name=name, media_type=media_type, data=data
-            )
-        )
-        self._attachment_indexes.append(
-            AttachmentIndex(
-                offset=self._stream.tell(),
-                length=len(record),
-                create_time=create_ns,
-                log_time=log_ns,
-                data_size=len(data),
-                name=name,
-                media_type=media_type,
-            )
-        )
+        common: dict[str, Any] = {
+            'create_time': create_ns, 'log_time': log_ns, 'name': name, 'media_type': media_type,
+        }  # fmt: skip
+        record, offset = _encode(Attachment(data=data, **common)), self._stream.tell()
+        index = AttachmentIndex(offset, len(record), data_size=len(data), **common)
+        self._attachment_indexes.append(index)
         self._write(record)
 
     def add_metadata(self, name: str, metadata: dict[str, str]) -> None:
@@ -237,7 +227,11 @@ class McapWriter:
             channel, count = int(numbers[i]), int(counts[i])
             self._counts[channel] += count
             index_offsets[channel] = begin + len(record) + len(indexes)
-            indexes += _encode_index(channel, entries[ends[i] - count : ends[i]].tobytes())
+            content = entries[ends[i] - count : ends[i]].tobytes()
+            length = _MESSAGE_INDEX.size - RECORD_HEADER_SIZE + len(content)
+            indexes += (
+                _MESSAGE_INDEX.pack(Opcode.MESSAGE_INDEX, length, channel, len(content)) + content
+            )
         self._write(record + indexes)
         first, last = chunk.message_start_time, chunk.message_end_time
         before = self.times_ns or (first, last)
@@ -320,9 +314,3 @@ def _encode(record: McapRecord) -> bytes:
     record.write(builder)
     data: bytes = builder.end()  # type: ignore[no-untyped-call]
     return data
-
-
-def _encode_index(channel: int, entries: bytes) -> bytes:
-    """Return a message index: the log time and the offset of each message of a channel."""
-    length = _MESSAGE_INDEX.size - RECORD_HEADER_SIZE + len(entries)
-    return _MESSAGE_INDEX.pack(Opcode.MESSAGE_INDEX, length, channel, len(entries)) + entries

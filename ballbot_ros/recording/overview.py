@@ -14,8 +14,6 @@ class TopicOverview:
 
     Attributes
     ----------
-    type_name : str
-    count : int
     first_ns, last_ns : int or None
         The oldest and the newest stamp [ns]; None if there are no messages.
     gap_ns, gap_at_ns : int or None
@@ -56,7 +54,6 @@ def read_topics(
 
     Parameters
     ----------
-    reader : RecordingReader
     stamps_of : str
         A topic.
     progress : callable

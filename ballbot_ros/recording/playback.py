@@ -60,16 +60,6 @@ def terminal_action(key: str) -> PlaybackAction | None:
     return next((each.action for each in KEYS if key in each.terminal), None)
 
 
-def faster(rate: float) -> float:
-    """Return the next higher speed of :data:`RATES`, or the same if there is none."""
-    return min((each for each in RATES if each > rate), default=rate)
-
-
-def slower(rate: float) -> float:
-    """Return the next lower speed of :data:`RATES`, or the same if there is none."""
-    return max((each for each in RATES if each < rate), default=rate)
-
-
 class PlaybackClock:
     """Playback time up to `end` [s].
 
@@ -133,9 +123,9 @@ class PlaybackClock:
             case PlaybackAction.LOOP:
                 self.is_looping = not self.is_looping
             case PlaybackAction.SLOWER:
-                self.rate = slower(self.rate)
+                self.rate = max((each for each in RATES if each < self.rate), default=self.rate)
             case PlaybackAction.FASTER:
-                self.rate = faster(self.rate)
+                self.rate = min((each for each in RATES if each > self.rate), default=self.rate)
 
 
 class Playback(PlaybackClock):
@@ -145,7 +135,6 @@ class Playback(PlaybackClock):
 
     Parameters
     ----------
-    reader : RecordingReader
     topics : collection of str or None
         The topics to play; None for all.
     rate : float

@@ -12,6 +12,7 @@ from mmap import ACCESS_READ, ALLOCATIONGRANULARITY, MADV_DONTNEED, mmap
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
+import numpy as np
 from mcap.data_stream import RecordBuilder
 from mcap.exceptions import McapError
 from mcap.records import (
@@ -104,7 +105,6 @@ class RecordingReader:
 
     Attributes
     ----------
-    path : Path
     library : str
         Program that wrote the file, according to the file.
     times : TimeRange or None
@@ -295,6 +295,7 @@ class RecordingReader:
         """
         self.check_topics(topics or ())
         channels = {number: channel.topic for number, channel in self._channels.items()}
+        wanted = [number for number, name in channels.items() if topics is None or name in topics]
 
         def parse(stream: mmap) -> Iterator[Batch]:
             reader = LimitedReader(stream)
@@ -303,8 +304,11 @@ class RecordingReader:
                 records = group if isinstance(group, bytes) else reader.unpack(group)
                 batch = Batch.of_records(records, channels)
                 reader.take(MESSAGE * len(batch))
-                batch = batch.from_time(start_ns)
-                return batch if topics is None else batch.of_topics(topics)
+                if start_ns:
+                    batch = batch.select(batch.headers['log_ns'] >= start_ns)
+                if topics is not None:
+                    batch = batch.select(np.isin(batch.headers['channel'], wanted))
+                return batch
 
             groups = (
                 group

@@ -206,7 +206,6 @@ def repair(
 
     Parameters
     ----------
-    path : Path
     output : Path, optional
         The file to create; by default next to `path` with ``_repaired`` in its name.
     progress : callable, optional

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, fields
 from functools import lru_cache
 from pathlib import PurePath
@@ -204,22 +204,15 @@ def serialized_metadata(
         'custom_data': None,
         'ros_distro': 'jazzy',
     }
-    listed = '\n' + ''.join(map(_topic_text, _by_name(topics))) if topics else ' []\n'
-    return f'{yaml_text(head)}topics_with_message_count:{listed}{yaml_text(tail)}'
-
-
-def _by_name(topics: Iterable[RecordedTopic]) -> Iterator[list[RecordedTopic]]:
-    """Yield the topics of each name: a topic of several channels counts once."""
-    names: dict[str, list[RecordedTopic]] = {}
+    by_name: dict[str, list[RecordedTopic]] = {}  # a topic of several channels counts once
     for topic in topics:
-        names.setdefault(topic.name, []).append(topic)
-    yield from names.values()
-
-
-def _topic_text(channels: Sequence[RecordedTopic]) -> str:
-    topic, qos = channels[0], tuple(profile for each in channels for profile in each.qos)
-    metadata = _topic_metadata(topic.name, topic.type_name, topic.type_hash, qos)
-    return f'{metadata}  message_count: {sum(each.count for each in channels)}\n'
+        by_name.setdefault(topic.name, []).append(topic)
+    listed = '' if topics else ' []'
+    for name, channels in by_name.items():
+        first, qos = channels[0], tuple(profile for each in channels for profile in each.qos)
+        metadata = _topic_metadata(name, first.type_name, first.type_hash, qos)
+        listed += f'\n{metadata}  message_count: {sum(each.count for each in channels)}'
+    return f'{yaml_text(head)}topics_with_message_count:{listed}\n{yaml_text(tail)}'
 
 
 @lru_cache(64)

@@ -162,7 +162,6 @@ class RecordingWriter:
 
         Parameters
         ----------
-        channel : mcap.records.Channel
         definition : mcap.records.Schema or None
             The channel's schema, if it has one.
 

@@ -250,12 +250,7 @@ def ball_velocity(message: Odometry) -> Pair:
     return velocity.x, -velocity.y
 
 
-def encode_battery(truth: GroundTruth) -> bytes:
-    """Return ``battery_state``."""
-    return encode_voltage(truth.stamp_ns, truth.battery_voltage)
-
-
-def encode_voltage(stamp_ns: int, volts: float) -> bytes:
+def encode_battery(stamp_ns: int, volts: float) -> bytes:
     """Return ``battery_state`` for a voltage [V]."""
     return _BATTERY.encode(stamp_ns, volts)
 

@@ -111,10 +111,6 @@ class MessageLayout:
         with numbers that differ is one of them, because its length is constant.
     identity : str
         A constant that every message must have; '' if a message may differ in all of them.
-
-    Attributes
-    ----------
-    type_name : str
     """
 
     _template: bytes

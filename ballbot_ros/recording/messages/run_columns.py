@@ -17,6 +17,7 @@ from ballbot_ros.engine.rows import columns_of, state_of
 from ballbot_ros.parameters import ControllerParameters, ParameterSet
 from ballbot_ros.parameters.timing import BATTERY_PERIOD_NS, FIRST_TICK_NS, MILLISECOND_NS, TICK_NS
 from ballbot_ros.recording.messages.conversions import (
+    encode_battery,
     encode_body,
     encode_clock,
     encode_controller_states,
@@ -24,7 +25,6 @@ from ballbot_ros.recording.messages.conversions import (
     encode_motors,
     encode_odometry,
     encode_sticks,
-    encode_voltage,
 )
 from ballbot_ros.recording.messages.devices import DEVICE_MESSAGES
 from ballbot_ros.recording.messages.raw import Messages, Stamps
@@ -97,7 +97,7 @@ class RunColumns:
         self._send(CLOCK, stamps, encode_clock(truth.stamp_ns))
         due = stamps % BATTERY_PERIOD_NS == 0
         columns: Any = stamps[due], np.asarray(truth.battery_voltage)[due]
-        self._send(BATTERY_STATE, stamps[due], encode_voltage(*columns))
+        self._send(BATTERY_STATE, stamps[due], encode_battery(*columns))
         self._send(PLANT_IMU, stamps, encode_body(truth))
         self._send(PLANT_JOINT_STATES, stamps, encode_motors(truth))
         self._send(PLANT_ODOM, stamps, encode_odometry(truth, self._plant.ball_radius))

@@ -186,7 +186,7 @@ class PlantMessages:
         # Send the battery sample before the drivers' inputs: it marks the start of the run for the
         # controller.
         if stamp_ns % BATTERY_PERIOD_NS == 0:
-            self._battery_sample = encode_battery(truth)
+            self._battery_sample = encode_battery(stamp_ns, truth.battery_voltage)
         if is_resend or stamp_ns % BATTERY_PERIOD_NS == 0:
             self._send_battery(stamp_ns, self._battery_sample)
         self.send_to_drivers(truth)

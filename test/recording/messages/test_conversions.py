@@ -205,7 +205,7 @@ def test_a_rightward_push_in_the_map_is_positive_on_plane_y(read):
 @given(mv=st.integers(1000, 12000))
 def test_the_battery_voltage_is_exact_in_single_precision(read, mv):
     volts = float(np.float32(mv / 1000))
-    data = c.encode_battery(truth(battery_voltage=volts))
+    data = c.encode_battery(STAMP, volts)
     message = read(BATTERY_STATE, data)
     assert message.voltage == volts
     assert c.decode_battery_mv(data) == battery_mv(volts)
