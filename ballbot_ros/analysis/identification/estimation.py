@@ -23,7 +23,6 @@ from ballbot_ros.analysis.identification.experiment import (
     ROUNDING_DEVIATION,
     Channel,
     expected_rounding,
-    with_identified,
 )
 from ballbot_ros.analysis.identification.segment_model import SegmentModel
 from ballbot_ros.parameters import PlantParameters
@@ -90,7 +89,6 @@ class ExperimentFit:
 
     Attributes
     ----------
-    model : SegmentModel
     unknowns : ndarray, shape (s, k)
         The present estimate.
     dropped : int
@@ -146,7 +144,7 @@ class ExperimentFit:
         plants = [plant] * (1 + count + own)
         for number, (name, scale) in enumerate(scales.items(), start=1):
             value = getattr(plant, name) + _DIFFERENCE * scale
-            plants[number] = with_identified(plant, {name: value})
+            plants[number] = plant.with_values({name: value})
         unknowns = np.repeat(self.unknowns[np.newaxis], len(plants), axis=0)
         for number in range(own):
             unknowns[1 + count + number, :, number] += _DIFFERENCE
@@ -208,14 +206,11 @@ class ExperimentFit:
 
     def improve(self, plant: PlantParameters, battery_error: float) -> None:
         """Learn from a fit: drop segments, select readings, take out rounding, weigh the rest."""
-        self._drop_misfits(plant, battery_error)
+        size = self._size(plant, battery_error)
+        self._drop(size > MISFIT * max(1.0, float(np.median(size))))
         predicted = self.model.predict([plant], self.unknowns[np.newaxis])
         for channel in self._deviations:
             self._improve_channel(channel, predicted.readings[channel][0])
-
-    def _drop_misfits(self, plant: PlantParameters, battery_error: float) -> None:
-        size = self._size(plant, battery_error)
-        self._drop(size > MISFIT * max(1.0, float(np.median(size))))
 
     def _size(self, plant: PlantParameters, battery_error: float) -> Floats:
         """Return the root mean square of the residuals of each segment, shape (s,)."""
@@ -266,13 +261,11 @@ class Estimator:
 
     Parameters
     ----------
-    fits : sequence of ExperimentFit
     values : mapping of str to float
         Parameters that differ from those of the experiments; the estimated ones begin with them.
 
     Attributes
     ----------
-    fits : sequence of ExperimentFit
     values : dict of str to float
         Parameters: the present estimates, and those that are kept.
     battery_sigmas : float
@@ -290,7 +283,7 @@ class Estimator:
 
     def plant(self, fit: ExperimentFit) -> PlantParameters:
         """Return the parameters of an experiment's robot, with the present estimates."""
-        return with_identified(fit.model.segments.experiment.plant, self.values)
+        return fit.model.segments.experiment.plant.with_values(self.values)
 
     def keep(self, names: Collection[str]) -> None:
         """Let the other parameters have the values of the experiments again."""

@@ -106,11 +106,6 @@ def common_rounding(spread: float) -> float:
     return max(_LEAST_COMMON, math.sqrt(variance))
 
 
-def with_identified(plant: PlantParameters, values: Mapping[str, Any]) -> PlantParameters:
-    """Return parameters in which some values, by name, are replaced."""
-    return replace(plant, **values)
-
-
 class ChannelQuantity(Enum):
     """What a channel measures in each plane."""
 
@@ -133,7 +128,6 @@ class Channel:
 
     Attributes
     ----------
-    name, unit : str
     quantity : Quantity
         What it measures.
     noise : float
@@ -180,7 +174,6 @@ class Experiment:
 
     Attributes
     ----------
-    name : str
     plant : PlantParameters
         What is known of the robot; the identified parameters replace its values.
     duty : ndarray, shape (n, 2), or None
@@ -274,7 +267,7 @@ def recorded_experiment(
         )
     ticks = _Ticks(run)
     recorded = run.plant if run.attached.has_parameters else None
-    plant = _with_mean_delay(with_identified(run.plant, known))
+    plant = _with_mean_delay(run.plant.with_values(known))
     notes = []
     duty, delays = np.split(ticks.of(MOTOR_DUTY), [2], axis=1)
     battery = ticks.of(BATTERY_STATE)[:, 0]
@@ -428,7 +421,7 @@ def logged_experiment(path: Path, known: Mapping[str, Value]) -> Experiment:
         packets = [packets[number] for number in chosen]
         gaps = np.searchsorted(chosen, gaps)
         period *= every
-    plant = with_identified(PlantParameters(), known)
+    plant = PlantParameters().with_values(known)
     pitch, shaft = _readings(packets)
     # In a gap, one missing record separates those before from those after.
     usable = np.insert(_usable(pitch, shaft), gaps, False)

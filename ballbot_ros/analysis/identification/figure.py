@@ -17,7 +17,6 @@ from ballbot_ros.robot.arithmetic import Floats
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _ROW, _MIN_HEIGHT = 0.62, 2.6
 """Height of a parameter's row, and of the smallest picture [inch]."""
@@ -30,12 +29,7 @@ _DARK = 0.6
 
 
 def render_identification(found: Identification) -> bytes:
-    """Return the picture of `_draw_identification` as PNG."""
-    return png_of(_draw_identification(found))
-
-
-def _draw_identification(found: Identification) -> Figure:
-    """Draw the estimates next to start and recorded value, and the correlations of their errors.
+    """Return a PNG: estimates next to start and recorded value, correlations of their errors.
 
     Parameters
     ----------
@@ -58,7 +52,7 @@ def _draw_identification(found: Identification) -> Figure:
         fontsize='small', columnspacing=1.0, handletextpad=0.4,
     )  # fmt: skip
     _draw_correlations(right.subplots(), found.correlation, [row.name for row in rows])
-    return figure
+    return png_of(figure)
 
 
 def _draw_value(axes: Axes, row: IdentifiedParameter) -> None:

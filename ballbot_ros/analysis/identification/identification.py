@@ -16,7 +16,7 @@ from ballbot_ros.analysis.identification.estimation import (
     covariance,
     information,
 )
-from ballbot_ros.analysis.identification.experiment import GYRO, Experiment, with_identified
+from ballbot_ros.analysis.identification.experiment import GYRO, Experiment
 from ballbot_ros.analysis.identification.segment_model import SegmentModel, engine_of
 from ballbot_ros.analysis.identification.segments import Segments, cut, segment_length
 from ballbot_ros.engine.trajectory import Engine
@@ -84,8 +84,6 @@ class IdentifiedParameter:
 
     Attributes
     ----------
-    name, unit : str
-    verdict : Verdict
     start : float
         The value that the estimation began with; of one that was not estimated, the one it kept.
     value : float or None
@@ -125,7 +123,6 @@ class ExperimentSummary:
 
     Attributes
     ----------
-    name : str
     seconds : float
         Length of its segments together [s].
     segments, dropped : int
@@ -133,8 +130,6 @@ class ExperimentSummary:
     before, after : mapping of str to float
         Root mean square of each channel's residuals, with the values at the start and with the
         estimates, in the channel's unit.
-    units : mapping of str to str
-    notes : tuple of str
     """
 
     name: str
@@ -423,7 +418,7 @@ def _summary(
         )
     deviations = []
     for values in (begin, found):
-        plant = with_identified(experiment.plant, {name: values[name] for name in found})
+        plant = experiment.plant.with_values({name: values[name] for name in found})
         deviations.append(_deviations(segments, plant))
     before, after = deviations
     return ExperimentSummary(

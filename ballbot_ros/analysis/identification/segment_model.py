@@ -81,7 +81,6 @@ class SegmentModel:
 
     Attributes
     ----------
-    segments : Segments
     deviations : ndarray, shape (k,)
         Standard deviations of the unknowns around their first guess.
     """
@@ -187,7 +186,10 @@ class SegmentModel:
         if self._filter_s:
             filtered_rate = state_and_offset[self._filtered_rate]
         start_rate = filtered_rate
-        predicted = self._empty(len(plants))
+        shape = len(plants), segments.count, segments.length
+        predicted = Prediction(
+            {channel: np.zeros((*shape, 2)) for channel in self._channels}, np.zeros(shape)
+        )
         for step in range((segments.length - 1) * steps + 1):
             estimate = self._filter_s * (filtered_rate - start_rate)
             motion = _Motion(state, shaft, estimate, drive.battery)
@@ -207,12 +209,6 @@ class SegmentModel:
             offset = np.moveaxis(state_and_offset[_STATES], 0, -1)
             predicted.readings[channel][:] += offset[:, :, np.newaxis]
         return predicted
-
-    def _empty(self, variants: int) -> Prediction:
-        shape = (variants, self.segments.count, self.segments.length)
-        return Prediction(
-            {channel: np.zeros((*shape, 2)) for channel in self._channels}, np.zeros(shape)
-        )
 
     def _sample(self, predicted: Prediction, step: int, lanes: _Lanes, motion: _Motion) -> None:
         """Take the readings of a step, those that show it or a time close to it."""

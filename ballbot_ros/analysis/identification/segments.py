@@ -43,7 +43,6 @@ class Segments:
 
     Attributes
     ----------
-    experiment : Experiment
     starts : ndarray, shape (s,)
         Index of the first reading of each segment.
     duty : ndarray, shape (s, 4 n, 2), or None
