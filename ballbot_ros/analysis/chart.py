@@ -19,7 +19,6 @@ from ballbot_ros.robot.arithmetic import Floats
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from matplotlib.patheffects import AbstractPathEffect
 
 
 @dataclass(frozen=True)
@@ -28,7 +27,6 @@ class Scale:
 
     Attributes
     ----------
-    label : str
     low, high : float
         Its left and right end, or its lower and upper one.
     is_log : bool
@@ -165,7 +163,6 @@ class ChartFigure:
 
     Attributes
     ----------
-    charts : sequence of Chart
     width, height : float
         Size of the picture [inch].
     """
@@ -215,6 +212,8 @@ class ChartFigure:
 
 
 def _draw_chart(axes: Axes, chart: Chart) -> None:
+    from matplotlib.patheffects import withStroke
+
     bottom: Column | float = 0.0
     for layer in chart.layers:
         match layer:
@@ -228,7 +227,8 @@ def _draw_chart(axes: Axes, chart: Chart) -> None:
             case Contour(points, line, edge):
                 x, y = points.T
                 draw_line(axes, x, y, line)
-                axes.lines[-1].set_path_effects([_edge(line.width, edge)])
+                around = withStroke(linewidth=line.width + 1.0, foreground=edge)
+                axes.lines[-1].set_path_effects([around])
             case VerticalLine(x, line):
                 axes.axvline(x, color=line.color, linewidth=line.width, linestyle=line.dash)
     if not chart.heat_map:
@@ -280,12 +280,6 @@ def _errors(points: ErrorBars) -> Floats:
     A mean that is rounded may lie outside of its interval by the last digit.
     """
     return np.abs(np.stack([points.low, points.high]) - points.y)
-
-
-def _edge(width: float, color: str) -> AbstractPathEffect:
-    from matplotlib.patheffects import withStroke
-
-    return withStroke(linewidth=width + 1.0, foreground=color)
 
 
 _BAND = 'rgba(0, 114, 178, 0.3)'

@@ -387,7 +387,7 @@ def _figures(comparison: Comparison) -> Iterable[RenderedFigure]:
                 png_of(draw_rows(rows)),
                 {},
             )
-    if _tracks(comparison):
+    if _lines(comparison, 'track'):
         yield RenderedFigure(
             'track',
             'Track',
@@ -405,7 +405,7 @@ def _interactive(comparison: Comparison) -> InteractiveFigures | None:
     def make(numbers: PackedNumbers) -> dict[str, Json]:
         end = max(float(each.time[-1]) for row in rows for each in row.curves)
         figures = {'history': history_figure(rows, Events(end), numbers)}
-        if tracks := _tracks(comparison):
+        if tracks := _lines(comparison, 'track'):
             figures['path'] = track_figure(tracks, comparison.runs[0].floor, (), numbers)
         return figures
 
@@ -414,25 +414,17 @@ def _interactive(comparison: Comparison) -> InteractiveFigures | None:
 
 def _rows(comparison: Comparison, source: _Source) -> list[Row]:
     """Return a row for each plane in which the quantity of a run is not always zero."""
-    return [row for plane in 'xy' if (row := _row(comparison, source.quantity, plane)).curves]
-
-
-def _row(comparison: Comparison, quantity: Quantity, plane: str) -> Row:
-    panel, column = quantity.panel_of(plane), quantity.column(plane)
-    tables = _lines(comparison, quantity.name)
-    if not any(table[column].any() for table, _ in tables):
-        return Row(panel, ())
-    return Row(
-        panel,
-        tuple(
-            DrawnCurve(table['time_s'], table[column], line, f'{panel.quantity}, {line.label}')
-            for table, line in tables
-        ),
-    )
-
-
-def _tracks(comparison: Comparison) -> list[tuple[Table, Line]]:
-    return _lines(comparison, 'track')
+    rows = []
+    tables = _lines(comparison, source.quantity.name)
+    for plane in 'xy':
+        panel, column = source.quantity.panel_of(plane), source.quantity.column(plane)
+        if any(table[column].any() for table, _ in tables):
+            curves = (
+                DrawnCurve(table['time_s'], table[column], line, f'{panel.quantity}, {line.label}')
+                for table, line in tables
+            )
+            rows.append(Row(panel, tuple(curves)))
+    return rows
 
 
 def _lines(comparison: Comparison, name: str) -> list[tuple[Table, Line]]:
@@ -457,7 +449,7 @@ def _draw_tracks(comparison: Comparison) -> Figure:
     figure = new_figure(WIDTH, 5.0)
     axes = figure.subplots()
     draw_floor(axes, comparison.runs[0].floor)
-    for table, line in _tracks(comparison):
+    for table, line in _lines(comparison, 'track'):
         draw_track(axes, table, line)
     legend_above(axes, 2)
     return figure

@@ -232,7 +232,7 @@ class Extraction:
     runs: tuple[RecordedRun, ...] = ()
     buffers: dict[Topic, SampleBuffer] = field(
         default_factory=lambda: {
-            topic: SampleBuffer(*STAMPED_TOPICS[topic][:2]) for topic in STAMPED_TOPICS
+            topic: SampleBuffer(code, width) for topic, (code, width, _) in STAMPED_TOPICS.items()
         }
     )
     announced: AnnouncedParameters = field(default_factory=AnnouncedParameters)

@@ -193,10 +193,6 @@ NO_ECHO_CM = 255.0
 """Where a measurement without an echo is drawn [cm]: the number that the sensor then returns."""
 
 
-def _all_values(values: Column) -> Column:
-    return values
-
-
 @dataclass(frozen=True)
 class Role:
     """What a curve is: its name, and the width and dash of its line.
@@ -207,7 +203,7 @@ class Role:
     name: str
     width: float = 1.4
     dash: str = '-'
-    select: Callable[[Column], Column] = _all_values
+    select: Callable[[Column], Column] = lambda values: values
 
 
 TRUE = Role('true', 2.2)

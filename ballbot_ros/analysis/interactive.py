@@ -332,8 +332,7 @@ def _value_axis(row: Row, bottom: float, top: float) -> Json:
 
 
 def _span(row: Row) -> tuple[float, float]:
-    known = np.concatenate([each.values[np.isfinite(each.values)] for each in row.curves])
-    return (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
+    return _range(np.concatenate([each.values[np.isfinite(each.values)] for each in row.curves]))
 
 
 def note(text: str, y: float, x: float = 0.0, align: str = 'left', color: str = INK) -> Json:

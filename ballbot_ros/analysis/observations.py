@@ -186,23 +186,10 @@ def _geometric_sum(a: float, count: NDArray[np.float64]) -> NDArray[np.float64]:
     return count if a == 1.0 else np.asarray((1.0 - a**count) / (1.0 - a))
 
 
-class EstimateOffset(NamedTuple):
-    """The offset of the estimate in a run.
-
-    Attributes
-    ----------
-    start : Start
-        What the estimate starts from.
-    parts : tuple of OffsetParts
-        The mean error by cause in the planes x and y.
-    """
-
-    start: EstimateStart
-    parts: tuple[OffsetParts, OffsetParts]
-
-
-def estimate_offset(run: RunData) -> EstimateOffset | None:
-    """Return the mean error of the estimated pitch by cause, while the robot balances.
+def estimate_offset(
+    run: RunData,
+) -> tuple[EstimateStart, tuple[OffsetParts, OffsetParts]] | None:
+    """Return what the estimated pitch starts from, and its mean error by cause in planes x and y.
 
     It is None with the controller or gyro of another package, if a_gd changed during the run, if
     topics or ticks are missing, and if the robot never balanced.
@@ -226,7 +213,7 @@ def estimate_offset(run: RunData) -> EstimateOffset | None:
         return None  # a gap, or the first ticks are missing
     blocks = (_ticks(run, slice(row, min(row + _ROWS, end))) for row in range(first, end, _ROWS))
     parts = decompose(start, blocks, count, a)
-    return EstimateOffset(start, parts) if np.isfinite(parts).all() else None
+    return (start, parts) if np.isfinite(parts).all() else None
 
 
 def _start(run: RunData, row: int, a: float) -> EstimateStart:
@@ -269,15 +256,16 @@ def offset_reasons(run: RunData) -> list[str]:
     The list is empty if topics are missing, or the robot never balanced. If the causes are unknown,
     as with another controller, a sentence has only the offset.
     """
-    offset = estimate_offset(run)
-    if offset is None:
+    found = estimate_offset(run)
+    if found is None:
         errors = np.degrees(pitch_error(run))
         errors = errors[np.isfinite(errors).all(axis=1)]
         means = errors.mean(axis=0).tolist() if len(errors) else []
         return [f'{_how_far(plane, mean)}.' for plane, mean in enumerate(means)]
     sentences = []
-    for plane, parts in enumerate(offset.parts):
-        causes = '; '.join(_causes(run, offset, plane))
+    start, both = found
+    for plane, parts in enumerate(both):
+        causes = '; '.join(_causes(run, start, parts, plane))
         sentences.append(
             f'{_how_far(plane, parts.total)}{": " if causes else ""}{causes}.'
             f'{_position_offset(run, plane, parts.total)}'
@@ -294,11 +282,10 @@ def _how_far(plane: int, mean: float) -> str:
     return f'Plane {"xy"[plane]}: the estimated pitch is {how}'
 
 
-def _causes(run: RunData, offset: EstimateOffset, plane: int) -> Iterator[str]:
+def _causes(run: RunData, begin: EstimateStart, parts: OffsetParts, plane: int) -> Iterator[str]:
     """Yield the causes that are worth naming, the largest first."""
-    parts = offset.parts[plane]
-    error = float(offset.start.calibrated[plane] - offset.start.offset[plane])
-    start = f'{offset.start.pitch[plane]:.2f}'.replace('-', '−')
+    error = float(begin.calibrated[plane] - begin.offset[plane])
+    start = f'{begin.pitch[plane]:.2f}'.replace('-', '−')
     has_noise = run.attached.parameters.of(GyroParameters).noise > 0.0
     texts = {
         'start_pitch': f'the pitch of {start}° at the start, which the program takes for 0',
@@ -347,18 +334,6 @@ def _signed(value: float, digits: int) -> str:
 
 _NEAR_OCTAVES = 0.5
 """Distance up to which a predicted frequency is named with a limit cycle."""
-
-
-def observations(run: RunData, predicted: Sequence[PredictedFrequency]) -> list[str]:
-    """Return the observations of a run, a sentence each.
-
-    Parameters
-    ----------
-    run : RunData
-    predicted : sequence of Prediction
-        The frequencies that the analysis of its loop predicts.
-    """
-    return [*limit_cycle_sentences(run, predicted), *offset_reasons(run)]
 
 
 def limit_cycle_sentences(run: RunData, predicted: Sequence[PredictedFrequency]) -> list[str]:

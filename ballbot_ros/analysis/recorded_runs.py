@@ -208,13 +208,6 @@ class _Epoch:
         self.newest_ns = max(self.newest_ns, newest_ns)
 
 
-class _NewestSample(NamedTuple):
-    """The newest sample of a topic: its epoch and stamp [ns]."""
-
-    epoch: int
-    stamp_ns: int
-
-
 def _by_row(rows: Mapping[Topic, Rows]) -> dict[int, Topic]:
     return {row: topic for topic, topic_rows in rows.items() for row in topic_rows.tolist()}
 
@@ -232,7 +225,7 @@ class RunFinder:
         self._reader = reader
         self._epochs = [_Epoch()]
         self._next: dict[int, str] = {}  # announced runs of the next epoch
-        self._newest: dict[Topic, _NewestSample] = {}
+        self._newest: dict[Topic, tuple[int, int]] = {}  # sample: its epoch and stamp
 
     @property
     def epochs(self) -> int:
@@ -294,10 +287,10 @@ class RunFinder:
         """Process messages of the current epoch together; return which are new."""
         are_new = np.zeros(len(stamps), np.bool_)
         for topic, rows in samples.items():
-            newest_ns = self._newest[topic].stamp_ns if topic in self._newest else -1
+            _, newest_ns = self._newest.get(topic, (0, -1))
             are_new[rows] = np.diff(stamps[rows], prepend=newest_ns) > 0
             first, last = stamps[rows[[0, -1]]].tolist()
-            self._newest[topic] = _NewestSample(self.epochs - 1, last)
+            self._newest[topic] = self.epochs - 1, last
             self._epochs[-1].note(first, last)
         return are_new
 
@@ -341,7 +334,7 @@ class RunFinder:
                 self._next = {}
         elif stamp_ns > max(newest_ns, self._epochs[-1].newest_ns + MAX_AHEAD_NS):
             # It is late, and belongs to the previous epoch.
-            self._newest[topic] = _NewestSample(epoch, stamp_ns)
+            self._newest[topic] = epoch, stamp_ns
             return epoch, True
         if epoch != self.epochs - 1:
             epoch, newest_ns = self.epochs - 1, -1
@@ -349,7 +342,7 @@ class RunFinder:
             return epoch, False
         if topic.publisher == PLANT and self._next.items() <= self._epochs[-1].names.items():
             self._next = {}  # the same run was announced again
-        self._newest[topic] = _NewestSample(epoch, stamp_ns)
+        self._newest[topic] = epoch, stamp_ns
         self._epochs[-1].note(stamp_ns, stamp_ns)
         return epoch, True
 

@@ -278,23 +278,17 @@ def outside_pushes_in(reader: RecordingReader, runs_ns: Sequence[int]) -> list[R
     return [push for push in found if push.is_external]
 
 
-def outside_pushes(pushes: Iterable[RecordedPush]) -> str:
-    """Return a sentence about the pushes from outside; '' if there are none."""
-    external = [push for push in pushes if push.is_external]
-    if not external:
-        return ''
-    if len(external) == 1:
-        return f'An outside push was part of the run: {_when(external[0])}.'
-    return f'{len(external)} outside pushes were part of the run: {_listed(external)}.'
-
-
 _MAX_LISTED = 3
 
 
-def _listed(pushes: Sequence[RecordedPush]) -> str:
-    listed = '; '.join(map(_when, pushes[:_MAX_LISTED]))
-    return f'{listed}; …' if len(pushes) > _MAX_LISTED else listed
-
-
-def _when(push: RecordedPush) -> str:
-    return f'{push.strength}, {push.start:.3f} s to {push.end:.3f} s'
+def outside_pushes(pushes: Iterable[RecordedPush]) -> str:
+    """Return a sentence about the pushes from outside; '' if there are none."""
+    told = [
+        f'{push.strength}, {push.start:.3f} s to {push.end:.3f} s'
+        for push in pushes
+        if push.is_external
+    ]
+    if len(told) > 1:
+        listed = '; '.join(told[:_MAX_LISTED]) + '; …' * (len(told) > _MAX_LISTED)
+        return f'{len(told)} outside pushes were part of the run: {listed}.'
+    return f'An outside push was part of the run: {told[0]}.' if told else ''

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -310,12 +310,7 @@ STAMPED_TOPICS = [topic for topic in ALL_TOPICS if topic not in EVENTS]
 
 
 class _RetunedProgram:
-    """A controller's program, whose parameters change at the ticks at which they have changed.
-
-    Attributes
-    ----------
-    program : Program
-    """
+    """A controller's program, whose parameters change at the ticks at which they have changed."""
 
     def __init__(
         self,
@@ -377,7 +372,7 @@ def replay_controller(
     retuned = _RetunedProgram(recording, inputs, parameters, messages)
     program, tasks = retuned.program, BrickTasks(parameters.of(ControllerParameters))
     now = run.start_ns
-    for topic, raw in _messages(recording, inputs):
+    for topic, raw in _messages(recording, inputs, STAMPED_TOPICS):
         comparator.add_recorded(topic, [raw.stamp_ns], [raw.data], run.epoch)
         if topic not in INPUT_READERS:
             continue
@@ -499,10 +494,9 @@ class _Robot:
 def _samples(recording: RobotRecording, inputs: RunInputs, topic: Topic) -> dict[int, object]:
     """Return the readings of a device in a run, by their stamps [ns]."""
     readings = {}
-    for epoch, _, raw in recording.messages([topic], inputs.run.start_ns):
-        if epoch == inputs.run.epoch and raw.stamp_ns <= inputs.last_ns:
-            with _RecordingErrorContext(recording.reader, raw.topic, raw.stamp_ns):
-                readings[raw.stamp_ns] = INPUT_READERS[topic](raw.data)
+    for _, raw in _messages(recording, inputs, [topic]):
+        with _RecordingErrorContext(recording.reader, raw.topic, raw.stamp_ns):
+            readings[raw.stamp_ns] = INPUT_READERS[topic](raw.data)
     return readings
 
 
@@ -516,8 +510,10 @@ def compare_events(
             comparator.add_recorded(topic, [raw.stamp_ns], [raw.data], epoch)
 
 
-def _messages(recording: RobotRecording, inputs: RunInputs) -> Iterator[tuple[Topic, RawMessage]]:
-    """Iterate over the stamped messages of a run."""
-    for epoch, topic, raw in recording.messages(STAMPED_TOPICS, inputs.run.start_ns):
+def _messages(
+    recording: RobotRecording, inputs: RunInputs, wanted: Collection[Topic]
+) -> Iterator[tuple[Topic, RawMessage]]:
+    """Iterate over the messages of some stamped topics in a run."""
+    for epoch, topic, raw in recording.messages(wanted, inputs.run.start_ns):
         if epoch == inputs.run.epoch and raw.stamp_ns <= inputs.last_ns:
             yield topic, raw

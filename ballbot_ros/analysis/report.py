@@ -23,7 +23,7 @@ from ballbot_ros.analysis.loop_summary import (
     predictions,
 )
 from ballbot_ros.analysis.metrics import ExpectationVerdict
-from ballbot_ros.analysis.observations import observations
+from ballbot_ros.analysis.observations import limit_cycle_sentences, offset_reasons
 from ballbot_ros.analysis.page import number_text, render_template, write_folder
 from ballbot_ros.analysis.processor_figures import ProcessorSection, processor_of
 from ballbot_ros.analysis.recorded_scenario import outside_pushes
@@ -132,6 +132,7 @@ def report_page(
     """
     run = assessment.run
     scenario = run.attached.scenario
+    predicted = loop.predictions if loop else []
     statuses = {status.name.partition(':')[0]: status for _, status in run.statuses}
     return render_template(
         'report.html',
@@ -154,7 +155,7 @@ def report_page(
         linked=linked,
         pushes=run.pushes,
         outside=outside_pushes(run.pushes),
-        observations=observations(run, loop.predictions if loop else []),
+        observations=[*limit_cycle_sentences(run, predicted), *offset_reasons(run)],
         topic_statistics=run.topic_statistics,
         nodes=[
             {

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -113,8 +113,7 @@ class RenderedFigure:
     table: Table
 
 
-@dataclass(frozen=True)
-class FigureContent:
+class FigureContent(NamedTuple):
     """A figure of a run and its numbers."""
 
     figure: RunFigure
@@ -131,12 +130,12 @@ def figure_contents(run: RunData) -> list[FigureContent]:
 
 def draw_figures(run: RunData, contents: Iterable[FigureContent]) -> list[RenderedFigure]:
     """Draw figures of a run as pictures."""
-    return [_draw(run, each.figure, each.table) for each in contents]
-
-
-def _draw(run: RunData, figure: RunFigure, table: Table) -> RenderedFigure:
-    png = png_of(figure.draw(run, table))
-    return RenderedFigure(figure.name, figure.title, figure.caption, png, table)
+    return [
+        RenderedFigure(
+            figure.name, figure.title, figure.caption, png_of(figure.draw(run, table)), table
+        )
+        for figure, table in contents
+    ]
 
 
 def _draw_stacked(run: RunData, table: Table, panels: Sequence[Panel]) -> Figure:

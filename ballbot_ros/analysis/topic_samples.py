@@ -23,7 +23,7 @@ from ballbot_ros.recording.columns import (
     has_signals,
 )
 from ballbot_ros.recording.messages.column_hints import column_hints
-from ballbot_ros.recording.messages.topics import RUN, Topic
+from ballbot_ros.recording.messages.topics import RUN
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.robot.arithmetic import Floats
 
@@ -47,7 +47,11 @@ class TopicSamples:
     @property
     def changing(self) -> tuple[str, ...]:
         """The names of the columns with at least two different values."""
-        return tuple(name for name, values in self.columns.items() if _changes(values))
+        return tuple(
+            name
+            for name, values in self.columns.items()
+            if not np.array_equal(values[1:], values[:-1], equal_nan=True)
+        )
 
     def newest(self, name: str, time: Floats) -> Floats:
         """Return the newest value of a column at each `time` [s]; NaN outside the samples."""
@@ -96,7 +100,8 @@ def read_topic(
         blocks = _Blocks(reader, topic, column_hints(robot.namespace))
         finder = RunFinder(reader)
         topics = reader.topics()
-        names = {topic, *(name for name, each in robot.well_typed.items() if _has_epochs(each))}
+        with_epochs = {*STAMPED_TOPICS, RUN}
+        names = {topic, *(name for name, each in robot.well_typed.items() if each in with_epochs)}
         done, total = 0, sum(topics[name].message_count for name in names)
         for batch in reader.batches(names):
             progress(done, total)
@@ -105,10 +110,6 @@ def read_topic(
             if topic in (rows := batch.rows()):
                 blocks.add(batch, rows[topic], epochs)
     return blocks.samples(run)
-
-
-def _has_epochs(topic: Topic) -> bool:
-    return topic in STAMPED_TOPICS or topic is RUN
 
 
 def _epochs(finder: RunFinder, robot: RobotTopics, batch: Batch) -> NDArray[np.intp]:
@@ -197,7 +198,3 @@ class _Blocks:
 
 def _signals(columns: TopicColumns) -> list[Column]:
     return [column for column in columns.columns if column.is_signal]
-
-
-def _changes(values: Floats) -> bool:
-    return not np.array_equal(values[1:], values[:-1], equal_nan=True)

@@ -355,7 +355,6 @@ class DerivedChannels:
 
     Parameters
     ----------
-    writer : RecordingWriter
     shape : PlantParameters or VisualizerParameters
         As in `DerivedMessages`.
     name_of : callable

@@ -30,13 +30,8 @@ LIGHT, DARK, ORANGE, BLACK, BLUE, WHITE = (
 )  # fmt: skip
 
 NAMES: dict[Colour, str] = {
-    LIGHT: 'light',
-    DARK: 'dark',
-    ORANGE: 'orange',
-    BLACK: 'black',
-    BLUE: 'blue',
-    WHITE: 'white',
-}
+    LIGHT: 'light', DARK: 'dark', ORANGE: 'orange', BLACK: 'black', BLUE: 'blue', WHITE: 'white',
+}  # fmt: skip
 """The colours of the robot's parts by name."""
 
 FLOOR, WALL, LINE = (236, 233, 226), (148, 158, 170), (40, 42, 46)
