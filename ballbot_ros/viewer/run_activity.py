@@ -217,37 +217,31 @@ class RunActivity:
 
     @property
     def _banner(self) -> Banner | None:
-        if self.session and self.session.result:
-            return _result_banner(self.session.scenario, self.session.result)
-        report = self.report
+        session, report = self.session, self.report
+        if session and session.result:
+            return _result_banner(session.scenario, session.result)
+        if session and report and report.outcome:
+            return Banner(f'{session.scenario} has ended, judging …', BannerKind.BUSY)
         if report and report.outcome:
-            return self._end_banner(report.outcome, report.problem)
+            kind = _KINDS.get(report.outcome, BannerKind.BAD)
+            return Banner(f'run {report.outcome}', kind, _lines(report.problem))
         if report and report.missing:
             return Banner(f'waiting for {", ".join(report.missing)} …', BannerKind.BUSY)
         if not self.has_pose:
-            return self._waiting_banner
+            what = f'starting {session.scenario}' if session else 'waiting for a run'
+            return Banner(f'{what} …', BannerKind.BUSY)
         if self.has_lost_plant:
             return Banner('the plant has ended', BannerKind.BAD)
-        return (report and _report_banner(report)) or self._control_banner
-
-    @property
-    def _waiting_banner(self) -> Banner:
-        if self.session:
-            return Banner(f'starting {self.session.scenario} …', BannerKind.BUSY)
-        return Banner('waiting for a run …', BannerKind.BUSY)
-
-    @property
-    def _control_banner(self) -> Banner | None:
+        if report and (banner := _report_banner(report)):
+            return banner
         if not self.is_out_of_control:
             return None
-        hint = ('Reset, or r, begins a new run',) if self.is_controllable else ()
-        return Banner('out of control, the motors are off', BannerKind.BAD, hint)
+        hint = 'Reset, or r, begins a new run' if self.is_controllable else ''
+        return Banner('out of control, the motors are off', BannerKind.BAD, _lines(hint))
 
-    def _end_banner(self, outcome: str, reason: str) -> Banner:
-        if self.session:
-            return Banner(f'{self.session.scenario} has ended, judging …', BannerKind.BUSY)
-        details = (reason,) if reason else ()
-        return Banner(f'run {outcome}', _KINDS.get(outcome, BannerKind.BAD), details)
+
+def _lines(text: str) -> tuple[str, ...]:
+    return (text,) if text else ()
 
 
 def _report_banner(report: PlantReport) -> Banner | None:
@@ -277,8 +271,7 @@ def _result_details(result: SessionResult) -> tuple[str, ...]:
         more = (f'and {rest} more',) if rest > 0 else ()
         return (*map(_missed_text, missed[:_MAX_DETAILS]), *more)
     whole = [each for each in result.judgements if each.expectation.covers_whole_run]
-    reason = (result.reason,) if result.reason else ()
-    return (*reason, *map(_value_text, whole[:_MAX_DETAILS]))
+    return (*_lines(result.reason), *map(_value_text, whole[:_MAX_DETAILS]))
 
 
 def _missed_text(judgement: Judgement) -> str:
