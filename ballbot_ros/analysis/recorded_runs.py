@@ -177,14 +177,9 @@ def samples_in(batch: Batch, rows: Mapping[Topic, Rows]) -> dict[Topic, Rows]:
     return samples
 
 
-class EpochAssignment(NamedTuple):
-    """The epoch of each message in a batch, and which are new samples.
-
-    A new sample is newer than all earlier ones of its topic and epoch.
-    """
-
-    epochs: NDArray[np.intp]
-    is_new: NDArray[np.bool_]
+Epochs = tuple[NDArray[np.intp], NDArray[np.bool_]]
+"""The epoch of each message in a batch, and which are new samples: newer than all earlier ones of
+their topic and epoch."""
 
 
 class EpochMessage(NamedTuple):
@@ -251,7 +246,7 @@ class RunFinder:
         rows: Mapping[Topic, Rows],
         samples: Mapping[Topic, Rows],
         stamps: NDArray[np.int64],
-    ) -> EpochAssignment:
+    ) -> Epochs:
         """Process the next messages of the file.
 
         Parameters
@@ -271,7 +266,7 @@ class RunFinder:
         if RUN in rows or self._next or not self._go_on(samples, stamps):
             return self._process_each(batch, rows, samples, stamps)
         are_new = self._process_all(samples, stamps)
-        return EpochAssignment(np.full(len(batch), self.epochs - 1), are_new)
+        return np.full(len(batch), self.epochs - 1), are_new
 
     def _go_on(self, samples: Mapping[Topic, Rows], stamps: NDArray[np.int64]) -> bool:
         """Return whether no sample is older than an earlier one."""
@@ -300,7 +295,7 @@ class RunFinder:
         rows: Mapping[Topic, Rows],
         samples: Mapping[Topic, Rows],
         stamps: NDArray[np.int64],
-    ) -> EpochAssignment:
+    ) -> Epochs:
         """Process messages one by one."""
         topics, sample_topics = _by_row(rows), _by_row(samples)
         epochs, are_new = np.empty(len(batch), np.intp), np.zeros(len(batch), np.bool_)
@@ -315,7 +310,7 @@ class RunFinder:
             epochs[row] = self.epochs - 1
             if self._next and topic and topic.publisher == PLANT:
                 epochs[row] += 1  # it is from the next plant, which has announced its run
-        return EpochAssignment(epochs, are_new)
+        return epochs, are_new
 
     def _announce(self, start_ns: int, name: str) -> None:
         epoch = self._epochs[-1]
@@ -368,7 +363,7 @@ def messages_by_epoch(
         ours = {
             well_typed[name]: topic_rows for name, topic_rows in rows.items() if name in well_typed
         }
-        epochs = finder.process(batch, ours, samples_in(batch, ours), batch.log_ns).epochs
+        epochs, _ = finder.process(batch, ours, samples_in(batch, ours), batch.log_ns)
         is_wanted = np.zeros(len(batch), np.bool_)
         for name, topic_rows in rows.items():
             is_wanted[topic_rows] = topics.by_name[name] in wanted

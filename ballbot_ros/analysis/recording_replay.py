@@ -21,8 +21,6 @@ from ballbot_ros.analysis.recorded_controller import (
 )
 from ballbot_ros.analysis.recorded_runs import RecordedRun
 from ballbot_ros.analysis.replay import (
-    ALL_TOPICS,
-    CONTROLLER_TOPICS,
     ReplayedTick,
     RunInputs,
     compare_events,
@@ -52,7 +50,13 @@ from ballbot_ros.parameters import (
 from ballbot_ros.parameters.files import assign, read_parameter_file
 from ballbot_ros.parameters.timing import SECOND_NS, TICK_NS, TICK_S
 from ballbot_ros.recording.messages.devices import DEVICE_MESSAGES, INPUT_READERS
-from ballbot_ros.recording.messages.topics import BRICK_TASKS, PARTICIPANTS, Topic
+from ballbot_ros.recording.messages.topics import (
+    BRICK_TASKS,
+    CONTROLLER_TOPICS,
+    PARTICIPANTS,
+    REPLAYED_TOPICS,
+    Topic,
+)
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.rosbag2 import CONTROLLER_INFO, PARAMETERS
 from ballbot_ros.robot.world.floor_map import is_file_name
@@ -269,7 +273,8 @@ class RecordingReplay:
         If they are identical, `controller_in_robot` may have the result of the controller, too.
         """
         foreign = {each.role for job in self._begun for each in self._foreign_drivers(job)}
-        comparator = self._comparator(each for each in ALL_TOPICS if each.publisher not in foreign)
+        ours = (topic for topic in REPLAYED_TOPICS if topic.publisher not in foreign)
+        comparator = self._comparator(ours)
         result = self._compare('robot', self._begun, comparator, self._robot_ticks, update)
         compile_for_the_next_time()
         if result.difference is None:

@@ -47,36 +47,24 @@ from ballbot_ros.recording.messages.conversions import (
     stamp_ns,
 )
 from ballbot_ros.recording.messages.devices import (
-    DEVICE_MESSAGES,
     INPUT_READERS,
     AnyDeviceMessages,
     device_inputs,
 )
-from ballbot_ros.recording.messages.raw import Messages, Stamps, stamp_of
+from ballbot_ros.recording.messages.raw import Messages, Stamps, has_stamp, stamp_of
 from ballbot_ros.recording.messages.run_columns import RunColumns
 from ballbot_ros.recording.messages.run_messages import ControllerMessages, RunMessages, Send
 from ballbot_ros.recording.messages.run_reports import decode_parameter_event
 from ballbot_ros.recording.messages.topics import (
     ACCEPTED_PUSH,
-    BATTERY_STATE,
-    BLUETOOTH_TX,
-    BRICK_TASKS,
     CLOCK,
-    CONTROLLER_STATE,
     GAMEPAD_JOY,
-    LCD,
-    MAP,
     MOTOR_DUTY,
-    OPERATING_STATE,
     PARAMETER_EVENTS,
     PARTICIPANTS,
-    PLANT_IMU,
-    PLANT_JOINT_STATES,
-    PLANT_ODOM,
+    REPLAYED_TOPICS,
     RUN,
     RUN_STATUS,
-    SOUND,
-    WALL_HIT,
     Topic,
 )
 from ballbot_ros.recording.reader import RecordingReader
@@ -284,17 +272,6 @@ class _EpochInputs:
         ]
 
 
-CONTROLLER_TOPICS = (
-    PARAMETER_EVENTS, MOTOR_DUTY, CONTROLLER_STATE, OPERATING_STATE, BLUETOOTH_TX, SOUND, LCD,
-    BRICK_TASKS,
-)  # fmt: skip
-ALL_TOPICS = (
-    MAP, ACCEPTED_PUSH, CLOCK, PLANT_IMU, PLANT_JOINT_STATES, PLANT_ODOM, BATTERY_STATE, WALL_HIT,
-    *(device.sample for device in DEVICE_MESSAGES), GAMEPAD_JOY, *CONTROLLER_TOPICS,
-)  # fmt: skip
-"""The compared topics, in the order in which a tick causes their messages."""
-
-
 class ReplayedTick(NamedTuple):
     """A controller's outputs for recorded inputs, at a sim time [ns]."""
 
@@ -303,10 +280,10 @@ class ReplayedTick(NamedTuple):
     outputs: DeviceOutputs
 
 
-EVENTS = (WALL_HIT, OPERATING_STATE, BLUETOOTH_TX, LCD, BRICK_TASKS)
+EVENTS = [topic for topic in REPLAYED_TOPICS if not has_stamp(topic.type_name)]
 """Topics without stamps: only the order of their messages shows which run they belong to."""
 
-STAMPED_TOPICS = [topic for topic in ALL_TOPICS if topic not in EVENTS]
+STAMPED_TOPICS = [topic for topic in REPLAYED_TOPICS if topic not in EVENTS]
 
 
 class _RetunedProgram:

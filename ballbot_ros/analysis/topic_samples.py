@@ -120,7 +120,8 @@ def _epochs(finder: RunFinder, robot: RobotTopics, batch: Batch) -> NDArray[np.i
     stamps = batch.log_ns.copy()
     for rows in samples.values():
         stamps[rows] = batch.stamps_ns(rows)
-    return finder.process(batch, ours, samples, stamps).epochs
+    epochs, _ = finder.process(batch, ours, samples, stamps)
+    return epochs
 
 
 @dataclass(frozen=True)

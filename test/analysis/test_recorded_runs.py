@@ -265,8 +265,8 @@ def test_the_runs_do_not_depend_on_how_a_file_is_cut_into_chunks(tmp_path_factor
                 batch = whole.select(np.arange(start, min(start + step, len(whole))))
                 rows = {well_typed[name]: topic_rows for name, topic_rows in batch.rows().items()}
                 assignment = finder.process(batch, rows, samples_in(batch, rows), batch.log_ns)
-                epochs += assignment.epochs.tolist()
-                are_new += assignment.is_new.tolist()
+                epochs += assignment[0].tolist()
+                are_new += assignment[1].tolist()
             return finder.runs(), epochs, are_new
 
         at_once, piece_by_piece = placed(len(whole)), placed(size)

@@ -6,7 +6,7 @@ Both are ``diagnostic_msgs/DiagnosticStatus``, whose keys and values any tool ca
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from typing import TypeVar
 
 from ballbot_ros.lockstep.participants import Announcement, Membership, Objection, Participant
@@ -69,7 +69,7 @@ def decode_announcement(data: bytes) -> Announcement:
     values = _Values(message)
     parameters = {
         key.removeprefix(_PARAMETER): values.read(key, _from_json)
-        for key in values.keys
+        for key in values
         if key.startswith(_PARAMETER)
     }
     participant = Participant(
@@ -89,7 +89,7 @@ def decode_announcement(data: bytes) -> Announcement:
         topic = values['objection topic']
         objection = Objection(message.message, topic, values.read('objection stamp [ns]', int))
     answered_ns = values.read('answered [ns]', int)
-    awaits = values.read(_AWAITS, _stamps) if _AWAITS in values.keys else {}
+    awaits = values.read(_AWAITS, _stamps) if _AWAITS in values else {}
     return Announcement(participant, values['run'], answered_ns, objection, awaits)
 
 
@@ -115,8 +115,8 @@ def decode_run_status(data: bytes) -> RunStatus:
         values['run'],
         values['lockstep'] == 'true',
         tuple(values['periodic topics'].split()),
-        {key.removeprefix(prefix): values[key] for key in values.keys if key.startswith(prefix)},
-        {key: values[key] for key in OUTCOME_KEYS} if 'outcome' in values.keys else {},
+        {key.removeprefix(prefix): values[key] for key in values if key.startswith(prefix)},
+        {key: values[key] for key in OUTCOME_KEYS} if 'outcome' in values else {},
     )
 
 
@@ -172,24 +172,15 @@ def _encoded(level: int, name: str, text: str, host: str, values: Mapping[str, o
     return _encode(message)
 
 
-class _Values:
+class _Values(dict[str, str]):
     """The values of a message; an error names the message and the key."""
 
     def __init__(self, message: DiagnosticStatus) -> None:
+        super().__init__((pair.key, pair.value) for pair in message.values)
         self._name = message.name
-        self._values = {pair.key: pair.value for pair in message.values}
 
-    @property
-    def keys(self) -> Collection[str]:
-        return self._values.keys()
-
-    def __getitem__(self, key: str) -> str:
-        if key not in self._values:
-            raise ValueError(f'{self._name}: has no {key!r}')
-        return self._values[key]
-
-    def get(self, key: str, default: str) -> str:
-        return self._values.get(key, default)
+    def __missing__(self, key: str) -> str:
+        raise ValueError(f'{self._name}: has no {key!r}')
 
     def read(self, key: str, decode: Callable[[str], T]) -> T:
         text = self[key]

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 from ballbot_ros.lockstep.run_participants import RunTopics
 from ballbot_ros.parameters import (
     CONTROLLER,
+    DRIVERS,
     NODES,
     PLANT,
     RECORDER,
@@ -146,6 +147,16 @@ TOPICS = (
 """The topics that the graph itself publishes, in the order of a tick. The recorder
 discovers the inputs for driving, since their publishers choose the quality of service, and for
 ``cmd_vel`` even the type."""
+
+CONTROLLER_TOPICS = (
+    PARAMETER_EVENTS, MOTOR_DUTY, CONTROLLER_STATE, OPERATING_STATE, BLUETOOTH_TX, SOUND, LCD,
+    BRICK_TASKS,
+)  # fmt: skip
+REPLAYED_TOPICS = (
+    MAP, ACCEPTED_PUSH, CLOCK, PLANT_IMU, PLANT_JOINT_STATES, PLANT_ODOM, BATTERY_STATE, WALL_HIT,
+    *(topic for topic in TOPICS if topic.publisher in DRIVERS), *CONTROLLER_TOPICS,
+)  # fmt: skip
+"""What a replay compares, in the order in which a tick causes the messages."""
 
 _OF_THE_LOOP = (RUN, ROLL_CALL, RUN_STATUS, *UNRECORDED, RECORDER_ACK)
 _PUBLISHERS = {
