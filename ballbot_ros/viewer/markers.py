@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot_ros.parameters import Dimensions
 from ballbot_ros.parameters.timing import SECOND_NS
@@ -60,27 +59,22 @@ class Area:
 
 
 def walls(floor_map: FloorMap) -> list[Rectangle]:
-    """Return the walls as rectangles that do not overlap."""
-    return list(_rectangles(floor_map, floor_map.walls))
-
-
-def _rectangles(floor_map: FloorMap, mask: NDArray[np.bool_]) -> Iterator[Rectangle]:
-    """Yield rectangles made of equal runs of cells in consecutive rows."""
+    """Return the walls as rectangles that do not overlap: equal runs of cells in rows."""
+    rectangles: list[Rectangle] = []
+    mask = floor_map.walls
     open_runs: dict[tuple[int, int], int] = {}
     blank = np.zeros((1, mask.shape[1]), bool)
     for row, cells in enumerate(np.vstack([mask, blank])):
         edges = np.flatnonzero(np.diff(cells, prepend=False, append=False))
         runs = set(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
         for run in [run for run in open_runs if run not in runs]:
-            top = open_runs.pop(run)
-            yield (
-                (run[0] - floor_map.columns / 2.0) * CELL_M,
-                (floor_map.rows / 2.0 - row) * CELL_M,
-                (run[1] - floor_map.columns / 2.0) * CELL_M,
-                (floor_map.rows / 2.0 - top) * CELL_M,
-            )
+            first = open_runs.pop(run)
+            left, right = ((edge - floor_map.columns / 2.0) * CELL_M for edge in run)
+            bottom, top = ((floor_map.rows / 2.0 - edge) * CELL_M for edge in (row, first))
+            rectangles.append((left, bottom, right, top))
         for run in runs:
             open_runs.setdefault(run, row)
+    return rectangles
 
 
 TRAIL_POINTS = 500
@@ -102,10 +96,8 @@ def floor_markers(floor: FloorMap | None, new_marker: Callable[[], Any]) -> list
     markers = [erase]
     height = WALL_HEIGHT_CM / 100.0
     for number, (left, bottom, right, top) in enumerate(walls(floor) if floor else ()):
-        wall = new_marker()
-        fill_marker(
-            wall, 'walls', number, 'box', (right - left, top - bottom, height), colours.WALL
-        )
+        size = right - left, top - bottom, height
+        wall = fill_marker(new_marker(), 'walls', number, 'box', size, colours.WALL)
         place_marker(wall, 0, ((left + right) / 2.0, (bottom + top) / 2.0, height / 2.0))
         markers.append(wall)
     return markers
@@ -127,7 +119,7 @@ class RobotMarkers:
             pieces = [part for part in parts(dimensions) if part.link == link]
             if pieces:  # not those of a wheel without width
                 markers = [
-                    self._make(link, number, part.shape, part.size, part.colour)
+                    fill_marker(new_marker(), link, number, part.shape, part.size, part.colour)
                     for number, part in enumerate(pieces)
                 ]
                 poses = Transform(
@@ -135,25 +127,15 @@ class RobotMarkers:
                     Rotation.from_euler('xyz', [part.rpy for part in pieces]),
                 )
                 self._links[link] = markers, poses
-        self._beam = self._make(SONAR, 0, 'triangles', (), colours.BEAM, colours.BEAM_OPACITY)
-        self._trail = self._make('trail', 0, 'line', (_TRAIL_WIDTH,), colours.TRAIL)
-        self._text = self._make('text', 0, 'text', (_LETTER_HEIGHT,), colours.WHITE)
+        self._beam = fill_marker(
+            new_marker(), SONAR, 0, 'triangles', (), colours.BEAM, colours.BEAM_OPACITY
+        )
+        width, height = (_TRAIL_WIDTH,), (_LETTER_HEIGHT,)
+        self._trail = fill_marker(new_marker(), 'trail', 0, 'line', width, colours.TRAIL)
+        self._text = fill_marker(new_marker(), 'text', 0, 'text', height, colours.WHITE)
         self._text_height = 2.0 * dimensions.body_height + _TEXT_ABOVE
         self._trail_points: deque[Vector] = deque(maxlen=TRAIL_POINTS)
         self.begin(None)
-
-    def _make(
-        self,
-        namespace: str,
-        number: int,
-        shape: str,
-        size: tuple[float, ...],
-        colour: colours.Colour,
-        opacity: float = 1.0,
-    ) -> Any:
-        marker = self._new_marker()
-        fill_marker(marker, namespace, number, shape, size, colour, opacity)
-        return marker
 
     def begin(self, floor: FloorMap | None) -> None:
         """Start over with a new run, on a floor with or without walls."""

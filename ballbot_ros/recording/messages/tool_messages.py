@@ -152,8 +152,8 @@ def fill_marker(
     size: Sequence[float],
     colour: Sequence[float],
     opacity: float = 1.0,
-) -> None:
-    """Write a ``visualization_msgs/Marker`` except for its pose.
+) -> Any:
+    """Write a ``visualization_msgs/Marker`` except for its pose, and return it.
 
     Parameters
     ----------
@@ -183,6 +183,7 @@ def fill_marker(
     red, green, blue = (channel / 255.0 for channel in colour)
     message.color.r, message.color.g, message.color.b = red, green, blue
     message.color.a = opacity
+    return message
 
 
 def place_marker(
