@@ -139,7 +139,7 @@ class TopicColumns:
     def __post_init__(self) -> None:
         self._shape = _shape(self.first)
         found = [
-            (_name(path, unit), _name(filter(_says_something, path), unit), read)
+            (_name(path, unit), _name([w for w in path if w not in _CONTAINERS], unit), read)
             for path, unit, read in _leaves(self.first, (), '', lambda message: message)
         ]
         times = Counter(short for _, short, _ in found)
@@ -207,10 +207,6 @@ def _computed(column: ComputedColumn, reads: Mapping[str, Read]) -> Read:
         return _plain(column.compute(*(np.float64(source(message)) for source in sources)))
 
     return read
-
-
-def _says_something(word: str) -> bool:
-    return word not in _CONTAINERS
 
 
 def _shape(message: object) -> object:

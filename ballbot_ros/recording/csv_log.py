@@ -113,7 +113,7 @@ def read_csv_log(path: Path) -> list[LogPacket]:
             packet = _packet(line)
         except (ValueError, PacketError) as error:
             raise TeleopError(f'{path}, line {number}: {error}') from None
-        if packets and not _is_after(packet.time_ms, packets[-1].time_ms):
+        if packets and not _is_since(packet.time_ms, packets[-1].time_ms + 1):
             raise TeleopError(
                 f'{path}, line {number}: its time, {packet.time_ms} ms, is not after '
                 f'{packets[-1].time_ms} ms; a file holds one run'
@@ -143,10 +143,6 @@ def _create(path: Path) -> TextIO:
     # Flush the header, so that a full disk or an exceeded limit shows at once.
     file.flush()
     return file
-
-
-def _is_after(time_ms: int, earlier_ms: int) -> bool:
-    return time_ms != earlier_ms and _is_since(time_ms, earlier_ms)
 
 
 def _is_since(time_ms: int, start_ms: int) -> bool:

@@ -151,13 +151,11 @@ class Salvage:
                 holds = bool(record.name)
             case records.Message():
                 # The data can be anything, so check the length: another record must follow.
-                holds = record.channel_id in self._channels and self._may_begin_at(end)
+                is_followed = end == self.size or _POSSIBLE_HEADER.match(self._map, end)
+                holds = record.channel_id in self._channels and bool(is_followed)
             case _:
                 holds = True
         return (end, record, parts) if holds and used == length else None
-
-    def _may_begin_at(self, position: int) -> bool:
-        return position == self.size or bool(_POSSIBLE_HEADER.match(self._map, position))
 
     def _resume(self, position: int) -> int:
         """Return where reading resumes: at a proven record, or at the end of the data."""

@@ -35,10 +35,6 @@ def _degrees(source: str) -> ComputedColumn:
     return ComputedColumn((source,), np.degrees)
 
 
-def _joint_degrees(name: str) -> ComputedColumn:
-    return _degrees(f'position_{name}_rad')
-
-
 def _percent(source: str) -> ComputedColumn:
     return ComputedColumn((source,), lambda share: 100.0 * share)
 
@@ -65,7 +61,7 @@ _HINTS: Mapping[Topic, ColumnHints] = {
         }
     ),
     JOINT_STATES: ColumnHints(
-        extra={f'encoder_{axis}_deg': _joint_degrees(f'motor_{axis}') for axis in 'xy'}
+        extra={f'encoder_{axis}_deg': _degrees(f'position_motor_{axis}_rad') for axis in 'xy'}
     ),
     GAMEPAD_JOY: ColumnHints(
         extra={
@@ -75,14 +71,13 @@ _HINTS: Mapping[Topic, ColumnHints] = {
     ),
     CONTROLLER_STATE: ColumnHints(
         extra={
-            **{f'estimated_pitch_{axis}_deg': _joint_degrees(f'psi_{axis}') for axis in 'xy'},
-            **{
-                f'estimated_ball_angle_{axis}_deg': _joint_degrees(f'theta_{axis}') for axis in 'xy'
-            },
-            **{
-                f'reference_ball_angle_{axis}_deg': _joint_degrees(f'theta_ref_{axis}')
-                for axis in 'xy'
-            },
+            f'{name}_{axis}_deg': _degrees(f'position_{angle}_{axis}_rad')
+            for name, angle in (
+                ('estimated_pitch', 'psi'),
+                ('estimated_ball_angle', 'theta'),
+                ('reference_ball_angle', 'theta_ref'),
+            )
+            for axis in 'xy'
         }
     ),
     PLANT_IMU: ColumnHints(extra={'pitch_x_rad': _pitch(0), 'pitch_y_rad': _pitch(1)}),
