@@ -60,11 +60,6 @@ class Content:
         return Response(HTTPStatus.OK, 'OK', headers, self.data)
 
 
-def html(document: bytes) -> Content:
-    """Return an HTML document."""
-    return Content(document, _TYPES['.html'])
-
-
 @cache
 def asset(name: str) -> Content | None:
     """Return a file of the overlay; None if there is none of that name."""
@@ -244,7 +239,7 @@ class GuardedServer(viser.ViserServer):
 
     @staticmethod
     async def _make(make: Callable[[], bytes]) -> Response:
-        return html(await asyncio.to_thread(make)).response()
+        return Content(await asyncio.to_thread(make), _TYPES['.html']).response()
 
 
 def _path(request: Request) -> str:

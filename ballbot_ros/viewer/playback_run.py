@@ -22,7 +22,7 @@ from ballbot_ros.recording.messages.topics import BATTERY_STATE, PLANT_IMU, PLAN
 from ballbot_ros.robot.arithmetic import Floats
 from ballbot_ros.robot.brick.brick import Tone
 from ballbot_ros.robot.brick.job_times import kernel_constants
-from ballbot_ros.robot.world.floor_map import FloorMap, OccupancyGrid, floor_map_of
+from ballbot_ros.robot.world.floor_map import OccupancyGrid, floor_map_of
 from ballbot_ros.viewer.overlay import Mark, MarkKind
 from ballbot_ros.viewer.robot import TRAIL_STEP, wxyz
 from ballbot_ros.viewer.snapshot import ForceEvent, Snapshot, acting_force
@@ -100,7 +100,8 @@ class PlaybackRun:
         self.end = run.end
         self.damage = run.damage
         self.dimensions = Dimensions.from_parameters(run.plant)
-        self.floor_map = _floor_map(run)
+        floor = run.floor  # the published walls, if no map is attached
+        self.floor_map = floor_map_of(floor) if isinstance(floor, OccupancyGrid) else floor
         x, y = run.trajectory.position[0].tolist()
         self.start = (x, -y)
         self._ball = RolledBall(run.trajectory.position, self.dimensions.ball_radius)
@@ -231,8 +232,3 @@ def _held(series: Series | None, times: NDArray[np.float64]) -> NDArray[np.float
     places = np.searchsorted(series.time, times + 1e-6, 'right') - 1
     values = np.asarray(series.values[places.clip(min=0), 0], np.float64)
     return np.where(places < 0, np.nan, values)
-
-
-def _floor_map(run: RunData) -> FloorMap | None:
-    """Return the attached map, or else the published walls."""
-    return floor_map_of(run.floor) if isinstance(run.floor, OccupancyGrid) else run.floor

@@ -146,11 +146,7 @@ class TopicChooser:
     """
 
     def __init__(
-        self,
-        gui: viser.GuiApi,
-        plots: Plots,
-        topics: RecordedTopics,
-        notify: Callable[[str], None],
+        self, gui: viser.GuiApi, plots: Plots, topics: RecordedTopics, notify: Callable[[str], None]
     ) -> None:
         self._gui, self._plots, self._topics, self._notify = gui, plots, topics, notify
         self._lock = threading.Lock()
@@ -228,12 +224,8 @@ def playback_overlay(clock: PlaybackClock, timeline: Timeline) -> OverlayState:
         )
         for key in KEYS
     )
-    return OverlayState(
-        buttons=buttons,
-        rates=tuple(_RATE_LABELS),
-        rate=f'{clock.rate:g}×',
-        timeline=timeline,
-    )
+    rates, rate = tuple(_RATE_LABELS), f'{clock.rate:g}×'
+    return OverlayState(buttons=buttons, rates=rates, rate=rate, timeline=timeline)
 
 
 def take_request(clock: PlaybackClock, request: Request) -> None:

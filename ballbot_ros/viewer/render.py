@@ -96,11 +96,6 @@ def replacing(output: Path) -> Iterator[Path]:
         raise ViewerError(f'{output}: {reason}') from None
 
 
-def write_picture(output: Path, image: Image) -> None:
-    """Write a .png file."""
-    PIL.Image.fromarray(image).save(output, optimize=True)
-
-
 def write_film(output: Path, images: Iterator[Image], fps: int) -> None:
     """Write a film in the format of its suffix, with `fps` frames per second."""
     first = next(images)
@@ -265,7 +260,8 @@ class Rendering:
     def write_picture(self, output: Path, time: float) -> None:
         """Write a picture at `time` [s]; errors as in :meth:`write_film`."""
         with replacing(output) as unfinished:
-            write_picture(unfinished, next(self._images([time], lambda done, total: None)))
+            image = next(self._images([time], lambda done, total: None))
+            PIL.Image.fromarray(image).save(unfinished, optimize=True)
 
     def write_film(
         self,

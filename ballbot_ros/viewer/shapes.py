@@ -163,12 +163,6 @@ Points = list[tuple[float, float]]
 """Points of a trail, x and y in ``map`` [m]."""
 
 
-def _pieces_of(points: Points) -> list[Points]:
-    """Return the pieces of a trail; each begins with the last point of the one before."""
-    starts = range(0, len(points) - 1, TRAIL_PIECE)
-    return [points[start : start + TRAIL_PIECE + 1] for start in starts]
-
-
 class Trail:
     """A trail in the scene at `path`, replacing one there, at a height above the floor [m]."""
 
@@ -184,14 +178,17 @@ class Trail:
 
     def show(self, points: Points) -> None:
         """Show a trail; send only what differs from the one before."""
-        pieces = _pieces_of(points)
+        # Each piece begins with the last point of the one before.
+        starts = range(0, len(points) - 1, TRAIL_PIECE)
+        pieces = [points[start : start + TRAIL_PIECE + 1] for start in starts]
         for number, piece in enumerate(pieces):
             if number == len(self._lines):
                 self._lines.append(self._add_line(number))
                 self._sent.append([])
             if self._sent[number] != piece:
                 self._sent[number] = piece
-                self._lines[number].points = self._segments(piece)
+                points_3d = np.array([(x, y, self._height) for x, y in piece], np.float32)
+                self._lines[number].points = np.stack([points_3d[:-1], points_3d[1:]], axis=1)
         for number, line in enumerate(self._lines):
             if line.visible != (number < len(pieces)):
                 line.visible = number < len(pieces)
@@ -200,10 +197,6 @@ class Trail:
         return self._api.add_line_segments(
             f'{self._path}/{number}', np.zeros((0, 2, 3)), self._colour, thickness=_THICKNESS
         )
-
-    def _segments(self, piece: Points) -> NDArray[np.float32]:
-        points = np.array([(x, y, self._height) for x, y in piece], np.float32)
-        return np.stack([points[:-1], points[1:]], axis=1)
 
 
 NEWTONS_PER_METRE = 10.0

@@ -202,10 +202,12 @@ class History:
         for name, unit, of, scale in _SIGNALS:
             columns |= plane_columns(name, unit, _pairs(samples, of) * scale)
         origin = UNKNOWN if start is None else start
-        for name, of in _COUNTED_FROM_START:
-            columns |= plane_columns(name, 'm', _pairs(samples, of) * ball_radius + origin)
-        speed = _pairs(samples, lambda sample: sample.estimates.theta_ref_dot) * ball_radius
-        columns |= plane_columns('reference_speed', 'm_per_s', speed)
+        for name, unit, of, offset in (
+            ('estimated_position', 'm', lambda sample: sample.estimates.theta, origin),
+            ('reference_position', 'm', lambda sample: sample.estimates.theta_ref, origin),
+            ('reference_speed', 'm_per_s', lambda sample: sample.estimates.theta_ref_dot, 0.0),
+        ):
+            columns |= plane_columns(name, unit, _pairs(samples, of) * ball_radius + offset)
         columns['distance_m'] = _padded([sample.sonar for sample in samples])
         columns['battery_v'] = _padded([sample.battery for sample in samples])
         return np.array([first, *times]), columns
@@ -223,11 +225,6 @@ _SIGNALS: tuple[tuple[str, str, _Of, float], ...] = (
     ('estimated_pitch', 'deg', lambda sample: sample.estimates.psi, DEGREES),
 )
 """Name, unit, value and its factor of the signals that need nothing but a sample."""
-
-_COUNTED_FROM_START: tuple[tuple[str, _Of], ...] = (
-    ('estimated_position', lambda sample: sample.estimates.theta),
-    ('reference_position', lambda sample: sample.estimates.theta_ref),
-)
 
 
 def _pairs(samples: Sequence[Snapshot], of: _Of) -> Floats:
