@@ -52,21 +52,12 @@ MEANINGS: Mapping[str, str] = {**METRICS.meanings, **RUN_METRICS.meanings}
 
 def report_document(assessment: Assessment) -> str:
     """Return the report of a run as one HTML document, without links to other files."""
-    run = assessment.run
-    loop, contents, processor = loop_of(run), figure_contents(run), processor_of(run)
-    interactive = interactive_figures(run, contents, processor.descriptions)
-    figures = [] if interactive else draw_figures(run, contents)
-    figures += _frequency_figures(run, loop)
-    return report_page(assessment, figures, loop, interactive, processor, linked=False)
+    return _page_and_figures(assessment, linked=False)[0]
 
 
 def write_report(assessment: Assessment, folder: Path) -> None:
     """Write the report of a run into `folder`, as `page.write_folder` does."""
-    run = assessment.run
-    loop, contents, processor = loop_of(run), figure_contents(run), processor_of(run)
-    figures = draw_figures(run, contents) + _frequency_figures(run, loop)
-    interactive = interactive_figures(run, contents, processor.descriptions)
-    page = report_page(assessment, figures, loop, interactive, processor)
+    page, figures = _page_and_figures(assessment, linked=True)
     metrics = csv_text(
         ('metric', 'value', 'meaning'),
         (
@@ -74,12 +65,19 @@ def write_report(assessment: Assessment, folder: Path) -> None:
             for name, value in assessment.metrics.items()
         ),
     )
-    write_folder(folder, page, figures + processor.figures, {'metrics.csv': metrics})
+    write_folder(folder, page, figures, {'metrics.csv': metrics})
 
 
-def _frequency_figures(run: RunData, loop: LoopSection | None) -> list[RenderedFigure]:
+def _page_and_figures(assessment: Assessment, *, linked: bool) -> tuple[str, list[RenderedFigure]]:
+    """Return the page, and the pictures: without links to them, only those that the page shows."""
+    run = assessment.run
+    loop, contents, processor = loop_of(run), figure_contents(run), processor_of(run)
+    interactive = interactive_figures(run, contents, processor.descriptions)
+    figures = draw_figures(run, contents) if linked or not interactive else []
     spectrum = render_spectrum(run, loop.predictions if loop else [])
-    return [each for each in (spectrum, loop.figure if loop else None) if each]
+    shown = [*figures, *(each for each in (spectrum, loop.figure if loop else None) if each)]
+    page = report_page(assessment, shown, loop, interactive, processor, linked=linked)
+    return page, shown + processor.figures
 
 
 @dataclass(frozen=True)

@@ -86,23 +86,6 @@ MIN_AXIS_SPAN = 1.0
 
 
 @dataclass(frozen=True)
-class RunFigure:
-    """A figure of a run: its file name without extension, heading and caption.
-
-    It `needs` topics, makes its numbers from a run as a table, and draws them. Its `panels` are
-    what it shows against time.
-    """
-
-    name: str
-    title: str
-    caption: str
-    needs: tuple[Topic, ...]
-    table: Callable[[RunData], Table]
-    draw: Callable[[RunData, Table], Figure]
-    panels: tuple[Panel, ...] = ()
-
-
-@dataclass(frozen=True)
 class RenderedFigure:
     """A drawn figure and its numbers."""
 
@@ -130,17 +113,33 @@ def figure_contents(run: RunData) -> list[FigureContent]:
 
 def draw_figures(run: RunData, contents: Iterable[FigureContent]) -> list[RenderedFigure]:
     """Draw figures of a run as pictures."""
-    return [
-        RenderedFigure(
-            figure.name, figure.title, figure.caption, png_of(figure.draw(run, table)), table
-        )
-        for figure, table in contents
-    ]
+    drawn = []
+    for figure, table in contents:
+        png = png_of(figure.draw(run, table, figure.panels))
+        drawn.append(RenderedFigure(figure.name, figure.title, figure.caption, png, table))
+    return drawn
 
 
 def _draw_stacked(run: RunData, table: Table, panels: Sequence[Panel]) -> Figure:
     """Draw panels of both planes, one above the other."""
     return draw_rows([each.row(table) for each in panels], run.marked)
+
+
+@dataclass(frozen=True)
+class RunFigure:
+    """A figure of a run: its file name without extension, heading and caption.
+
+    It `needs` topics, makes its numbers from a run as a table, and draws them. Its `panels` are
+    what it shows against time.
+    """
+
+    name: str
+    title: str
+    caption: str
+    needs: tuple[Topic, ...]
+    table: Callable[[RunData], Table]
+    panels: tuple[Panel, ...] = ()
+    draw: Callable[[RunData, Table, Sequence[Panel]], Figure] = _draw_stacked
 
 
 def track_marks(run: RunData) -> list[TrackMark]:
@@ -158,7 +157,7 @@ def _mark(odometry: Series, interval: Interval) -> TrackMark:
     return TrackMark(interval, float(track['map_x_cm'][0]), float(track['map_y_cm'][0]))
 
 
-def _draw_track(run: RunData, table: Table) -> Figure:
+def _draw_track(run: RunData, table: Table, _panels: Sequence[Panel]) -> Figure:
     figure = new_figure(WIDTH, 5.0)
     axes = figure.subplots()
     draw_floor(axes, run.floor)
@@ -169,7 +168,7 @@ def _draw_track(run: RunData, table: Table) -> Figure:
 
 
 def _draw_by_plane(
-    run: RunData, table: Table, panels: Sequence[Panel], *, share_rows: bool
+    run: RunData, table: Table, panels: Sequence[Panel], *, share_rows: bool = True
 ) -> Figure:
     """Draw panels one above the other, with a column for each plane."""
     figure = new_figure(WIDTH, 5.0)
@@ -190,7 +189,7 @@ def _draw_by_plane(
     return figure
 
 
-def _draw_states(run: RunData, table: Table) -> Figure:
+def _draw_states(run: RunData, table: Table, _panels: Sequence[Panel]) -> Figure:
     known = [state.value for state in OperatingState]
     present = [state for state in known if state in table['state']]
     present += sorted(set(table['state'].tolist()) - set(present))
@@ -269,7 +268,6 @@ FIGURES = (
         'pushes and wall hits are shaded.',
         (PLANT_ODOM, PLANT_IMU),
         motion_table,
-        partial(_draw_stacked, panels=_MOTION),
         _MOTION,
     ),
     RunFigure(
@@ -279,7 +277,7 @@ FIGURES = (
         'map is leftward.',
         (PLANT_ODOM,),
         track_table,
-        _draw_track,
+        draw=_draw_track,
     ),
     RunFigure(
         'operating_state',
@@ -287,7 +285,7 @@ FIGURES = (
         'The state of the control program against time.',
         (),
         state_table,
-        _draw_states,
+        draw=_draw_states,
     ),
     RunFigure(
         'duty',
@@ -295,7 +293,6 @@ FIGURES = (
         'The duties of both motors against time; the dotted lines are the saturation limits.',
         (MOTOR_DUTY,),
         duty_table,
-        partial(_draw_stacked, panels=_DUTY),
         _DUTY,
     ),
     RunFigure(
@@ -304,7 +301,6 @@ FIGURES = (
         'The sticks of the gamepad against time; forward and rightward are positive.',
         (GAMEPAD_JOY,),
         sticks_table,
-        partial(_draw_stacked, panels=_STICKS),
         _STICKS,
     ),
     RunFigure(
@@ -314,8 +310,8 @@ FIGURES = (
         'passes a low pass in the controller, whose output is the reference that it follows.',
         (PLANT_ODOM, CONTROLLER_STATE),
         command_table,
-        partial(_draw_by_plane, panels=_COMMAND, share_rows=True),
         _COMMAND,
+        _draw_by_plane,
     ),
     RunFigure(
         'estimate',
@@ -324,8 +320,8 @@ FIGURES = (
         'estimates start at the end of the calibration.',
         (PLANT_IMU, PLANT_ODOM, CONTROLLER_STATE),
         estimate_table,
-        partial(_draw_by_plane, panels=_ESTIMATE, share_rows=True),
         _ESTIMATE,
+        _draw_by_plane,
     ),
     RunFigure(
         'gyro',
@@ -334,9 +330,9 @@ FIGURES = (
         'estimated offset and the true one, which is the 1 s mean of reading minus true rate.',
         (GYRO_IMU, PLANT_IMU, CONTROLLER_STATE),
         gyro_table,
-        # The planes do not share an axis, since their gyros have different offsets.
-        partial(_draw_by_plane, panels=_GYRO, share_rows=False),
         _GYRO,
+        # The planes do not share an axis, since their gyros have different offsets.
+        partial(_draw_by_plane, share_rows=False),
     ),
     RunFigure(
         'sonar',
@@ -344,7 +340,6 @@ FIGURES = (
         'The distance measured by the sensor, against time.',
         (SONAR_RANGE,),
         sonar_table,
-        partial(_draw_stacked, panels=_SONAR),
         _SONAR,
     ),
     RunFigure(
@@ -353,7 +348,6 @@ FIGURES = (
         'Terminal voltage of the battery against time.',
         (BATTERY_STATE,),
         battery_table,
-        partial(_draw_stacked, panels=_BATTERY),
         _BATTERY,
     ),
 )
@@ -365,7 +359,6 @@ UTILISATION = RunFigure(
     "The share of the brick's processor that jobs, interrupts and the bus take in each 100 ms.",
     (MOTOR_DUTY,),
     utilisation_table,
-    partial(_draw_stacked, panels=_PROCESSOR),
     _PROCESSOR,
 )
 """The figure of a run whose tasks take time."""

@@ -132,7 +132,7 @@ def test_a_long_run_keeps_its_peaks_in_few_rows(driven_assessment, numbers):
     long[7_001] = 42.0
     table = {'time_s': np.arange(20_000) * 0.004, 'duty_x_percent': long, 'duty_y_percent': -long}
     duty = next(each for each in contents if each.figure.name == 'duty')
-    figure = history_of(run, [replace(duty, table=table)], numbers)
+    figure = history_of(run, [duty._replace(table=table)], numbers)
     x, y = (unpacked(numbers, each['packed']['y']) for each in curves(figure))
     assert len(x) <= MAX_ROWS
     assert x.max() == 42.0

@@ -125,8 +125,7 @@ def without_plotly(short_assessment, tmp_path_factory):
     folder = tmp_path_factory.mktemp('without_plotly')
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(interactive, 'plotly_script', lambda: None)
-        for name in ('draw_figures', '_frequency_figures'):
-            patched.setattr(report, name, once(getattr(report, name)))
+        patched.setattr(report, 'draw_figures', once(report.draw_figures))
         write_report(short_assessment, folder)
         return folder, report_document(short_assessment)
 
@@ -168,7 +167,8 @@ def test_the_document_without_plotly_needs_no_other_file(without_plotly):
 def test_every_axis_has_a_unit(driven_assessment):
     unit = re.compile(r'.* \[(s|cm|cm/s|°|%|V|°/s)\]')
     for figure in FIGURES:
-        drawn = figure.draw(driven_assessment.run, figure.table(driven_assessment.run))
+        table = figure.table(driven_assessment.run)
+        drawn = figure.draw(driven_assessment.run, table, figure.panels)
         labels = [
             label
             for axes in drawn.axes
@@ -288,7 +288,8 @@ def test_the_track_is_drawn_over_the_recorded_map(short_assessment):
     cells[:, -10:] = 100  # a wall from 20 cm to 30 cm ahead
     grid = OccupancyGrid(60, 40, 0.01, (-0.3, -0.2), cells)
     track = next(figure for figure in FIGURES if figure.name == 'track')
-    drawn = track.draw(replace(short_assessment.run, grid=grid), track.table(short_assessment.run))
+    run = replace(short_assessment.run, grid=grid)
+    drawn = track.draw(run, track.table(run), track.panels)
     (walls,) = drawn.axes[0].get_images()
     assert walls.get_extent() == pytest.approx([-30.0, 30.0, -20.0, 20.0])
     assert walls.get_array()[:, -10:].count() == cells[:, -10:].size
@@ -366,7 +367,8 @@ def test_a_mistake_is_one_line_and_status_2(command, short, tmp_path):
 
 def test_the_axes_of_a_plane_at_rest_are_not_magnified(short_assessment):
     gyro = next(figure for figure in FIGURES if figure.name == 'gyro')
-    drawn = gyro.draw(short_assessment.run, gyro.table(short_assessment.run))
+    run = short_assessment.run
+    drawn = gyro.draw(run, gyro.table(run), gyro.panels)
     for axes in drawn.axes:
         low, high = axes.get_ylim()
         assert high - low >= MIN_AXIS_SPAN * 0.999
