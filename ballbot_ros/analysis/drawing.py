@@ -146,17 +146,27 @@ def frame_curves(axes: Axes, label: str) -> None:
 def draw_rows(rows: Sequence[Row], marked: Sequence[Interval] = ()) -> Figure:
     """Draw rows one above the other, with marked intervals shaded, and the others named."""
     figure = new_figure(WIDTH, 2.8 if len(rows) == 1 else 2.5 * len(rows))
-    lines = figure.subplots(len(rows), 1, sharex=True, squeeze=False)[:, 0]
+    lines = _stack(figure, rows, marked, [1] * len(rows))
+    name_intervals(lines[0], [each for each in marked if each.kind is not IntervalKind.STATE])
+    if len(lines[0].get_legend_handles_labels()[0]) > 1:
+        legend_above(lines[0])
+    return figure
+
+
+def _stack(
+    figure: Figure | SubFigure,
+    rows: Sequence[Row],
+    marked: Sequence[Interval],
+    heights: Sequence[int],
+) -> Sequence[Axes]:
+    lines = figure.subplots(len(rows), sharex=True, squeeze=False, height_ratios=heights)[:, 0]
     for axes, row in zip(lines, rows, strict=True):
         draw_row(axes, row)
         if not row.panel.bounds:
             set_min_span(axes, row.panel.min_span)
         shade_intervals(axes, marked)
-    name_intervals(lines[0], [each for each in marked if each.kind is not IntervalKind.STATE])
-    if len(lines[0].get_legend_handles_labels()[0]) > 1:
-        legend_above(lines[0])
     label_time(lines[-1])
-    return figure
+    return list(lines)
 
 
 def label_time(axes: Axes) -> None:
@@ -371,17 +381,14 @@ def _intervals(
 def _draw_history(
     figure: Figure | SubFigure, trajectory: Trajectory, intervals: Sequence[Interval]
 ) -> None:
-    rows = figure.subplots(3, 1, sharex=True, height_ratios=(3, 3, 2))
     table = {
         'time_s': trajectory.time,
         **POSITION.columns(trajectory.position * 100.0),
         **PITCH.columns(np.degrees(trajectory.psi)),
         **DUTY.columns(trajectory.duty),
     }
-    for axes, quantity in zip(rows, (POSITION, PITCH, DUTY), strict=True):
-        draw_row(axes, quantity.panel.row(table))
-        shade_intervals(axes, intervals)
-    name_intervals(rows[0], intervals)
-    label_time(rows[2])
+    rows = [quantity.panel.row(table) for quantity in (POSITION, PITCH, DUTY)]
+    lines = _stack(figure, rows, intervals, (3, 3, 2))
+    name_intervals(lines[0], intervals)
     # Below the axes, on the right, next to the axis label.
-    rows[2].legend(loc='upper right', bbox_to_anchor=(1.0, -0.2), ncols=2, frameon=False)
+    lines[2].legend(loc='upper right', bbox_to_anchor=(1.0, -0.2), ncols=2, frameon=False)

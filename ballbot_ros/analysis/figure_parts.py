@@ -158,9 +158,7 @@ def envelope(time: Column, columns: Mapping[str, Column], max_rows: int = MAX_FI
 
 
 def every_nth(
-    time: Column,
-    columns: Mapping[str, Column],
-    max_rows: int = MAX_FIGURE_ROWS,
+    time: Column, columns: Mapping[str, Column], max_rows: int = MAX_FIGURE_ROWS
 ) -> Table:
     """Return a table of the columns; many rows are reduced to every nth and the last."""
     stride = -(-len(time) // max_rows)

@@ -243,7 +243,8 @@ def history_figure(rows: Sequence[Row], events: Events, numbers: PackedNumbers) 
     lanes = events.lanes
     bottoms, tops = _domains(len(lanes), len(rows))
     traces = [_lane_trace(lanes)] if lanes else []
-    layout = {**_layout(), 'height': _height(len(lanes), len(rows))}
+    height = _TOP_PX + len(lanes) * _LANE_PX + len(rows) * (_ROW_PX + _GAP_PX) + 40
+    layout = {**_layout(), 'height': height}
     layout['yaxis'] = {
         'domain': [bottoms[0], tops[0]], 'range': [len(lanes) - 0.5, -0.5], 'fixedrange': True,
         'tickvals': list(range(len(lanes))), 'ticktext': list(lanes), 'showgrid': False,
@@ -284,10 +285,6 @@ def lanes_of(run: RunData) -> dict[str, list[Interval]]:
     intervals = [*run.states, *marked]
     kinds = [kind for kind in IntervalKind if any(each.kind is kind for each in intervals)]
     return {kind.value: [each for each in intervals if each.kind is kind] for kind in kinds}
-
-
-def _height(lanes: int, rows: int) -> int:
-    return _TOP_PX + lanes * _LANE_PX + rows * (_ROW_PX + _GAP_PX) + 40
 
 
 def _domains(lanes: int, rows: int) -> tuple[list[float], list[float]]:
@@ -385,7 +382,8 @@ def _curve_trace(
     panel: Panel, curve: DrawnCurve, number: int, shown: set[str], numbers: PackedNumbers
 ) -> Json:
     line = curve.line
-    few = _few_rows(curve.time, curve.values, is_points=line.dash in POINTS)
+    reduced = every_nth if line.dash in POINTS else envelope
+    few = reduced(curve.time, {'y': curve.values}, MAX_ROWS)
     value = '' if curve.role is NO_ECHO else f': %{{y:.2~f}} {panel.unit}'
     trace = {
         'type': 'scatter',
@@ -399,12 +397,6 @@ def _curve_trace(
     }  # fmt: skip
     shown.add(line.label)
     return trace
-
-
-def _few_rows(time: np.ndarray, values: np.ndarray, *, is_points: bool) -> Table:
-    if is_points:
-        return every_nth(time, {'y': values}, MAX_ROWS)
-    return envelope(time, {'y': values}, MAX_ROWS)
 
 
 def _look(line: Line) -> Json:

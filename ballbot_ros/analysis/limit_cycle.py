@@ -50,11 +50,6 @@ class Balancing(NamedTuple):
     duty: NDArray[Any]
     psi: Floats
 
-    @property
-    def pitch(self) -> NDArray[np.float64]:
-        """True body pitch [°], shape (n, 2)."""
-        return np.asarray(np.degrees(self.psi))
-
     @classmethod
     def of(cls, run: RunData) -> Balancing:
         """Return the longest time without a missing tick in which the controller balanced."""
@@ -117,8 +112,6 @@ class LimitCycle(NamedTuple):
         Frequency [Hz].
     duty, pitch : float
         Amplitudes [%] and [°]: half of the range that 95 % of the values at the ticks are in.
-    cycles : int
-        Number of whole cycles.
     share : float
         Part of the variance of the duty in the band of frequencies around it.
     """
@@ -126,7 +119,6 @@ class LimitCycle(NamedTuple):
     hz: float
     duty: float
     pitch: float
-    cycles: int
     share: float
 
 
@@ -138,7 +130,7 @@ def limit_cycles(run: RunData) -> tuple[LimitCycle | None, LimitCycle | None]:
     """
     balancing = Balancing.of(run)
     settled = slice(_settled(run, balancing), None)
-    duty, pitch = balancing.duty[settled].astype(float), balancing.pitch[settled]
+    duty, pitch = balancing.duty[settled].astype(float), np.degrees(balancing.psi[settled])
     reference = _reference_rate(run, balancing.time[settled])
     x, y = (_of_plane(duty[:, axis], pitch[:, axis], reference[:, axis]) for axis in range(2))
     return x, y
@@ -226,7 +218,7 @@ def find_limit_cycle(duty: Samples, pitch: Samples) -> LimitCycle | None:
         # A crossing that noise hides makes one length of two.
         whole = lengths[lengths < 1.5 * np.median(lengths)]
         hz = _FINER / (TICK_S * float(whole.mean()))
-        return LimitCycle(hz, amplitude, swing, len(lengths), share)
+        return LimitCycle(hz, amplitude, swing, share)
     return None
 
 

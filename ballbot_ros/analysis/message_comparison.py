@@ -191,18 +191,15 @@ def first_difference(recorded: object, replayed: Any, path: str = '') -> str:
             if text := first_difference(*pair, f'{path}[{index}]'):
                 return text
         return ''
-    if _same(recorded, replayed):
+    if isinstance(recorded, float | np.floating):  # also NaN and the sign of zero
+        is_same = struct.pack('d', recorded) == struct.pack('d', replayed)
+    else:
+        is_same = bool(recorded == replayed)
+    if is_same:
         return ''
     plain = [each.item() if isinstance(each, np.generic) else each for each in (recorded, replayed)]
     bits = ' (different bits)' if repr(plain[0]) == repr(plain[1]) else ''  # of a NaN
     return f'{path}: recorded {plain[0]!r}, replayed {plain[1]!r}{bits}'
-
-
-def _same(one: object, other: object) -> bool:
-    """Return whether two values are bit-identical, including NaN and the sign of zero."""
-    if isinstance(one, float | np.floating):
-        return struct.pack('d', one) == struct.pack('d', other)
-    return bool(one == other)
 
 
 class Divergence:

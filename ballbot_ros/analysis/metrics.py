@@ -118,9 +118,7 @@ def measure_one(
 
 
 def measure(
-    trajectory: Trajectory,
-    plant: PlantParameters,
-    walls: Walls = NO_WALLS,
+    trajectory: Trajectory, plant: PlantParameters, walls: Walls = NO_WALLS
 ) -> dict[str, float]:
     """Return all metrics of a whole run; NaN if the data are missing.
 

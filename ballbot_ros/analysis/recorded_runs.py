@@ -469,11 +469,9 @@ class AnnouncedParameters:
 
     def is_of_another_scenario(self, run: str) -> bool:
         """Return whether the scenario of a run differs from that of the first announced run."""
-        first = next(iter(self._participants), run)
-        return bool(self._scenario(run) != self._scenario(first))
-
-    def _scenario(self, run: str) -> object:
-        return self._of_run(run).get(PLANT, {}).get('scenario')
+        runs = run, next(iter(self._participants), run)
+        one, other = (self._of_run(each).get(PLANT, {}).get('scenario') for each in runs)
+        return bool(one != other)
 
     def of(
         self, run: str, attached: ParameterSet, files: Mapping[str, AttachedFile]

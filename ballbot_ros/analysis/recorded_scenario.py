@@ -211,7 +211,11 @@ class RecordedPush:
     @property
     def strength(self) -> str:
         """Force and torque as text, such as ``1 N forward``."""
-        parts = [_force_text(self.force)] if any(self.force) else []
+        parts = []
+        if any(self.force):
+            forward, rightward = self.force
+            eighth = round(math.atan2(-rightward, forward) / math.radians(45.0)) % len(_DIRECTIONS)
+            parts.append(f'{math.hypot(forward, rightward):.3g} N {_DIRECTIONS[eighth]}')
         if any(self.torque):
             x, y = (f'{each:.3g}'.replace('-', '−') for each in self.torque)
             parts.append(f'torque x {x}, y {y} N·m')
@@ -235,12 +239,6 @@ def scheduled_pushes(scenario: Scenario) -> tuple[RecordedPush, ...]:
     return recorded_pushes(pushes, pushes, 0)
 
 
-def _force_text(force: Pair) -> str:
-    forward, rightward = force
-    eighth = round(math.atan2(-rightward, forward) / math.radians(45.0)) % len(_DIRECTIONS)
-    return f'{math.hypot(forward, rightward):.3g} N {_DIRECTIONS[eighth]}'
-
-
 def recorded_pushes(
     pushes: Iterable[Push], scheduled: Sequence[Push], start_ns: int
 ) -> tuple[RecordedPush, ...]:
@@ -248,18 +246,14 @@ def recorded_pushes(
 
     Those that are not among the `scheduled` ones of its scenario came from outside.
     """
-    expected = Counter(map(_identity, scheduled))
+    expected = Counter(scheduled)
     found = []
     for push in pushes:
-        is_external = not expected[_identity(push)]
-        expected[_identity(push)] -= not is_external
+        is_external = not expected[push]
+        expected[push] -= not is_external
         start, end = ((each - start_ns) / SECOND_NS for each in (push.start_ns, push.end_ns))
         found.append(RecordedPush(start, end, push.force, push.torque, is_external))
     return tuple(sorted(found, key=lambda push: push.start))
-
-
-def _identity(push: Push) -> tuple[float, ...]:
-    return push.start_ns, push.end_ns, *push.force, *push.torque
 
 
 def outside_pushes_in(reader: RecordingReader, runs_ns: Sequence[int]) -> list[RecordedPush]:

@@ -145,7 +145,8 @@ class RecordingReplay:
         trust_attached_code: bool = False,
     ) -> None:
         attached = _attached_parameters(reader, scratch)
-        if attached is None and not _has_announcements(reader):
+        announced = any(name.endswith(f'/{PARTICIPANTS.name}') for name in reader.topics())
+        if attached is None and not announced:
             raise RecordingError(_nothing_to_replay_by(reader.path))
         recorded = read_inputs(reader)
         self._recording, self._announced = recorded.recording, recorded.announced
@@ -403,10 +404,6 @@ def _nothing_to_replay_by(path: Path) -> str:
         f'{path}: cannot replay: {PARAMETERS} is not attached, and no participant has announced '
         'its parameters'
     )
-
-
-def _has_announcements(reader: RecordingReader) -> bool:
-    return any(name.endswith(f'/{PARTICIPANTS.name}') for name in reader.topics())
 
 
 def _attached_parameters(reader: RecordingReader, scratch: Path) -> ParameterSet | None:

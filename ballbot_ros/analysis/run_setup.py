@@ -9,7 +9,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ballbot_ros.analysis.recorded_scenario import RecordedPush
 from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.errors import printable
 from ballbot_ros.parameters import CONTROLLER, NODES, ParameterSet, parameters_of, value_text
@@ -90,17 +89,14 @@ def _others(run: RunData) -> Iterator[tuple[str, str]]:
     for name, version in attached.versions.items():
         yield f'version of {name}', version
     if external := [push for push in run.pushes if push.is_external]:
-        yield 'outside pushes', _pushes(external)
+        told = (f'{push.strength} at {push.start:.3f} s' for push in external)
+        yield 'outside pushes', '; '.join(told)
     if run.parameter_changes:
         yield 'changes during the run', '; '.join(map(str, run.parameter_changes))
 
 
 def _hash(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()[:_HASH_DIGITS]
-
-
-def _pushes(pushes: Sequence[RecordedPush]) -> str:
-    return '; '.join(f'{push.strength} at {push.start:.3f} s' for push in pushes)
 
 
 def setup_changes(setups: Sequence[RecordedSetup]) -> list[SetupChange]:

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot_ros.analysis.figure_parts import plane_columns
 from ballbot_ros.analysis.run_data import Integers, RunData, Series
@@ -70,10 +69,6 @@ class Signal:
             return (f'{self.name}_{self.unit}',)
         return tuple(plane_columns(self.name, self.unit, np.zeros((0, 2))))
 
-    def is_in(self, run: RunData) -> bool:
-        """Return whether the run has its topics."""
-        return all(topic in run.series for topic in self.needs)
-
     def table(self, run: RunData, stamps: Integers) -> Columns:
         """Return its columns at `stamps` [ns] by name; NaN where there is no sample."""
         return dict(zip(self.columns, self.values(run, stamps).T, strict=True))
@@ -81,7 +76,7 @@ class Signal:
 
 def signals_of(run: RunData) -> list[Signal]:
     """Return the signals for which the run has the topics, in the order of :data:`SIGNALS`."""
-    return [signal for signal in SIGNALS if signal.is_in(run)]
+    return [signal for signal in SIGNALS if run.series.keys() >= set(signal.needs)]
 
 
 def _held(series: Series, stamps: Integers) -> Floats:
@@ -180,13 +175,8 @@ def frame_of(run: RunData) -> pandas.DataFrame:
         columns |= signal.table(run, ticks.stamps)
     time = pandas.Index((ticks.stamps - run.start_ns) / SECOND_NS, name='time_s')
     frame = pandas.DataFrame(columns, index=time, dtype=float)
-    frame['operating_state'] = pandas.Categorical(_states(run, ticks))
-    return frame
-
-
-def _states(run: RunData, ticks: Series) -> NDArray[np.object_]:
-    """Return the operating state at each tick; None if it is unknown."""
-    names = np.full(len(ticks.time), None, dtype=object)
+    states = np.full(len(ticks.time), None, dtype=object)  # None if it is unknown
     for each in run.states:
-        names[(ticks.time >= each.start - 1e-9) & (ticks.time < each.end - 1e-9)] = each.name
-    return names
+        states[(ticks.time >= each.start - 1e-9) & (ticks.time < each.end - 1e-9)] = each.name
+    frame['operating_state'] = pandas.Categorical(states)
+    return frame

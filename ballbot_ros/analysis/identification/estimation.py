@@ -272,11 +272,7 @@ class Estimator:
         The present estimate of the error of the battery reading, over its standard deviation.
     """
 
-    def __init__(
-        self,
-        fits: Sequence[ExperimentFit],
-        values: Mapping[str, float],
-    ) -> None:
+    def __init__(self, fits: Sequence[ExperimentFit], values: Mapping[str, float]) -> None:
         self.fits = fits
         self.values = dict(values)
         self.battery_sigmas = 0.0
@@ -297,15 +293,11 @@ class Estimator:
     def _battery_error(self, fit: ExperimentFit) -> float:
         return self.battery_sigmas * fit.model.segments.experiment.battery_offset
 
-    def settle(self) -> None:
-        """Let the unknowns of all segments follow a change of the parameters."""
-        for fit in self.fits:
-            fit.settle_all(self.plant(fit), self._battery_error(fit))
-
-    def residuals(self, fit: ExperimentFit) -> Floats:
-        """Return the residuals of an experiment."""
-        unknowns, error = fit.unknowns[np.newaxis], self._battery_error(fit)
-        return np.asarray(fit.residuals([self.plant(fit)], unknowns, error)[0])
+    def settled_residuals(self, fit: ExperimentFit) -> Floats:
+        """Return the residuals of an experiment whose unknowns have followed the parameters."""
+        plant, error = self.plant(fit), self._battery_error(fit)
+        fit.settle_all(plant, error)
+        return np.asarray(fit.residuals([plant], fit.unknowns[np.newaxis], error)[0])
 
     def linearised(self, scales: Mapping[str, float]) -> list[Residuals]:
         """Return the residuals of each experiment, with their derivatives by some parameters."""
@@ -368,8 +360,7 @@ class _Projected:
             estimator.fits, self._unknowns, self._answers, strict=True
         ):
             fit.unknowns = unknowns + answer @ change
-        estimator.settle()
-        parts = [estimator.residuals(fit).ravel() for fit in estimator.fits]
+        parts = [estimator.settled_residuals(fit).ravel() for fit in estimator.fits]
         return np.concatenate([*parts, [sigmas]])
 
     def jacobian(self, variables: Floats) -> Floats:

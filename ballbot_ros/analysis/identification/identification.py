@@ -208,7 +208,8 @@ def identify(
             'data logs and recordings cannot be fitted together: fit the recordings, which tell '
             'more, and --check with the logs'
         )
-    begin = {name: _start_value(name, start or {}) for name in names}
+    usual = {name: float(getattr(PlantParameters(), name)) for name in names}
+    begin = {name: (start or {}).get(name, usual[name]) for name in names}
     segments = [cut(each) for each in experiments]
     if sum(each.count for each in segments) < MIN_SEGMENTS:
         return _unseen(names, segments, checks)
@@ -456,10 +457,6 @@ def _columns(residuals: Residuals, names: Sequence[str], chosen: Sequence[str]) 
     """Return the residuals with the derivatives by the chosen parameters only."""
     numbers = [*(names.index(name) for name in chosen), len(names)]
     return residuals._replace(by_parameter=residuals.by_parameter[:, :, numbers])
-
-
-def _start_value(name: str, start: Mapping[str, float]) -> float:
-    return float(start.get(name, getattr(PlantParameters(), name)))
 
 
 def _scale(name: str, value: float) -> float:
