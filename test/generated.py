@@ -24,7 +24,7 @@ class Built:
 
     def program(self):
         machine = BrickProcess(self.command)
-        return CompiledProgram(machine, self.tasks, self.parameters.mode == 'autonomous')
+        return CompiledProgram(machine.exchange, self.tasks, self.parameters.mode == 'autonomous')
 
 
 def need(target):

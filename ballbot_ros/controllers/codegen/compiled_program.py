@@ -11,8 +11,9 @@ import os
 import struct
 import subprocess
 import weakref
-from collections.abc import Sequence
-from typing import IO, NamedTuple, Protocol
+from collections.abc import Callable, Sequence
+from dataclasses import fields
+from typing import IO, NamedTuple
 
 from ballbot_ros.controllers.codegen.application import STATE_SIZE, named_values, plane_values
 from ballbot_ros.controllers.document.program import (
@@ -21,7 +22,7 @@ from ballbot_ros.controllers.document.program import (
     job_time,
     operating_state,
 )
-from ballbot_ros.controllers.interface import OperatingState
+from ballbot_ros.controllers.interface import Estimates, OperatingState
 from ballbot_ros.errors import CodegenError
 from ballbot_ros.parameters import ControllerParameters
 from ballbot_ros.robot.brick.brick import Brick, DeviceInputs, DeviceOutputs, Tone
@@ -34,6 +35,7 @@ _ANSWER_HEADER = struct.Struct(f'<bbBBBBBx{MAX_DUE}Hbbhhhhxx6I16s')
 ANSWER_SIZE = _ANSWER_HEADER.size + STATE_SIZE
 _SIZES = struct.Struct('<HH')
 _MAX_REASON_LENGTH = 200
+_AT_REST = (0.0,) * len(fields(Estimates))
 GRACE_S = 1.0
 
 
@@ -73,34 +75,6 @@ class Answer(NamedTuple):
     read_sonar: bool
     stack_bytes: tuple[int, ...]
     state: bytes
-
-
-def _encode_request(
-    *,
-    systick_ms: int,
-    revolutions: tuple[int, int],
-    sonar_reply_cm: int,
-    gyro: tuple[int, int],
-    battery_mv: int,
-    sticks: tuple[int, int] | None,
-    due: Sequence[int],
-) -> bytes:
-    """Return the request for a tick: device readings, and the numbers of the due tasks in order.
-
-    `sticks` is a packet that has arrived, or None.
-
-    Raises
-    ------
-    CodegenError
-        If a value does not fit in the device's type.
-    """
-    try:
-        return _REQUEST.pack(
-            systick_ms, *revolutions, sonar_reply_cm, *gyro, battery_mv,
-            sticks is not None, *(sticks or (0, 0)), len(due), bytes(due),
-        )  # fmt: skip
-    except struct.error as error:
-        raise CodegenError(f"a reading is out of its device's range: {error}") from None
 
 
 class BrickProcess:
@@ -161,8 +135,9 @@ class BrickProcess:
 
 def _decode_answer(data: bytes) -> Answer:
     """Decode an answer."""
-    fields = _ANSWER_HEADER.unpack_from(data)
-    vertical, horizontal, faults, logs, tones, pages, sonar_reads, *rest = fields
+    vertical, horizontal, faults, logs, tones, pages, sonar_reads, *rest = (
+        _ANSWER_HEADER.unpack_from(data)
+    )
     stack, rest = rest[:MAX_DUE], rest[MAX_DUE:]
     log, rest = rest[:6], rest[6:]
     name = rest.pop()
@@ -191,27 +166,17 @@ def _end(process: subprocess.Popen[bytes], errors: IO[bytes]) -> None:
     errors.close()
 
 
-class ProgramProcess(Protocol):
-    """A process that runs the compiled program, on this machine or emulated."""
-
-    def exchange(self, request: bytes) -> Answer:
-        """Run a tick."""
-
-
-class _PlaneRecord:
-    """A plane's data in the compiled program, with the names of the Python program."""
-
-    def __init__(self) -> None:
-        self.theta = self.psi = self.theta_dot = self.psi_dot = 0.0
-        self.theta_ref = self.theta_ref_dot = 0.0
-
-
 class CompiledProgram:
     """The generated C, with the interface of the Python ``ControlProgram``.
 
     It uses the same :class:`Brick`, which here stands for the firmware: the brick, not the program,
     writes the other fields of the log packet and the text of the display. The tasks are those of
     the OIL file, in file order.
+
+    Parameters
+    ----------
+    exchange : callable
+        Runs a tick in a process of the program, as :meth:`BrickProcess.exchange` does.
 
     Attributes
     ----------
@@ -223,15 +188,15 @@ class CompiledProgram:
     """
 
     def __init__(
-        self, process: ProgramProcess, tasks: Sequence[TaskTiming], autonomous: bool
+        self, exchange: Callable[[bytes], Answer], tasks: Sequence[TaskTiming], autonomous: bool
     ) -> None:
-        self._process = process
+        self._exchange = exchange
         self._autonomous = autonomous
         self.tasks = tasks
         self._schedule = Schedule(tasks)
         self._numbers = {timing.name: number for number, timing in enumerate(tasks)}
         self.brick = Brick()
-        self.x, self.y = _PlaneRecord(), _PlaneRecord()
+        self.x, self.y = Estimates(*_AT_REST), Estimates(*_AT_REST)
         self.control_mode = ControlMode.CALIBRATION
         self.operating_state = OperatingState.CALIBRATION
         self.state = b''
@@ -262,7 +227,8 @@ class CompiledProgram:
         Raises
         ------
         CodegenError
-            If the program has ended, or makes an invalid call.
+            If a reading is out of its device's range, or the program has ended or makes an invalid
+            call.
         """
         if is_same_tick:
             inputs = inputs._replace(sonar_cm=None, battery_mv=None, sticks=None)
@@ -280,17 +246,17 @@ class CompiledProgram:
 
     def _run_tasks(self, tasks: Sequence[str], inputs: DeviceInputs, is_bus_busy: bool) -> None:
         brick = self.brick
-        answer = self._process.exchange(
-            _encode_request(
-                systick_ms=brick.systick_ms,
-                revolutions=brick.revolutions,
-                sonar_reply_cm=brick.sonar_cm if is_bus_busy else brick.sonar_reply,
-                gyro=brick.gyro,
-                battery_mv=brick.battery_mv,
-                sticks=inputs.sticks,
-                due=[self._numbers[name] for name in tasks],
-            )
-        )
+        sonar_reply_cm = brick.sonar_cm if is_bus_busy else brick.sonar_reply
+        due = bytes(self._numbers[name] for name in tasks)
+        try:
+            request = _REQUEST.pack(
+                brick.systick_ms, *brick.revolutions, sonar_reply_cm, *brick.gyro,
+                brick.battery_mv, inputs.sticks is not None, *(inputs.sticks or (0, 0)),
+                len(due), due,
+            )  # fmt: skip
+        except struct.error as error:
+            raise CodegenError(f"a reading is out of its device's range: {error}") from None
+        answer = self._exchange(request)
         if answer.faults:
             raise CodegenError(
                 f'the compiled controller made invalid device calls: faults {answer.faults:#x}'

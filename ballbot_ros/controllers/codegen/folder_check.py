@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -243,19 +243,6 @@ class ProgramCost(NamedTuple):
     memory: Memory
 
 
-class _RequestRecorder:
-    """A process of the program that records its requests."""
-
-    def __init__(self, process: BrickProcess) -> None:
-        self._process = process
-        self.requests: list[bytes] = []
-
-    def exchange(self, request: bytes) -> Answer:
-        """Run the tasks of a request."""
-        self.requests.append(request)
-        return self._process.exchange(request)
-
-
 def read_folder_parameters(folder: Path) -> ParameterSet:
     """Return the parameters of a generated folder; raise CodegenError if it is not one."""
     file = folder / PARAMETER_FILE
@@ -280,14 +267,14 @@ class BuiltApplication:
         self._command = build(folder, target, scratch)
         self._stack = [0] * len(self._tasks)
 
-    def _program(self, process: BrickProcess | _RequestRecorder) -> CompiledProgram:
-        return CompiledProgram(process, self._tasks, self._parameters.mode == 'autonomous')
+    def _program(self, exchange: Callable[[bytes], Answer]) -> CompiledProgram:
+        return CompiledProgram(exchange, self._tasks, self._parameters.mode == 'autonomous')
 
     def compare(self, sequences: Sequence[InputSequence]) -> EquivalenceResult:
         """Run the C and the Python program on the same inputs until they differ."""
         ticks = 0
         for sequence in sequences:
-            program = self._program(BrickProcess(self._command))
+            program = self._program(BrickProcess(self._command).exchange)
             result = compare(self._parameters, program, sequence.steps)
             ticks += result.ticks
             if result.difference:
@@ -313,8 +300,13 @@ class BuiltApplication:
         return [call for sequence in sequences for call in self._calls(sequence)]
 
     def _calls(self, sequence: InputSequence) -> Iterator[TaskCall]:
-        recorder = _RequestRecorder(BrickProcess(self._command))
-        program = self._program(recorder)
+        process, requests = BrickProcess(self._command), list[bytes]()
+
+        def exchange(request: bytes) -> Answer:
+            requests.append(request)
+            return process.exchange(request)
+
+        program = self._program(exchange)
         schedule = Schedule(self._tasks)
         paths = []
         for elapsed_ms, systick_ms, inputs in sequence.steps:
@@ -324,6 +316,6 @@ class BuiltApplication:
                 path = task, program.control_mode, bool(outputs.log), bool(outputs.tones)
                 paths.append(path)
         names = [task.name for task in self._tasks]
-        counts = count_instructions(self._command, recorder.requests, names)
+        counts = count_instructions(self._command, requests, names)
         for path, count in zip(paths, counts, strict=True):
             yield TaskCall(*path, count)

@@ -264,6 +264,7 @@ def _compiled(parameters: ControllerParameters) -> Callable[[], Program]:
     def make() -> Program:
         # Refer to `scratch`, so that its folder exists as long as programs may be created.
         assert scratch
-        return CompiledProgram(BrickProcess(command), tasks, parameters.mode == 'autonomous')
+        exchange = BrickProcess(command).exchange
+        return CompiledProgram(exchange, tasks, parameters.mode == 'autonomous')
 
     return make

@@ -7,7 +7,7 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from threading import Event, Thread
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 from ballbot_ros.errors import TeleopError
 
@@ -67,35 +67,6 @@ class GamepadState(NamedTuple):
     buttons: Sequence[int]
 
 
-class OpenGamepad(Protocol):
-    """An open gamepad."""
-
-    def attached(self) -> bool:
-        """Return whether it is still connected."""
-
-    def read(self) -> GamepadState:
-        """Return its current state."""
-
-
-class Backend(Protocol):
-    """The library that reads gamepads; used from one thread only."""
-
-    def start(self) -> None:
-        """Start looking for devices."""
-
-    def pump(self) -> None:
-        """Process the events since the last call."""
-
-    def devices(self) -> list[GamepadDevice]:
-        """Return the connected devices."""
-
-    def open(self, device: GamepadDevice) -> OpenGamepad:
-        """Open a device that has a mapping; TeleopError if that fails."""
-
-    def stop(self) -> None:
-        """Close everything."""
-
-
 class Gamepad:
     """Polls one gamepad on its own thread: ``any``, one by its number, or by a part of its name.
 
@@ -112,7 +83,7 @@ class Gamepad:
     def __init__(
         self,
         wanted: str,
-        backend: Backend,
+        backend: SdlBackend,
         *,
         on_state: Callable[[GamepadState], None],
         on_disconnected: Callable[[], None],
@@ -122,7 +93,7 @@ class Gamepad:
         self._backend = backend
         self._on_state, self._on_disconnected = on_state, on_disconnected
         self._on_problem = on_problem
-        self._pad: OpenGamepad | None = None
+        self._pad: _SdlPad | None = None
         self._refused: set[GamepadDevice] = set()
         self.name = ''
         self._stop = Event()
@@ -238,7 +209,7 @@ class SdlBackend:
         return self._devices
 
     def open(self, device: GamepadDevice) -> _SdlPad:
-        """Open a device that has a mapping."""
+        """Open a device that has a mapping; TeleopError if that fails."""
         try:
             return _SdlPad(self._controller.Controller(device.number))
         except self._pygame.error as error:
@@ -288,7 +259,7 @@ def list_devices() -> None:
         backend.stop()
 
 
-def wait_for_devices(backend: Backend) -> list[GamepadDevice]:
+def wait_for_devices(backend: SdlBackend) -> list[GamepadDevice]:
     """Return the connected devices, after enough time to find them."""
     deadline = time.monotonic() + SCAN_S
     while not backend.devices() and time.monotonic() < deadline:
@@ -307,7 +278,7 @@ def describe(devices: list[GamepadDevice]) -> list[str]:
     ]
 
 
-def input_line(device: GamepadDevice, pad: OpenGamepad) -> str:
+def input_line(device: GamepadDevice, pad: _SdlPad) -> str:
     """Return the current input of a gamepad on one line."""
     if not pad.attached():
         return f'{device.number}  unplugged'
@@ -317,7 +288,7 @@ def input_line(device: GamepadDevice, pad: OpenGamepad) -> str:
     return f'{device.number}  axes {axes}  buttons {pressed or "-"}'
 
 
-def _show_input(backend: Backend, devices: list[GamepadDevice]) -> None:
+def _show_input(backend: SdlBackend, devices: list[GamepadDevice]) -> None:
     pads = [(device, backend.open(device)) for device in devices if device.has_mapping]
     while True:
         backend.pump()
