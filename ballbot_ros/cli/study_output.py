@@ -17,6 +17,7 @@ from ballbot_ros.cli.progress import ProgressLines, stderr_console
 from ballbot_ros.engine.scenario.scenario import bounds_text
 from ballbot_ros.files import own_command
 from ballbot_ros.lab.studies.columns import MeasureColumn
+from ballbot_ros.lab.studies.execution import StudyObserver
 from ballbot_ros.lab.studies.manifest import PartSummary
 from ballbot_ros.lab.studies.study_data import (
     QUANTILES,
@@ -31,7 +32,7 @@ _WITH_BAR = 110
 """Width of the terminal from which on there is room for the bar itself."""
 
 
-class StudyProgress:
+class StudyProgress(StudyObserver):
     """A bar on a terminal; on a pipe or file notices, and a line every 10 s."""
 
     def __init__(self, name: str) -> None:

@@ -11,7 +11,6 @@ from collections.abc import Coroutine, Iterator
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from functools import cache
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 from uuid import uuid4
@@ -25,7 +24,7 @@ from ballbot_ros.engine.compilation import code_sha256
 from ballbot_ros.errors import StudyError, importing, one_line
 from ballbot_ros.lab.studies.execution import StudyObserver, WorkersOfJob
 from ballbot_ros.lab.studies.job import Job, PackedJob
-from ballbot_ros.lab.studies.manifest import PartSummary
+from ballbot_ros.lab.studies.manifest import PartSummary, version_of
 from ballbot_ros.lab.studies.part_file import EncodedPart
 from ballbot_ros.lab.studies.runs import Samples
 from ballbot_ros.lab.studies.worker_task import Answer
@@ -46,15 +45,8 @@ def worker_versions() -> dict[str, str]:
         'code of ballbot_ros': f'SHA-256 {code_sha256()}',
         'numpy': np.__version__,
         'scipy': scipy.__version__,
-        'distributed': _version('distributed'),
+        'distributed': version_of('distributed'),
     }
-
-
-def _version(package: str) -> str:
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return ''
 
 
 CONNECT_TIMEOUT_S = 10.0

@@ -111,8 +111,8 @@ POLL_S = 0.2
 """Longest time after which a signal is noticed [s]."""
 
 
-class StudyObserver(Protocol):
-    """Sees how a study goes on."""
+class StudyObserver:
+    """Sees how a study goes on; this one shows nothing."""
 
     def begin(self, runs: int, done: PartSummary) -> None:
         """Show that a study of so many runs begins, or goes on after those that are done."""
@@ -125,22 +125,6 @@ class StudyObserver(Protocol):
 
     def notice(self, text: str) -> None:
         """Show a line."""
-
-
-class QuietObserver:
-    """Shows nothing."""
-
-    def begin(self, runs: int, done: PartSummary) -> None:
-        """Do nothing."""
-
-    def advance(self, runs: int) -> None:
-        """Do nothing."""
-
-    def part(self, summary: PartSummary) -> None:
-        """Do nothing."""
-
-    def notice(self, text: str) -> None:
-        """Do nothing."""
 
 
 class Workers(Protocol):

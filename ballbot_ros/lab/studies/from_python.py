@@ -16,7 +16,7 @@ from ballbot_ros.controllers.controller import Controller
 from ballbot_ros.controllers.loading import MAIN
 from ballbot_ros.errors import BallbotError, short_repr
 from ballbot_ros.files import temporary_folder
-from ballbot_ros.lab.studies.execution import QuietObserver, run_study
+from ballbot_ros.lab.studies.execution import StudyObserver, run_study
 from ballbot_ros.lab.studies.job import job_of
 from ballbot_ros.lab.studies.reader import read_study
 from ballbot_ros.lab.studies.sampling import Sampler
@@ -82,7 +82,7 @@ def study(
     raise KeyboardInterrupt
 
 
-class _Log(QuietObserver):
+class _Log(StudyObserver):
     """Writes notices to the log."""
 
     def notice(self, text: str) -> None:

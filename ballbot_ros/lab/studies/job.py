@@ -116,7 +116,7 @@ def job_of(study: Study, folder: Path) -> Job:
         If the map can't be read.
     """
     spec = replace(study.spec, controller=None)
-    record = StudyRecord.of_this_code(
+    record = StudyRecord(
         study.name,
         text=study.text,
         scenario=scenario_text(*study.common_scenario),

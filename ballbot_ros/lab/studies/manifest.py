@@ -6,7 +6,7 @@ import hashlib
 import json
 import platform
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, field, fields
 from functools import cached_property
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any, TypeVar
@@ -37,7 +37,7 @@ class Versions:
     def current(cls) -> Versions:
         """Return the versions in use."""
         packages = ('numpy', 'scipy', 'numba', 'pyarrow')
-        return cls(ballbot_ros.__version__, platform.python_version(), *map(_version, packages))
+        return cls(ballbot_ros.__version__, platform.python_version(), *map(version_of, packages))
 
 
 _DRAWING = ('numpy', 'scipy')
@@ -83,7 +83,7 @@ class StudyRecord:
     measures : tuple of MeasureColumn
         What is measured.
     code_sha256 : str
-        Hash of this package's code.
+        Hash of this package's code; by default of that in use.
     """
 
     name: str
@@ -95,8 +95,8 @@ class StudyRecord:
     runs_per_part: int
     varied: tuple[ResultColumn, ...]
     measures: tuple[MeasureColumn, ...]
-    code_sha256: str
-    versions: Versions
+    code_sha256: str = field(default_factory=code_sha256)
+    versions: Versions = field(default_factory=Versions.current)
 
     def __post_init__(self) -> None:
         if self.runs < 1 or self.runs_per_part < 1:
@@ -104,35 +104,6 @@ class StudyRecord:
         names = [each.name for each in self.columns]
         if doubled := sorted({each for each in names if names.count(each) > 1}):
             raise StudyError(f'{self.name}: two columns have the name {doubled[0]}')
-
-    @classmethod
-    def of_this_code(
-        cls,
-        name: str,
-        *,
-        text: str,
-        scenario: str,
-        parameters: str,
-        runs: int,
-        seed: int,
-        runs_per_part: int,
-        varied: tuple[ResultColumn, ...],
-        measures: tuple[MeasureColumn, ...],
-    ) -> StudyRecord:
-        """Return the record of a study that the code in use runs."""
-        return cls(
-            name,
-            text,
-            scenario,
-            parameters,
-            runs,
-            seed,
-            runs_per_part,
-            varied,
-            measures,
-            code_sha256(),
-            Versions.current(),
-        )
 
     @property
     def columns(self) -> tuple[ResultColumn, ...]:
@@ -285,7 +256,8 @@ def _checked(value: object, kind: type | tuple[type, ...]) -> Any:
     return value
 
 
-def _version(package: str) -> str:
+def version_of(package: str) -> str:
+    """Return the version of a package; empty if it is not installed."""
     try:
         return version(package)
     except PackageNotFoundError:

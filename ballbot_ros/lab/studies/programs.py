@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -49,8 +49,8 @@ Values = Mapping[str, Column]
 """Values of parameters by ``node.param``, one for each run."""
 
 
-class Programs(Protocol):
-    """The control programs of runs, as the compiled code needs them.
+class Programs:
+    """The control programs of runs, as the compiled code needs them: here the document's.
 
     Attributes
     ----------
@@ -61,21 +61,25 @@ class Programs(Protocol):
         Number of tasks of each.
     """
 
-    are_users: bool
-    tasks: int
+    are_users = False
+    tasks = len(TASK_NUMBERS)
 
     def problem(self) -> str:
         """Return why their code can't be compiled, on one line; '' if it can."""
+        return '' if can_compile() else NO_COMPILER
 
     @property
     def is_kept(self) -> bool:
         """Whether their code is on disk."""
+        return is_kept(simulate_runs)
 
     def compile(self) -> Callable[..., Any]:
         """Return :func:`~ballbot_ros.engine.run.simulate_runs` with these programs."""
+        return compiled_and_kept(simulate_runs)
 
     def of_robots(self, values: Values) -> Values:
-        """Return those of the values that are not of the controller's class."""
+        """Return those of the values that are not of the controller's class; here it has none."""
+        return values
 
     def rows(self, rows: RobotRows, values: Values, count: int) -> tuple[Rows, Rows]:
         """Return constants for each run, and initial states for each or one for all.
@@ -96,38 +100,11 @@ class Programs(Protocol):
         BallbotError
             If a value is not allowed, or a controller can't be made.
         """
-
-
-class _DocumentsPrograms:
-    """The document's program with the parameters of each run."""
-
-    are_users = False
-    tasks = len(TASK_NUMBERS)
-
-    def problem(self) -> str:
-        """Return whether numba is missing."""
-        return '' if can_compile() else NO_COMPILER
-
-    @property
-    def is_kept(self) -> bool:
-        """Whether the code is on disk."""
-        return is_kept(simulate_runs)
-
-    def compile(self) -> Callable[..., Any]:
-        """Return the code."""
-        return compiled_and_kept(simulate_runs)
-
-    def of_robots(self, values: Values) -> Values:
-        """Return all values: the program has no class."""
-        return values
-
-    def rows(self, rows: RobotRows, values: Values, count: int) -> tuple[Rows, Rows]:
-        """Return constants and initial states."""
         check_loads(rows[ControllerParameters])
         return program_rows(rows[ControllerParameters]), rows_of([INITIAL_STATE])
 
 
-class _Laws:
+class _Laws(Programs):
     """The law of a specification's controller, with the parameters of each run."""
 
     tasks = 1
@@ -136,7 +113,6 @@ class _Laws:
         self._spec, self._loaded = spec, loaded
         self._code = LawCode(self._controller({}))
         self.are_users = not loaded.code.is_ours
-        self.compile = self._code.compile
 
     def problem(self) -> str:
         """Return why the law can't be compiled; those of this package can."""
@@ -148,6 +124,10 @@ class _Laws:
     def is_kept(self) -> bool:
         """Whether the code is on disk."""
         return self._code.is_kept
+
+    def compile(self) -> Callable[..., Any]:
+        """Return the code."""
+        return self._code.compile()
 
     def of_robots(self, values: Values) -> Values:
         """Return the other values."""
@@ -207,7 +187,7 @@ def is_own(target: str) -> bool:
 def programs_of(spec: RunSpec) -> Programs | None:
     """Return the programs of a specification's runs; None if they can never be compiled."""
     if has_documents_program(spec):
-        return _DocumentsPrograms()
+        return Programs()
     loaded = _loaded_controller(spec)
     return _Laws(spec, loaded) if loaded and has_law(loaded.cls) else None
 

@@ -27,7 +27,7 @@ from ballbot_ros.engine.trajectory import TrajectoryLog
 from ballbot_ros.lab.studies.cluster import workers_of
 from ballbot_ros.lab.studies.execution import (
     LocalWorkers,
-    QuietObserver,
+    StudyObserver,
     WorkersOfJob,
     run_study,
 )
@@ -221,7 +221,7 @@ def _timed(
     job, sampler = job_of(study, path.parent / 'results'), Sampler(study)
     with _affinity(cores):
         begun = time.perf_counter()
-        run_study(job, sampler.part, QuietObserver(), workers)
+        run_study(job, sampler.part, StudyObserver(), workers)
         return time.perf_counter() - begun
 
 

@@ -124,9 +124,7 @@ def test_a_record_of_this_code_has_its_identity():
         'varied',
         'measures',
     )
-    study = StudyRecord.of_this_code(
-        'robustness', **{name: getattr(record(), name) for name in known}
-    )
+    study = StudyRecord('robustness', **{name: getattr(record(), name) for name in known})
     assert len(study.code_sha256) == 64
     assert study.versions.numpy
     assert study.versions.pyarrow
