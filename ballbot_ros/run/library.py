@@ -23,8 +23,6 @@ from ballbot_ros.lockstep.run_actions import Outcome
 from ballbot_ros.parameters import (
     CONTROLLER,
     PLANT,
-    EncoderParameters,
-    GyroParameters,
     ParameterError,
     ParameterSet,
     PlantParameters,
@@ -47,19 +45,6 @@ if TYPE_CHECKING:
     import control
 
 _PHYSICAL = frozenset(f'{PLANT}.{each.name}' for each in fields(PhysicalParameters))
-_ACTUATION = frozenset(
-    f'{PLANT}.{name}'
-    for name in (
-        'battery_voltage', 'voltage_slope', 'voltage_offset',
-        'actuator_delay', 'actuator_delay_jitter',
-    )
-)  # fmt: skip
-_SAMPLE_DELAYS = frozenset(
-    f'{each.node}.{name}'
-    for each in (GyroParameters, EncoderParameters)
-    for name in ('delay', 'delay_jitter')
-)
-_FILTERS = frozenset(f'{CONTROLLER}.{name}' for name in ('a_d', 'a_gd'))
 _GAINS = frozenset(f'{CONTROLLER}.{name}' for name in ('k_f', 'k_i', 'pwm_gain'))
 
 
@@ -231,10 +216,9 @@ def sampled_loop(parameters: Parameters | None = None) -> control.StateSpace:
     BallbotError
         If a parameter is not valid, or is none of the loop.
     """
-    from ballbot_ros.controllers.design.sampled_loop import SampledLoop
+    from ballbot_ros.controllers.design.sampled_loop import PARAMETERS, SampledLoop
 
-    allowed = _PHYSICAL | _ACTUATION | _SAMPLE_DELAYS | _FILTERS | _GAINS
-    return SampledLoop(_parameter_set(parameters, allowed)).open_loop()
+    return SampledLoop(_parameter_set(parameters, PARAMETERS)).open_loop()
 
 
 def _reference_and_values(

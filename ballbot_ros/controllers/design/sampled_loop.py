@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 from typing import cast
 
@@ -26,7 +26,10 @@ from ballbot_ros.controllers.document.axis import ProgramConstants, Single
 from ballbot_ros.controllers.document.program import max_motor_voltage, mean_delays
 from ballbot_ros.controllers.loading import public_reference
 from ballbot_ros.parameters import (
+    CONTROLLER,
     DOCUMENTS_PROGRAM,
+    GYRO,
+    PLANT,
     ControllerParameters,
     EncoderParameters,
     GyroParameters,
@@ -62,6 +65,21 @@ _UNIT = 2.0**-64
 power of two, which changes no digit."""
 
 _DEGREES = 180.0 / math.pi
+
+
+PARAMETERS = frozenset(
+    f'{node}.{name}'
+    for node, names in (
+        (PLANT, (each.name for each in fields(PhysicalParameters))),
+        (PLANT, ('battery_voltage', 'voltage_slope', 'voltage_offset')),
+        (PLANT, ('actuator_delay', 'actuator_delay_jitter')),
+        (GYRO, ('delay', 'delay_jitter')),
+        (EncoderParameters.node, ('delay', 'delay_jitter')),
+        (CONTROLLER, ('k_f', 'k_i', 'pwm_gain', 'a_d', 'a_gd')),
+    )
+    for name in names
+)
+"""Parameters that have an effect on :class:`SampledLoop`."""
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,14 +13,13 @@ from ballbot_ros.analysis.chart import Chart, ChartFigure, Contour, HeatMap, Sca
 from ballbot_ros.analysis.figure_parts import ORANGE, Line, Table
 from ballbot_ros.controllers.design.linear_model import DesignError
 from ballbot_ros.controllers.design.loop_analysis import recoverable_states
-from ballbot_ros.controllers.design.sampled_loop import SampledLoop
+from ballbot_ros.controllers.design.sampled_loop import PARAMETERS, SampledLoop
 from ballbot_ros.engine.rows import Column
 from ballbot_ros.lab.studies.columns import ColumnKind
 from ballbot_ros.lab.studies.programs import with_values
 from ballbot_ros.lab.studies.survey import Axis, CellCounts
-from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, EncoderParameters, ParameterSet
+from ballbot_ros.parameters import PLANT, ParameterSet
 from ballbot_ros.robot.arithmetic import Floats
-from ballbot_ros.robot.plant.model import PhysicalParameters
 
 Lines = list[Floats]
 """Each (n, 2): x and y of its points."""
@@ -75,27 +74,6 @@ COARSE, DOUBLINGS = 17, 3
 
 _PITCHES = {(f'{PLANT}.start_pitch_{plane}', f'{PLANT}.start_pitch_rate_{plane}') for plane in 'xy'}
 
-LOOP_PARAMETERS = frozenset(
-    [
-        *(f'{PLANT}.{each.name}' for each in fields(PhysicalParameters)),
-        *(
-            f'{PLANT}.{name}'
-            for name in (
-                'battery_voltage', 'voltage_slope', 'voltage_offset', 'actuator_delay',
-                'actuator_delay_jitter',
-            )
-        ),
-        *(
-            f'{node}.{name}'
-            for node in (GYRO, EncoderParameters.node)
-            for name in ('delay', 'delay_jitter')
-        ),
-        *(f'{CONTROLLER}.{name}' for name in ('pwm_gain', 'k_i', 'a_d', 'a_gd')),
-        *(f'{CONTROLLER}.k_f.{number}' for number in (1, 2, 3, 4)),
-    ]
-)  # fmt: skip
-"""Parameters whose effect on stability :class:`SampledLoop` knows."""
-
 
 @dataclass(frozen=True)
 class PredictedLimit:
@@ -132,7 +110,7 @@ def predict(parameters: ParameterSet, x: Axis, y: Axis) -> PredictedLimit | None
     try:
         if names in _PITCHES or names[::-1] in _PITCHES:
             return _recoverable(parameters, x, y)
-        if LOOP_PARAMETERS.issuperset(names):
+        if PARAMETERS.issuperset('.'.join(name.split('.')[:2]) for name in names):
             return _stable(parameters, x, y)
     except DesignError:
         pass
