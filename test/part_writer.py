@@ -11,10 +11,10 @@ import sys
 import time
 from pathlib import Path
 
-from study_folders import NOW, record, rows_of
+from study_folders import NOW, record, rows_of, write_part
 
 from ballbot_ros.lab.studies.data_set import begin_or_resume
-from ballbot_ros.lab.studies.part_file import encode_part, write_part
+from ballbot_ros.lab.studies.part_file import encode_part
 
 SMALL = {'runs': 480, 'runs_per_part': 8}
 

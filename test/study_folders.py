@@ -9,7 +9,7 @@ from ballbot_ros.engine.scenario.scenario import Expectation, Measure
 from ballbot_ros.lab.studies.columns import ColumnKind, MeasureColumn, ResultColumn
 from ballbot_ros.lab.studies.data_set import begin_or_resume
 from ballbot_ros.lab.studies.manifest import StudyRecord, Versions
-from ballbot_ros.lab.studies.part_file import PartRows, write_part
+from ballbot_ros.lab.studies.part_file import PartRows, encode_part, store_part
 from ballbot_ros.lab.studies.runs import Results
 
 NOW = datetime(2026, 1, 2, 3, 4, 5, tzinfo=timezone.utc)
@@ -76,6 +76,13 @@ def rows_of(study, part, seed=0):
     return PartRows(
         random.integers(0, 2**63, runs), varied, results, ~failed & (measured[:, 0] < 5)
     )
+
+
+def write_part(folder, study, part, rows):
+    """Write a part as a worker does; return its numbers of runs."""
+    encoded = encode_part(study, part, rows)
+    store_part(folder, study, part, encoded.data)
+    return encoded.summary
 
 
 def write_study(folder, study=None, parts=None):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -88,8 +88,18 @@ class EnvironmentState:
     generator: Mapping[str, Any]
 
 
-class Episode(Protocol):
-    """The robot under the duties of a policy, in the order of the node graph.
+def compile_moves() -> None:
+    """Compile the code that moves robots, and keep it."""
+    MovedRobots(Setup.of(BALANCE, DEVICES_OBSERVED, TICK_MS, None, None, None), 1).move()
+
+
+def has_compiled_code() -> bool:
+    """Return whether there is compiled code for robots of environments."""
+    return can_compile() and (is_loaded(move_robots) or is_kept(move_robots))
+
+
+class _InterpretedEpisode:
+    """The robot under the duties of a policy, in the order of the node graph, by the interpreter.
 
     In each tick the duty acts, and then the devices are sampled. An episode begins when the gyros
     are calibrated; until then the robot is held still, with the motors off.
@@ -105,51 +115,15 @@ class Episode(Protocol):
     """
 
     start: Start
-    duty: Duty
     measured: DrivingObservation
     true: TrueState
-
-    def begin(self, start: Start) -> None:
-        """Begin an episode: the robot is held until the time of the first action."""
-
-    def step(self, action: Sequence[float]) -> None:
-        """Apply the duty of an action, two finite numbers, for a step; a wall hit ends it."""
-
-    @property
-    def is_over(self) -> bool:
-        """Whether the robot has fallen, or hit a wall."""
-
-    def save_state(self) -> EpisodeState:
-        """Return the present state."""
-
-    def restore_state(self, state: EpisodeState) -> None:
-        """Continue from a state of an episode with the same set-up."""
-
-
-def new_episode(setup: Setup) -> Episode:
-    """Return an episode by compiled code, if it is at hand, or by the interpreter."""
-    return _CompiledEpisode(setup) if has_compiled_code() else _InterpretedEpisode(setup)
-
-
-def compile_moves() -> None:
-    """Compile the code that moves robots, and keep it."""
-    MovedRobots(Setup.of(BALANCE, DEVICES_OBSERVED, TICK_MS, None, None, None), 1).move()
-
-
-def has_compiled_code() -> bool:
-    """Return whether there is compiled code for robots of environments."""
-    return can_compile() and (is_loaded(move_robots) or is_kept(move_robots))
-
-
-class _InterpretedEpisode:
-    """An episode by the interpreter."""
 
     def __init__(self, setup: Setup) -> None:
         self._setup = setup
         self.duty: Duty = (0, 0)
 
     def begin(self, start: Start) -> None:
-        """Begin an episode."""
+        """Begin an episode: the robot is held until the time of the first action."""
         if _interpreted['ticks'] > MANY_TICKS:
             compile_in_background(move_robots.__qualname__, compile_moves)
         self._prepare(start)
@@ -183,7 +157,7 @@ class _InterpretedEpisode:
         self.duty = 0, 0
 
     def step(self, action: Sequence[float]) -> None:
-        """Apply the duty of an action for a step."""
+        """Apply the duty of an action, two finite numbers, for a step; a wall hit ends it."""
         self.duty = percent(action[0]), percent(action[1])
         self._move(self._setup.ticks)
 
@@ -280,7 +254,12 @@ class MovedRobots:
 
 
 class _CompiledEpisode:
-    """An episode by compiled code."""
+    """The same by compiled code."""
+
+    start: Start
+    duty: Duty
+    measured: DrivingObservation
+    true: TrueState
 
     def __init__(self, setup: Setup) -> None:
         self._setup = setup
@@ -288,7 +267,7 @@ class _CompiledEpisode:
         row = self._row = self._robots.rows[0]
         self._action, self._is_over = row['action'], self._robots.rows['is_over']
         self._duty, self._measured, self._true = row['duty'], row['measured'], row['true']
-        self.duty: Duty = (0, 0)
+        self.duty = 0, 0
 
     def begin(self, start: Start) -> None:
         """Begin an episode."""
@@ -332,3 +311,11 @@ class _CompiledEpisode:
         self._row['plant'], self._row['observer'] = plant, observer
         for ring, saved in zip(self._robots.rings, rings, strict=True):
             ring[0] = saved
+
+
+Episode = _InterpretedEpisode | _CompiledEpisode
+
+
+def new_episode(setup: Setup) -> Episode:
+    """Return an episode by compiled code, if it is at hand, or by the interpreter."""
+    return _CompiledEpisode(setup) if has_compiled_code() else _InterpretedEpisode(setup)

@@ -17,10 +17,9 @@ from __future__ import annotations
 import fcntl
 import os
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
-from types import TracebackType
 from typing import NamedTuple
 
 from ballbot_ros.errors import StudyError
@@ -62,34 +61,29 @@ class PartCheck(NamedTuple):
     notices: list[str]
 
 
-@dataclass(frozen=True)
-class _Lock:
-    """A lock of a folder, held by an open file until it is closed or the process ends."""
+def _lock(folder: Path) -> int:
+    """Lock a folder; return the open file that holds the lock until :func:`_unlock` or the end."""
+    path = folder / LOCK
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(descriptor)
+        raise StudyError(
+            f'{folder}: in use by another command, or by its last workers; '
+            f'wait for their end, or {_REMEDY}'
+        ) from None
+    except OSError as error:
+        os.close(descriptor)
+        raise StudyError(f'{path}: {error.strerror}; {_REMEDY}') from None
+    return descriptor
 
-    descriptor: int
 
-    @classmethod
-    def of(cls, folder: Path) -> _Lock:
-        path = folder / LOCK
-        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            os.close(descriptor)
-            raise StudyError(
-                f'{folder}: in use by another command, or by its last workers; '
-                f'wait for their end, or {_REMEDY}'
-            ) from None
-        except OSError as error:
-            os.close(descriptor)
-            raise StudyError(f'{path}: {error.strerror}; {_REMEDY}') from None
-        return cls(descriptor)
-
-    def release(self) -> None:
-        # Forked workers have inherited the open file, so closing it does not unlock it.
-        with suppress(OSError):
-            fcntl.flock(self.descriptor, fcntl.LOCK_UN)
-            os.close(self.descriptor)
+def _unlock(descriptor: int) -> None:
+    # Forked workers have inherited the open file, so closing it does not unlock it.
+    with suppress(OSError):
+        fcntl.flock(descriptor, fcntl.LOCK_UN)
+        os.close(descriptor)
 
 
 class StudyFolder:
@@ -103,7 +97,7 @@ class StudyFolder:
         Whether the folder had been begun before.
     """
 
-    def __init__(self, path: Path, manifest: Manifest, lock: _Lock, *, resumed: bool) -> None:
+    def __init__(self, path: Path, manifest: Manifest, lock: int, *, resumed: bool) -> None:
         self.path = path
         self.manifest = manifest
         self.resumed = resumed
@@ -187,17 +181,12 @@ class StudyFolder:
 
     def close(self) -> None:
         """Let other commands use the folder."""
-        self._lock.release()
+        _unlock(self._lock)
 
     def __enter__(self) -> StudyFolder:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     def _write(self, manifest: Manifest) -> None:
@@ -232,19 +221,17 @@ def begin_or_resume(folder: Path, study: StudyRecord, now: datetime) -> StudyFol
         raise StudyError(f'{folder}: not a folder; {_REMEDY}') from None
     except OSError as error:
         raise unwritable(folder, error) from None
-    # Foreign folders get no lock file.
-    _check_contents(folder)
     try:
-        lock = _Lock.of(folder)
+        # Foreign folders get no lock file.
+        _check_contents(folder)
+        lock = _lock(folder)
+        try:
+            return _begin_or_resume(folder, study, now, lock)
+        except BaseException:
+            _unlock(lock)
+            raise
     except OSError as error:
         raise unwritable(folder, error) from None
-    try:
-        return _begin_or_resume(folder, study, now, lock)
-    except BaseException as error:
-        lock.release()
-        if isinstance(error, OSError):
-            raise unwritable(folder, error) from None
-        raise
 
 
 def read_manifest(folder: Path) -> Manifest:
@@ -268,7 +255,7 @@ def read_manifest(folder: Path) -> Manifest:
         raise StudyError(f'{path}: {error}') from None
 
 
-def _begin_or_resume(folder: Path, study: StudyRecord, now: datetime, lock: _Lock) -> StudyFolder:
+def _begin_or_resume(folder: Path, study: StudyRecord, now: datetime, lock: int) -> StudyFolder:
     # Again, since another command may have begun or finished a study before the lock.
     begun = _check_contents(folder)
     if not begun:
@@ -294,17 +281,13 @@ def _begin_or_resume(folder: Path, study: StudyRecord, now: datetime, lock: _Loc
 
 def _check_contents(folder: Path) -> bool:
     """Return whether a study has begun in a folder; StudyError if it has other files."""
-    try:
-        names = {each.name for each in folder.iterdir()}
-        if MANIFEST in names:
-            return True
-        parts = folder / PARTS
-        foreign = {each for each in names - {LOCK, PARTS} if not _is_temporary(each)}
-        if foreign or (PARTS in names and (not parts.is_dir() or any(parts.iterdir()))):
-            what = f'has files, but no {MANIFEST} of a study'
-            raise StudyError(f'{folder}: {what}; {_REMEDY}')
-    except OSError as error:
-        raise unwritable(folder, error) from None
+    names = {each.name for each in folder.iterdir()}
+    if MANIFEST in names:
+        return True
+    parts = folder / PARTS
+    foreign = {each for each in names - {LOCK, PARTS} if not _is_temporary(each)}
+    if foreign or (PARTS in names and (not parts.is_dir() or any(parts.iterdir()))):
+        raise StudyError(f'{folder}: has files, but no {MANIFEST} of a study; {_REMEDY}')
     return False
 
 

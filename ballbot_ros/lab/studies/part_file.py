@@ -99,22 +99,6 @@ class EncodedPart(NamedTuple):
     summary: PartSummary
 
 
-def write_part(folder: Path, study: StudyRecord, part: int, rows: PartRows) -> PartSummary:
-    """Write a part into the folder of a study; an existing one is replaced.
-
-    A process that is killed, or a power cut, leaves the whole part or none. Two processes that
-    write the same part do no harm.
-
-    Raises
-    ------
-    StudyError
-        If it can't be written, or pyarrow is not installed.
-    """
-    encoded = encode_part(study, part, rows)
-    store_part(folder, study, part, encoded.data)
-    return encoded.summary
-
-
 def encode_part(study: StudyRecord, part: int, rows: PartRows) -> EncodedPart:
     """Return the bytes of a part's file, for those who can't write the folder themselves.
 
@@ -154,7 +138,16 @@ def encode_part(study: StudyRecord, part: int, rows: PartRows) -> EncodedPart:
 
 
 def store_part(folder: Path, study: StudyRecord, part: int, data: bytes) -> None:
-    """Write the file of a part; raises as :func:`write_part` does."""
+    """Write the file of a part into the folder of a study; an existing one is replaced.
+
+    A process that is killed, or a power cut, leaves the whole part or none. Two processes that
+    write the same part do no harm.
+
+    Raises
+    ------
+    StudyError
+        If it can't be written.
+    """
     path = folder / PARTS / study.part_name(part)
     for attempt in range(1, _STORE_ATTEMPTS + 1):
         try:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -118,75 +119,6 @@ FAILED_SHOWN = 10
 
 
 @dataclass(frozen=True)
-class ReportRow:
-    """A run in a table of the page.
-
-    Attributes
-    ----------
-    number : int
-    value : str
-        Value of the measure; empty for a failed run.
-    varied : str
-        The varied values.
-    verdict : str
-        Passed, not passed, fallen or failed.
-    command : str
-        Runs it again.
-    """
-
-    number: int
-    value: str
-    varied: str
-    verdict: str
-    command: str
-
-
-@dataclass(frozen=True)
-class _MeasureSection:
-    """A measure in the tables of the page.
-
-    Attributes
-    ----------
-    name, unit, meaning, expected : str
-    quantiles : list of str
-        The `QUANTILES` of `study_data`.
-    missing : int
-        Number of runs without a value.
-    worst : list of ReportRow
-        Worst first.
-    """
-
-    name: str
-    unit: str
-    meaning: str
-    expected: str
-    quantiles: list[str]
-    missing: int
-    worst: list[ReportRow]
-
-
-@dataclass(frozen=True)
-class _SensitivitySection:
-    """The sensitivity indices on the page.
-
-    Attributes
-    ----------
-    found : Sensitivity
-    figure : StudyFigure
-    rows : list of tuple
-        Name of a variable, and the texts of both indices for passing; those with the most influence
-        first.
-    notes : list of str
-        What was left out.
-    """
-
-    found: Sensitivity
-    figure: StudyFigure
-    rows: list[tuple[str, str, str]]
-    notes: list[str]
-
-
-@dataclass(frozen=True)
 class Findings:
     """All that was read and computed for a report.
 
@@ -230,7 +162,7 @@ class Findings:
         measures = self._measures()
         figures = [*map_figures, *shares, *histograms]
         if sensitivity:
-            figures.append(sensitivity.figure)
+            figures.append(sensitivity['figure'])
         page = render_template(
             'study.html',
             package='ballbot_ros.lab.studies',
@@ -347,7 +279,8 @@ class Findings:
             )
         return figures
 
-    def _sensitivity(self) -> _SensitivitySection | None:
+    def _sensitivity(self) -> dict[str, Any] | None:
+        """Return the section with the indices, the variables with the most influence first."""
         found = self.found
         if not found.variables or np.isnan(found.pawn).all():
             return None
@@ -380,34 +313,36 @@ class Findings:
             sensitivity_figure(found),
             sensitivity_table(found),
         )
-        return _SensitivitySection(found, figure, rows, notes)
+        return {'found': found, 'figure': figure, 'rows': rows, 'notes': notes}
 
-    def _measures(self) -> list[_MeasureSection]:
+    def _measures(self) -> list[dict[str, object]]:
+        """Return the measures in the tables of the page, with the worst runs of each."""
         return [
-            _MeasureSection(
-                each.column.name,
-                each.column.unit,
-                each.column.meaning,
-                _bounds(each.column),
-                [number_text(value) for value in each.quantiles.tolist()],
-                each.missing,
-                [self._row(run.number, run.value) for run in each.worst],
-            )
+            {
+                'name': each.column.name,
+                'unit': each.column.unit,
+                'meaning': each.column.meaning,
+                'expected': _bounds(each.column),
+                'quantiles': [number_text(value) for value in each.quantiles.tolist()],
+                'missing': each.missing,
+                'worst': [self._row(run.number, run.value) for run in each.worst],
+            }
             for each in self.summary.measures
         ]
 
-    def _failed(self) -> list[ReportRow]:
+    def _failed(self) -> list[dict[str, object]]:
         return [self._row(number) for number in islice(self.data.failed(), FAILED_SHOWN)]
 
-    def _row(self, number: int, value: float | None = None) -> ReportRow:
+    def _row(self, number: int, value: float | None = None) -> dict[str, object]:
+        """Return a run in a table of the page; a failed one has no value of a measure."""
         row = self.data.row(number)
-        return ReportRow(
-            number,
-            '' if value is None else number_text(value),
-            _varied_text(row, self.data.study),
-            _verdict(row),
-            self._rerun(number),
-        )
+        return {
+            'number': number,
+            'value': '' if value is None else number_text(value),
+            'varied': _varied_text(row, self.data.study),
+            'verdict': _verdict(row),
+            'command': self._rerun(number),
+        }
 
 
 class _FileNames:

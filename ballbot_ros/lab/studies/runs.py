@@ -8,7 +8,7 @@ from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
 from itertools import groupby
-from typing import Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,8 +83,7 @@ class Samples:
         )
 
 
-@dataclass(frozen=True)
-class Results:
+class Results(NamedTuple):
     """What is kept of runs; a row for each.
 
     Attributes
@@ -109,13 +108,7 @@ class Results:
 
     def part(self, runs: slice) -> Results:
         """Return the part of some runs, in the same memory."""
-        return Results(
-            self.duty_sha256[runs],
-            self.ticks[runs],
-            self.failed[runs],
-            self.fallen[runs],
-            self.measured[runs],
-        )
+        return Results._make(column[runs] for column in self)
 
     @classmethod
     def empty(cls, runs: int, measures: int) -> Results:
@@ -135,21 +128,6 @@ Advance = Callable[[int], None]
 
 def ignore(runs: int) -> None:
     """Show no progress."""
-
-
-class Simulator(Protocol):
-    """Simulates runs of a specification."""
-
-    def simulate(self, samples: Samples, advance: Advance = ignore) -> Results:
-        """Return the results of runs; BallbotError if one of them is not possible."""
-
-
-def simulator_for(spec: RunSpec, measures: Sequence[Measure]) -> Simulator:
-    """Return the fastest simulator of a specification's runs."""
-    programs = programs_of(spec)
-    if programs is None or programs.problem():
-        return OrdinarySimulator(spec, measures)
-    return CompiledSimulator(spec, measures, programs)
 
 
 class OrdinarySimulator:
@@ -375,6 +353,17 @@ class CompiledSimulator:
             last = first + len(list(alike))
             yield slice(first, last), self._walls(half_cells(depth), half_cells(width))
             first = last
+
+
+Simulator = OrdinarySimulator | CompiledSimulator
+
+
+def simulator_for(spec: RunSpec, measures: Sequence[Measure]) -> Simulator:
+    """Return the fastest simulator of a specification's runs."""
+    programs = programs_of(spec)
+    if programs is None or programs.problem():
+        return OrdinarySimulator(spec, measures)
+    return CompiledSimulator(spec, measures, programs)
 
 
 def scenarios_of_runs(spec: RunSpec, samples: Samples) -> Sequence[Scenario]:

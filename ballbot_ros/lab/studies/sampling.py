@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 import warnings
 import zlib
-from collections.abc import Mapping
-from typing import Protocol
+from collections.abc import Callable, Mapping
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,7 +48,7 @@ class Sampler:
     def _values(self, first: int, last: int) -> Mapping[str, Column]:
         if self._shares is None:
             return _grid_values(self._study, first, last)
-        shares = self._shares.part(first, last)
+        shares = self._shares(first, last)
         return {
             each.name: each.distribution.values(shares[:, number])
             for number, each in enumerate(self._study.variables)
@@ -70,50 +70,33 @@ def _words(seed: int, first: int, last: int, variable: int, use: np.uint64) -> W
     return philox4x32(low, high, np.uint64(variable), use, *noise_key(seed))
 
 
-class _Shares(Protocol):
-    """Numbers within [0, 1) for each run and variable."""
-
-    def part(self, first: int, last: int) -> Floats:
-        """Return the numbers of some runs, (r, v)."""
+Shares = Callable[[int, int], Floats]
+"""Returns numbers within [0, 1) for the runs from one up to another, and each variable, (r, v)."""
 
 
-def _shares(study: Study) -> _Shares | None:
-    """Return the numbers for a study; None for a grid."""
+def _shares(study: Study) -> Shares | None:
+    """Return what draws the numbers for a study; None for a grid."""
     count = len(study.variables)
     if study.sampling is Sampling.GRID:
         return None
     if study.sampling is Sampling.RANDOM or not count:
-        return _Random(study.seed, count)
+        return partial(_random_shares, study.seed, count)
     if study.sampling is Sampling.LATIN_HYPERCUBE:
-        return _Hypercube(study.seed, count, study.runs)
-    return _Sequence(study.sampling, study.seed, count)
-
-
-class _Random:
-    """Independent random numbers, a function of seed, run and variable."""
-
-    def __init__(self, seed: int, count: int) -> None:
-        self._seed, self._count = seed, count
-
-    def part(self, first: int, last: int) -> Floats:
-        shares = np.empty((last - first, self._count))
-        for variable in range(self._count):
-            words = _words(self._seed, first, last, variable, _VALUES)
-            shares[:, variable] = bits_53(words.w0, words.w1) * _PER_2_53
-        return shares
-
-
-class _Hypercube:
-    """A Latin hypercube: in each variable, one number in each of as many strata as runs."""
-
-    def __init__(self, seed: int, count: int, runs: int) -> None:
         from scipy.stats import qmc
 
-        engine = qmc.LatinHypercube(count, seed=np.random.default_rng(seed))
-        self._shares = _below_one(engine.random(runs))
+        engine = qmc.LatinHypercube(count, seed=np.random.default_rng(study.seed))
+        shares = _below_one(engine.random(study.runs))
+        return lambda first, last: shares[first:last]
+    return _Sequence(study.sampling, study.seed, count).part
 
-    def part(self, first: int, last: int) -> Floats:
-        return self._shares[first:last]
+
+def _random_shares(seed: int, count: int, first: int, last: int) -> Floats:
+    """Return independent random numbers, a function of seed, run and variable."""
+    shares = np.empty((last - first, count))
+    for variable in range(count):
+        words = _words(seed, first, last, variable, _VALUES)
+        shares[:, variable] = bits_53(words.w0, words.w1) * _PER_2_53
+    return shares
 
 
 class _Sequence:

@@ -49,8 +49,8 @@ class ProportionInterval(NamedTuple):
     high: float
 
 
-def wilson_interval(successes: int, count: int, confidence: float = 0.95) -> ProportionInterval:
-    """Return Wilson's score interval of a proportion, without continuity correction.
+def wilson_interval(successes: int, count: int) -> ProportionInterval:
+    """Return Wilson's 95 % score interval of a proportion, without continuity correction.
 
     Unlike the interval that is symmetric about the share, it stays within 0 and 1, and has a width
     even if all or none succeed. Without any trial it is the whole range.
@@ -59,8 +59,6 @@ def wilson_interval(successes: int, count: int, confidence: float = 0.95) -> Pro
     ----------
     successes, count : int
         Number of successes, and of all trials.
-    confidence : float
-        Probability that the interval covers the true proportion.
 
     Raises
     ------
@@ -76,7 +74,7 @@ def wilson_interval(successes: int, count: int, confidence: float = 0.95) -> Pro
         raise ValueError(f'{successes} successes of {count}')
     if count == 0:
         return ProportionInterval(0.0, 1.0)
-    z = NormalDist().inv_cdf((1 + confidence) / 2)
+    z = NormalDist().inv_cdf(0.975)
     squared = z * z
     middle = (successes + squared / 2) / (count + squared)
     variance = successes * (count - successes) / count + squared / 4

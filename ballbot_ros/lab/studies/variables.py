@@ -6,7 +6,7 @@ import math
 from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any, Protocol, cast
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,17 +32,6 @@ from ballbot_ros.run.spec import RunSpec
 
 MAX_LEVELS = 100_000
 """Largest number of values of one variable in a grid."""
-
-
-class Distribution(Protocol):
-    """A distribution, by its quantile function."""
-
-    @property
-    def ends(self) -> tuple[Any, Any]:
-        """The smallest and the largest value."""
-
-    def values(self, shares: Floats) -> Column:
-        """Return the values below which these shares, within [0, 1), of all values lie."""
 
 
 class _Limited:
@@ -170,6 +159,9 @@ class Grid(Levels):
         """Return so many numbers with the same ends."""
         return Grid(tuple(np.linspace(*self.ends, min(max(2, count), MAX_LEVELS)).tolist()))
 
+
+Distribution = Uniform | LogUniform | Normal | WholeNumbers | Levels
+"""Each has the `ends` of its values, and `values` by its quantile function."""
 
 UNIFORM, LOG_UNIFORM, NORMAL, LIST, GRID = 'uniform', 'log_uniform', 'normal', 'list', 'grid'
 DISTRIBUTIONS = (UNIFORM, LOG_UNIFORM, NORMAL, LIST, GRID)

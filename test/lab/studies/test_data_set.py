@@ -11,14 +11,14 @@ from pathlib import Path
 
 import pytest
 from laws import refusal
-from study_folders import MEASURES, NOW, VARIED, record, rows_of, write_study
+from study_folders import MEASURES, NOW, VARIED, record, rows_of, write_part, write_study
 
 pytest.importorskip('pyarrow')
 
 from ballbot_ros.errors import StudyError
 from ballbot_ros.lab.studies.data_set import begin_or_resume, read_manifest
 from ballbot_ros.lab.studies.manifest import Manifest, PartSummary, StudyRecord, Versions
-from ballbot_ros.lab.studies.part_file import encode_part, store_part, write_part
+from ballbot_ros.lab.studies.part_file import encode_part, store_part
 from ballbot_ros.lab.studies.study_data import StudyData
 
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from laws import given, is_read_or_refused_in_one_line, refusal, settings
-from study_folders import MEASURES, NOW, VARIED, record, rows_of, write_study
+from study_folders import MEASURES, NOW, VARIED, record, rows_of, write_part, write_study
 
 pytest.importorskip('pyarrow')
 import pyarrow.parquet
@@ -24,7 +24,6 @@ from ballbot_ros.lab.studies.part_file import (
     encode_part,
     read_columns,
     read_part,
-    write_part,
 )
 from ballbot_ros.lab.studies.runs import Results
 
