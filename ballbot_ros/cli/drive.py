@@ -75,9 +75,9 @@ def command(
         return 0
     page = page_options(viewer=viewer, no_browser=no_browser, no_wait=no_wait)
     require_rclpy()
-    from ballbot_ros.run.drive import NAME, DriveOptions, drive, drive_spec
+    from ballbot_ros.run.drive import NAME, drive, drive_spec
 
-    options = DriveOptions(
+    spec = drive_spec(
         map_name=map_name,
         start=start,
         profile=profile,
@@ -87,7 +87,6 @@ def command(
         output=output,
         record=not no_record,
     )
-    spec = drive_spec(options)
     obstacle = '--no-keyboard' if no_keyboard else keyboard_unavailable_reason()
     with Progress(NAME, 0.0, bar=bool(obstacle)) as progress:
         observer: RunObserver = progress

@@ -75,13 +75,9 @@ class PageOpening:
         if self._options.opens_browser:
             open_browser(address)
         if self._options.waits:
-            self._show(_waiting_line(can_press_key=self._can_press_key))
+            otherwise = 'press a key' if self._can_press_key else 'use --no-wait'
+            self._show(f'the run begins when its page is open: open the address, or {otherwise}')
         self.address = address
-
-
-def _waiting_line(*, can_press_key: bool) -> str:
-    otherwise = 'or press a key' if can_press_key else 'or use --no-wait'
-    return f'the run begins when its page is open: open the address, {otherwise}'
 
 
 class PageObserver:

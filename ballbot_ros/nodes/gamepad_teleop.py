@@ -286,11 +286,9 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
             self.terminal = None
         if self.parameters.keyboard:
             # Imported only here: it takes a while, and most runs have no keyboard.
-            from ballbot_ros.nodes.teleop_terminal import RobotStatus, TeleopTerminal
+            from ballbot_ros.nodes.teleop_terminal import TeleopTerminal
 
-            self.terminal = TeleopTerminal(
-                self, self._sources, lambda: self._command, RobotStatus(self)
-            )
+            self.terminal = TeleopTerminal(self, self._sources, lambda: self._command)
 
     def _set_log(self) -> None:
         if self.parameters.log_csv:

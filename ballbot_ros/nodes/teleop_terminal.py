@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 
 from std_srvs.srv import Trigger
 
-from ballbot_ros.nodes.base import AnyNode, BallbotNode
+from ballbot_ros.nodes.base import BallbotNode
 from ballbot_ros.nodes.latest_messages import LatestMessages
 from ballbot_ros.nodes.teleop.sticks import KEYBOARD, Arbiter, Command
 from ballbot_ros.nodes.teleop.terminal import KeyboardSticks, Terminal
@@ -21,30 +21,8 @@ from ballbot_ros.recording.messages.topics import (
     SONAR_RANGE,
 )
 from ballbot_ros.viewer.run_activity import RealTimeFactor, drive_status
-from ballbot_ros.viewer.snapshot import Snapshot
 
 _TOPICS = (PLANT_IMU, PLANT_ODOM, SONAR_RANGE, OPERATING_STATE, RUN)
-
-
-class RobotStatus:
-    """Reads the topics of the robot whenever its lines are requested."""
-
-    def __init__(self, node: AnyNode) -> None:
-        self._newest = LatestMessages(node, _TOPICS)
-        self._snapshot: Snapshot | None = None
-        self._factor = RealTimeFactor()
-
-    def lines(self) -> Mapping[str, str]:
-        """Return names and texts."""
-        self._snapshot, _ = self._newest.take()
-        factor = 0.0
-        if self._snapshot:
-            factor = self._factor.update(time.monotonic(), self._snapshot.time)
-        return drive_status(self._snapshot, factor)
-
-    def close(self) -> None:
-        """Remove the subscriptions."""
-        self._newest.close()
 
 
 class TeleopTerminal:
@@ -61,9 +39,9 @@ class TeleopTerminal:
         node: BallbotNode[GamepadParameters],
         sources: Arbiter,
         command: Callable[[], Command],
-        robot: RobotStatus,
     ) -> None:
-        self._node, self._sources, self._command, self._robot = node, sources, command, robot
+        self._node, self._sources, self._command = node, sources, command
+        self._newest, self._factor = LatestMessages(node, _TOPICS), RealTimeFactor()
         self.is_closed = False
         self.on_key: Callable[[], None] = lambda: None
         self._reset = node.create_client(Trigger, f'{PLANT}/reset')
@@ -87,7 +65,7 @@ class TeleopTerminal:
     def close(self) -> None:
         """Restore the terminal."""
         self._terminal.close()
-        self._robot.close()
+        self._newest.close()
         self._node.destroy_client(self._reset)
 
     def _on_key(self) -> None:
@@ -99,10 +77,12 @@ class TeleopTerminal:
 
     def _status(self) -> Mapping[str, str]:
         """Return the content of the panel; called on the keyboard's thread."""
+        snapshot, _ = self._newest.take()
+        factor = self._factor.update(time.monotonic(), snapshot.time) if snapshot else 0.0
         command = self._command()
         vertical, horizontal = command.sticks
         return {
-            **self._robot.lines(),
+            **drive_status(snapshot, factor),
             'in command': command.source_name(self._node.parameters.scenario),
             # The document's vertical stick is negative forward.
             'sticks': f'forward {-vertical:+d}   rightward {horizontal:+d}',

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from contextlib import suppress
 from dataclasses import fields
 from itertools import islice
 
-from rclpy.node import Node
 from rclpy.qos import QoSProfile
+from rclpy.subscription import Subscription
 
 from ballbot_ros.engine.scenario.reader import scenario_names
 from ballbot_ros.errors import WorldError
@@ -57,18 +57,12 @@ from ballbot_ros.viewer.snapshot import LIVE_SIGNALS, History, Snapshot
 _DEPTH = 50
 
 
-class _PlantReports:
-    """The plant's reports on a topic that all nodes share, read through a hidden node."""
-
-    def __init__(self, inbox: Node) -> None:
-        self._subscription = raw_subscription(inbox, DIAGNOSTICS, QoSProfile(depth=_DEPTH))
-
-    def take(self) -> list[PlantReport]:
-        """Return the reports that have arrived since the last call, oldest first."""
-        # Read no more messages than can be waiting: other nodes may publish faster than this.
-        arrived = islice(drain(self._subscription), _DEPTH)
-        reports = (decode_plant_report(data) for data, _ in arrived)
-        return [report for report in reports if report is not None]
+def _reports(subscription: Subscription) -> Iterator[PlantReport]:
+    """Yield the plant's reports that have arrived on a topic that all nodes share, in order."""
+    # Read no more messages than can be waiting: other nodes may publish faster than this.
+    for data, _ in islice(drain(subscription), _DEPTH):
+        if (report := decode_plant_report(data)) is not None:
+            yield report
 
 
 _SHOWN = (
@@ -122,7 +116,8 @@ class Viewer(BallbotNode[ViewerParameters]):
         sliders = TuningSliders(self._page.server.gui)
         self._tuning = TuningRequests(self, self._page.notify, sliders)
         self._newest = LatestMessages(self, _SHOWN)
-        self._plant_reports = _PlantReports(self._newest.inbox)
+        qos = QoSProfile(depth=_DEPTH)
+        self._diagnostics_of_all = raw_subscription(self._newest.inbox, DIAGNOSTICS, qos)
         self._plant_report = PlantReport()
         self._run = ''
         self._history = History()
@@ -157,7 +152,7 @@ class Viewer(BallbotNode[ViewerParameters]):
 
     def _activity(self, robot: Snapshot | None) -> RunActivity:
         """Return what is known about the run that is shown."""
-        for report in self._plant_reports.take():
+        for report in _reports(self._diagnostics_of_all):
             self._plant_report = report
         run = self._newest.run.name
         if run != self._run:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -41,11 +40,27 @@ NAME = 'drive'
 """Name of the recording."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class DriveOptions:
-    """Settings of a drive.
+class DriveResult(NamedTuple):
+    """Exit status of a drive, and its recording, if any."""
 
-    Attributes
+    exit_status: int
+    recording: Path | None
+
+
+def drive_spec(
+    *,
+    map_name: str | None = None,
+    start: tuple[float, float] | None = None,
+    profile: str | None = None,
+    device: str | None = None,
+    assignments: Sequence[str] = (),
+    controller: str | None = None,
+    output: Path | None = None,
+    record: bool = True,
+) -> RunSpec:
+    """Return the specification of a drive; BallbotError if an option can't be used.
+
+    Parameters
     ----------
     start : tuple of float or None
         Start position x, y in the frame ``map`` [m].
@@ -56,52 +71,26 @@ class DriveOptions:
     output : Path or None
         Folder for the recording; None for a new one under ``runs/``.
     """
-
-    map_name: str | None = None
-    start: tuple[float, float] | None = None
-    profile: str | None = None
-    device: str | None = None
-    assignments: Sequence[str] = ()
-    controller: str | None = None
-    output: Path | None = None
-    record: bool = True
-
-
-class DriveResult(NamedTuple):
-    """Exit status of a drive, and its recording, if any."""
-
-    exit_status: int
-    recording: Path | None
-
-
-def drive_spec(options: DriveOptions) -> RunSpec:
-    """Return the specification of a drive; BallbotError if an option can't be used."""
     parameters = ParameterSet()
-    if options.profile is not None:
-        parameters.update(load_profile(options.profile))
+    if profile is not None:
+        parameters.update(load_profile(profile))
     parameters.set(PLANT, 'real_time_factor', 1.0)
     parameters.set(PLANT, 'on_wall_hit', 'report')
-    if options.map_name is not None:
-        parameters.set(PLANT, 'map', options.map_name, '--map')
-    if options.start is not None:
-        parameters.set(PLANT, 'start_position_x', options.start[0], '--start')
-        parameters.set(PLANT, 'start_position_y', -options.start[1], '--start')
-    if options.device is not None:
-        parameters.set(GAMEPAD, 'device', options.device, '--device')
-    for assignment in options.assignments:
+    if map_name is not None:
+        parameters.set(PLANT, 'map', map_name, '--map')
+    if start is not None:
+        parameters.set(PLANT, 'start_position_x', start[0], '--start')
+        parameters.set(PLANT, 'start_position_y', -start[1], '--start')
+    if device is not None:
+        parameters.set(GAMEPAD, 'device', device, '--device')
+    for assignment in assignments:
         assign(parameters, assignment)
-    if options.controller is not None:
-        parameters.set(CONTROLLER, 'implementation', options.controller, '--controller')
-    controller = compose_controller(parameters)
+    if controller is not None:
+        parameters.set(CONTROLLER, 'implementation', controller, '--controller')
+    loaded = compose_controller(parameters)
     check_reserved_parameters(parameters)
     resolve_map(parameters)
-    return RunSpec(
-        Scenario(NAME),
-        parameters,
-        output=options.output,
-        record=options.record,
-        controller=controller,
-    )
+    return RunSpec(Scenario(NAME), parameters, output=output, record=record, controller=loaded)
 
 
 def drive(

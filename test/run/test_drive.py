@@ -5,6 +5,7 @@ import signal
 import threading
 import time
 from contextlib import nullcontext
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -27,17 +28,17 @@ from ballbot_ros.parameters import (
     PlantParameters,
 )
 from ballbot_ros.run import drive, one_process
-from ballbot_ros.run.drive import DriveOptions, DriveResult, drive_spec
+from ballbot_ros.run.drive import DriveResult, drive_spec
 from ballbot_ros.run.one_process import NodeThread
 
 
 def test_a_drive_is_in_real_time_and_survives_walls():
     """An assignment overrides everything; y in the frame map has the opposite sign of plane y."""
-    plant = drive_spec(DriveOptions(start=(1.5, 0.5))).parameters.of(PlantParameters)
+    plant = drive_spec(start=(1.5, 0.5)).parameters.of(PlantParameters)
     assert (plant.real_time_factor, plant.on_wall_hit) == (1.0, 'report')
     assert (plant.start_position_x, plant.start_position_y) == (1.5, -0.5)
     words = ('plant_sim.real_time_factor=0.5', 'plant_sim.on_wall_hit=stop')
-    plant = drive_spec(DriveOptions(assignments=words)).parameters.of(PlantParameters)
+    plant = drive_spec(assignments=words).parameters.of(PlantParameters)
     assert (plant.real_time_factor, plant.on_wall_hit) == (0.5, 'stop')
 
 
@@ -61,8 +62,8 @@ def test_a_drive_refuses_what_it_can_not_use(monkeypatch):
         ('controller.implementation=c', 'gcc not found'),
         ('plant_sim.map=mars', "unknown map 'mars'"),
     ):
-        options = DriveOptions(assignments=[assignment])
-        assert told in refusal(BallbotError, drive_spec, options), assignment
+        error = refusal(BallbotError, partial(drive_spec, assignments=[assignment]))
+        assert told in error, assignment
 
 
 class Graph:
@@ -97,9 +98,7 @@ class Graph:
 
     def drive(self, output, *, record=True, **options):
         observer = SimpleNamespace(notice=self.notices.append)
-        return drive.drive(
-            drive_spec(DriveOptions(output=output, record=record)), observer, **options
-        )
+        return drive.drive(drive_spec(output=output, record=record), observer, **options)
 
 
 def test_a_drive_starts_the_other_nodes_and_a_viewer_if_asked_for(monkeypatch, tmp_path):
@@ -128,7 +127,7 @@ def test_a_drive_writes_recording_and_log_where_it_is_told(monkeypatch, tmp_path
     result = graph.drive(tmp_path / 'run', log=Path('log.csv'))
     assert result.recording == tmp_path / 'run/drive.mcap'
     assert graph.parameters.log_csv == str(tmp_path / 'log.csv')
-    assert drive_spec(DriveOptions()).parameters.of(GamepadParameters).log_csv == ''
+    assert drive_spec().parameters.of(GamepadParameters).log_csv == ''
 
 
 def test_a_signal_the_quit_key_and_the_loss_of_the_terminal_stop_a_drive(monkeypatch, tmp_path):

@@ -143,26 +143,17 @@ _INFO = re.compile(r'\[INFO\] \[[^]]*\] \[([^]]*)\]: (.*)')
 
 
 class PassingMessages:
-    """Keeps the newest lines of level INFO; all others should stay on the terminal."""
+    """Keeps the newest `lines` of level INFO; all others should stay on the terminal."""
 
     def __init__(self, count: int) -> None:
-        self._lines: deque[str] = deque(maxlen=count)
+        self.lines: deque[str] = deque(maxlen=count)
 
     def take(self, text: str) -> bool:
         """Keep a line; return whether it was one to keep."""
         found = _INFO.fullmatch(text.strip())
         if found:
-            self.add(f'{found[1]}: {found[2]}')
+            self.lines.append(f'{found[1]}: {found[2]}')
         return found is not None
-
-    def add(self, line: str) -> None:
-        """Keep a line."""
-        self._lines.append(line)
-
-    @property
-    def lines(self) -> list[str]:
-        """The newest lines, oldest first."""
-        return list(self._lines)
 
 
 INSTALL_HINT = 'prompt_toolkit not found: install it with `pip install "ballbot_ros[drive]"`'
@@ -310,7 +301,7 @@ class Terminal:
         @bindings.add('<any>')
         def _(event: object) -> None:
             self._on_key()
-            self._messages.add(f'key {_key_name(event)} does nothing')
+            self._messages.lines.append(f'key {_key_name(event)} does nothing')
 
         return bindings
 

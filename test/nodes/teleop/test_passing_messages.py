@@ -9,8 +9,8 @@ def test_only_the_newest_lines_of_level_info_are_kept():
     messages = PassingMessages(2)
     for number in range(5):
         assert messages.take(f'[INFO] [1795727421.93] [gamepad_teleop]: in command: {number}\n')
-    assert messages.lines == ['gamepad_teleop: in command: 3', 'gamepad_teleop: in command: 4']
-    messages.add('key x does nothing')
+    assert [*messages.lines] == ['gamepad_teleop: in command: 3', 'gamepad_teleop: in command: 4']
+    messages.lines.append('key x does nothing')
     assert messages.lines[-1] == 'key x does nothing'
 
 
@@ -21,4 +21,4 @@ def test_only_the_newest_lines_of_level_info_are_kept():
 def test_all_other_lines_stay(line):
     messages = PassingMessages(2)
     assert not messages.take(line)
-    assert messages.lines == []
+    assert not messages.lines
