@@ -131,8 +131,7 @@ def check(folder: Path) -> int:
 
 def _print_cost(console: Console, cost: ProgramCost) -> None:
     """Print instructions, time and memory on the brick."""
-    table = Table(title='On the brick, without the platform', title_justify='left')
-    table.add_column('task')
+    table = Table('task', title='On the brick, without the platform', title_justify='left')
     for heading in (
         'instructions',
         f'time at {CLOCK_HZ / 1e6:.0f} MHz',

@@ -11,14 +11,12 @@ from typing import TYPE_CHECKING
 
 import click
 from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
 
-from ballbot_ros.cli.options import PATH, RECORDING
+from ballbot_ros.cli.options import PATH, RECORDING, print_whole
 
 if TYPE_CHECKING:
     from ballbot_ros.analysis.comparison import ComparedRun, Comparison, MetricComparison
-
-MAX_TABLE_WIDTH = 2000
 
 
 @click.command('compare')
@@ -106,22 +104,14 @@ def _print_table(
 ) -> None:
     shown = [row for row in rows if with_same or not row.is_same]
     console = Console(highlight=False, markup=False)
-    table = Table()
-    table.add_column('metric')
-    table.add_column('unit')
-    table.add_column(runs[0].letter, justify='right')
+    table = Table('metric', 'unit', Column(runs[0].letter, justify='right'))
     for each in runs[1:]:
         for heading in (each.letter, f'{each.letter} − {runs[0].letter}', 'change'):
             table.add_column(heading, justify='right')
     for row in shown:
         text = row.text
         table.add_row(text.label, text.unit, text.value, *chain.from_iterable(row.changes))
-    # Let the terminal wrap lines rather than truncate numbers.
-    whole = console.measure(
-        table, options=console.options.update(max_width=MAX_TABLE_WIDTH)
-    ).maximum
-    console.width = max(console.width, whole)
     if shown:
-        console.print(table)
+        print_whole(console, table)
     if hidden := len(rows) - len(shown):
         console.print(f'{hidden} metrics without a difference; --all shows them', soft_wrap=True)

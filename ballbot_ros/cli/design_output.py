@@ -217,8 +217,7 @@ def _pair(value: complex) -> list[float]:
 
 
 def _margin_table(ideal: LoopAnalysis, sampled: LoopAnalysis) -> Table:
-    table = Table(title='Margins of the gains in use', title_justify='left')
-    table.add_column('')
+    table = Table('', title='Margins of the gains in use', title_justify='left')
     for heading in (IDEAL, AS_IT_RUNS, 'oscillates at'):
         table.add_column(heading, justify='right')
     for row in margin_rows(ideal, sampled):

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from rich.console import Console
-from rich.table import Table
+from rich.console import Console, JustifyMethod
+from rich.table import Column, Table
 
 from ballbot_ros.analysis.identification.identification import (
     MAX_HALF_WIDTH,
@@ -15,6 +15,7 @@ from ballbot_ros.analysis.identification.identification import (
     Identification,
     IdentifiedParameter,
 )
+from ballbot_ros.cli.options import print_whole
 from ballbot_ros.errors import printable
 from ballbot_ros.parameters import PLANT, ParameterSet, parameters_of
 from ballbot_ros.parameters.files import format_parameters
@@ -23,8 +24,6 @@ MAX_RATIO = 1.5
 """Residuals of a check, relative to those of the fit, from which the values do not describe it: the
 root mean square over the channels. Of two runs of one robot, a single channel can differ more: what
 gear play adds to the encoder's residual depends on a few segments."""
-
-MAX_TABLE_WIDTH = 2000
 
 _DIGITS = 2
 """Significant digits of half an interval."""
@@ -62,7 +61,7 @@ class IdentifyOutput:
                 console.print(f'   {printable(note)}', soft_wrap=True)
         console.print(_verdict_table(found.parameters))
         if found.estimated:
-            _print_whole(console, _value_table(found.estimated))
+            print_whole(console, _value_table(found.estimated))
             console.print(_residual_table(self._recordings))
         for line in self.warnings:
             console.print(f'warning: {line}', soft_wrap=True)
@@ -136,11 +135,15 @@ def _recording_line(number: int, role: str, each: ExperimentSummary) -> str:
     )
 
 
+def _column(heading: str, justify: JustifyMethod = 'left') -> Column:
+    return Column(heading, justify=justify, no_wrap=True)
+
+
 def _verdict_table(rows: Sequence[IdentifiedParameter]) -> Table:
-    table = Table(title='What the recordings tell', title_justify='left')
-    table.add_column('parameter', no_wrap=True)
-    table.add_column('verdict', no_wrap=True)
-    table.add_column('why')
+    table = Table(
+        _column('parameter'), _column('verdict'), 'why',
+        title='What the recordings tell', title_justify='left',
+    )  # fmt: skip
     if any(row.value is None for row in rows):
         # The values of the others depend on it.
         table.add_column('kept at', justify='right', no_wrap=True)
@@ -167,12 +170,10 @@ def _reason(row: IdentifiedParameter) -> str:
 
 def _value_table(rows: Sequence[IdentifiedParameter]) -> Table:
     has_recorded = any(row.recorded is not None for row in rows)
-    table = Table(title='Values with 95 % intervals', title_justify='left')
-    table.add_column('parameter', no_wrap=True)
-    table.add_column('value', justify='right', no_wrap=True)
-    table.add_column('[%]', justify='right', no_wrap=True)
-    table.add_column('unit', no_wrap=True)
-    table.add_column('start', justify='right', no_wrap=True)
+    table = Table(
+        _column('parameter'), _column('value', 'right'), _column('[%]', 'right'), _column('unit'),
+        _column('start', 'right'), title='Values with 95 % intervals', title_justify='left',
+    )  # fmt: skip
     if has_recorded:
         table.add_column('recorded', justify='right', no_wrap=True)
     for row in rows:
@@ -212,12 +213,11 @@ def _recorded(row: IdentifiedParameter) -> str:
 
 
 def _residual_table(recordings: Sequence[tuple[str, ExperimentSummary]]) -> Table:
-    table = Table(title='Residuals, RMS', title_justify='left')
-    table.add_column('recording', no_wrap=True)
-    table.add_column('channel', no_wrap=True)
-    for heading in ('at the start', 'with the values'):
-        table.add_column(heading, justify='right', no_wrap=True)
-    table.add_column('unit', no_wrap=True)
+    table = Table(
+        _column('recording'), _column('channel'), _column('at the start', 'right'),
+        _column('with the values', 'right'), _column('unit'),
+        title='Residuals, RMS', title_justify='left',
+    )  # fmt: skip
     for number, (role, each) in enumerate(recordings, 1):
         if not each.segments:
             continue
@@ -293,10 +293,3 @@ def _percent(relative: float) -> str:
     """Return a half width in percent."""
     percent = 100.0 * relative
     return _typeset(f'± {percent:.3g}' if percent >= 10.0 else f'± {percent:.2g}')
-
-
-def _print_whole(console: Console, table: Table) -> None:
-    """Print a table; let the terminal wrap its lines rather than truncate numbers."""
-    options = console.options.update(max_width=MAX_TABLE_WIDTH)
-    console.width = max(console.width, console.measure(table, options=options).maximum)
-    console.print(table)

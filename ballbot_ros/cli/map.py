@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 import numpy as np
 from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
 
 from ballbot_ros.cli.options import NEW_FILE
 from ballbot_ros.robot.world.floor_map import CELL_M, LINE, FloorMap, load_map, write_files
@@ -44,9 +44,8 @@ def _table(floor_map: FloorMap, image: str, size: str) -> Table:
     walls = int(np.count_nonzero(floor_map.walls))
     lines = int(np.count_nonzero(floor_map.cells == LINE))
     free_area = (floor_map.cells.size - walls) * CELL_M**2
-    table = Table(title=image, title_justify='left', show_header=False)
-    table.add_column()
-    table.add_column(justify='right')
+    right = Column(justify='right')
+    table = Table(Column(), right, title=image, title_justify='left', show_header=False)
     for name, value in (
         ('size', f'{size} cm'),
         ('cells', str(floor_map.cells.size)),

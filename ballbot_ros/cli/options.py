@@ -1,4 +1,4 @@
-"""Options, types of their values, and written files, which several commands share."""
+"""Options, types of their values, tables and written files, which several commands share."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import os
 import shlex
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 from click.core import ParameterSource
@@ -15,6 +15,10 @@ from click.core import ParameterSource
 from ballbot_ros.cli.web_page import PageOptions
 from ballbot_ros.errors import BallbotError, did_you_mean, printable
 from ballbot_ros.run.requirements import Processes
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.table import Table
 
 
 class _Path(click.Path):
@@ -142,6 +146,16 @@ def split_at_commas(
             raise click.BadParameter(f'{value!r} names nothing', context, parameter)
         names += named
     return names
+
+
+MAX_TABLE_WIDTH = 2000
+
+
+def print_whole(console: Console, table: Table) -> None:
+    """Print a table; let the terminal wrap its lines rather than truncate numbers."""
+    options = console.options.update(max_width=MAX_TABLE_WIDTH)
+    console.width = max(console.width, console.measure(table, options=options).maximum)
+    console.print(table)
 
 
 _OUTPUTS = ('output', 'plot', 'as_json')

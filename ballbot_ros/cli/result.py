@@ -7,7 +7,7 @@ import math
 from collections.abc import Sequence
 
 from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
 from rich.text import Text
 
 from ballbot_ros.analysis.metrics import Judgement, number, with_judgements
@@ -24,11 +24,6 @@ from ballbot_ros.run.execution import execute
 from ballbot_ros.run.node_process import ForkClient
 from ballbot_ros.run.result import RunResult
 from ballbot_ros.run.spec import RunOptions, RunSpec
-
-
-def print_json(spec: RunSpec, result: RunResult) -> None:
-    """Print the result as one JSON object."""
-    print(json.dumps(result_json(spec, result), indent=2, allow_nan=False))
 
 
 def result_json(spec: RunSpec, result: RunResult) -> dict[str, object]:
@@ -81,11 +76,10 @@ def _seed(spec: RunSpec) -> int:
 def print_table(spec: RunSpec, result: RunResult) -> None:
     """Print the result as a table, and the paths of the files."""
     console = Console(highlight=False, markup=False)
-    table = Table(title=f'{spec.name}, seed {_seed(spec)}', title_justify='left')
-    table.add_column('metric')
-    table.add_column('value', justify='right')
-    table.add_column('expected')
-    table.add_column('')
+    table = Table(
+        'metric', Column('value', justify='right'), 'expected', '',
+        title=f'{spec.name}, seed {_seed(spec)}', title_justify='left',
+    )  # fmt: skip
     if not all(map(math.isnan, result.metrics.values())):  # as before the release
         mode = spec.parameters.of(ControllerParameters).mode
         is_driven = bool(spec.scenario.segments) or mode == 'autonomous'
@@ -156,20 +150,29 @@ def load_run(reference: str, options: RunOptions) -> RunSpec:
 
 
 def print_result(spec: RunSpec, result: RunResult, *, as_json: bool) -> None:
-    """Print the result of a run."""
-    (print_json if as_json else print_table)(spec, result)
+    """Print the result of a run, as a table or as one JSON object."""
+    if as_json:
+        print(json.dumps(result_json(spec, result), indent=2, allow_nan=False))
+    else:
+        print_table(spec, result)
+
+
+def execute_and_print(
+    spec: RunSpec, client: ForkClient | None = None, *, as_json: bool
+) -> RunResult:
+    """Execute a run with a progress bar, print its result and return it.
+
+    `client` forks the nodes that are separate processes.
+    """
+    with Progress(spec.name, spec.plant.duration) as progress, stdout_to_stderr():
+        result = execute(spec, progress, client=client)
+        progress.release(result.reason)
+    print_result(spec, result, as_json=as_json)
+    return result
 
 
 def run_and_print(
     reference: str, options: RunOptions, client: ForkClient | None, *, as_json: bool
 ) -> int:
-    """Run a scenario, given by name or file, print its result, return the exit status.
-
-    `client` forks the nodes that are separate processes.
-    """
-    spec = load_run(reference, options)
-    with Progress(spec.name, spec.plant.duration) as progress, stdout_to_stderr():
-        result = execute(spec, progress, client=client)
-        progress.release(result.reason)
-    print_result(spec, result, as_json=as_json)
-    return result.exit_status
+    """Run a scenario, given by name or file, print its result, return the exit status."""
+    return execute_and_print(load_run(reference, options), client, as_json=as_json).exit_status

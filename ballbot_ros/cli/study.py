@@ -214,16 +214,10 @@ def report(folder: Path, output: Path | None) -> int:
 
 def _execute(spec: RunSpec, expected: str, as_json: bool) -> int:
     """Execute a run, print its result, and compare its duties with those of the study."""
-    from ballbot_ros.cli.progress import Progress
-    from ballbot_ros.cli.result import print_json, print_table
+    from ballbot_ros.cli.result import execute_and_print
     from ballbot_ros.lockstep.run_actions import Outcome
-    from ballbot_ros.process import stdout_to_stderr
-    from ballbot_ros.run.execution import execute
 
-    with Progress(spec.name, spec.plant.duration) as progress, stdout_to_stderr():
-        result = execute(spec, progress)
-        progress.release(result.reason)
-    (print_json if as_json else print_table)(spec, result)
+    result = execute_and_print(spec, as_json=as_json)
     if result.outcome is Outcome.STOPPED or result.duty_sha256 is None:
         return result.exit_status  # it did not get far enough to be compared
     if result.duty_sha256 == expected:
