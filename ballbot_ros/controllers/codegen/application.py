@@ -103,7 +103,6 @@ def _format(variables: Sequence[StateVariable]) -> str:
     )
 
 
-_PLANE = struct.Struct('<' + _format(PLANE_VARIABLES))
 _MEMBERS = struct.Struct('<' + 2 * _format(PLANE_VARIABLES) + _format(PROGRAM_VARIABLES))
 STATE_SIZE = (_MEMBERS.size + 3) // 4 * 4
 """Size of the C structure, including padding at the end."""
@@ -137,12 +136,6 @@ def named_values(state: bytes) -> dict[str, float]:
     names = [f'{plane}.{variable.name}' for plane in 'xy' for variable in PLANE_VARIABLES]
     names += [variable.name for variable in PROGRAM_VARIABLES]
     return dict(zip(names, _MEMBERS.unpack(members(state)), strict=True))
-
-
-def plane_values(state: bytes, plane: int) -> dict[str, float]:
-    """Return one plane's members by name; plane 0 is x, 1 is y."""
-    values = _PLANE.unpack_from(state, plane * _PLANE.size)
-    return {variable.name: value for variable, value in zip(PLANE_VARIABLES, values, strict=True)}
 
 
 _INTEGERS = {
@@ -340,25 +333,25 @@ def write_application(folder: Path, parameters: ControllerParameters) -> list[Pa
     CodegenError
         If the folder can't be written, or a file to replace was not written by `ballbot codegen`.
     """
-    files = {folder / name: text for name, text in application_files(parameters, folder).items()}
+    return _write(folder, application_files(parameters, folder))
+
+
+def _write(folder: Path, files: Mapping[str, str]) -> list[Path]:
+    """Write files into a folder, unless one of them replaces a file that was not generated."""
+    texts = {folder / name: text for name, text in files.items()}
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        _write(files)
+        for path in texts:
+            if path.exists() and _STAMP not in read_bytes(path):
+                raise CodegenError(
+                    f'{path}: not overwritten, because ballbot codegen did not write it; choose '
+                    'another folder'
+                )
+        for path, text in texts.items():
+            path.write_text(text, encoding='utf-8')
     except OSError as error:
         raise CodegenError(f'{error.filename or folder}: {error.strerror}') from None
-    return list(files)
-
-
-def _write(files: Mapping[Path, str]) -> None:
-    """Write the files, unless one of them replaces a file that was not generated."""
-    for path in files:
-        if path.exists() and _STAMP not in read_bytes(path):
-            raise CodegenError(
-                f'{path}: not overwritten, because ballbot codegen did not write it; choose '
-                'another folder'
-            )
-    for path, text in files.items():
-        path.write_text(text, encoding='utf-8')
+    return list(texts)
 
 
 def program_sha256() -> str:
@@ -377,7 +370,6 @@ def write_times(
     CodegenError
         As :func:`write_application`.
     """
-    path = folder / TIMES_FILE
     lines = [
         f'# {_stamp(parameters)}',
         '# Most instructions of each path of the program, counted by ballbot codegen --check.',
@@ -386,10 +378,7 @@ def write_times(
         *(f'    {name}: {count}' for name, count in instructions.items()),
         f"    times_of: '{program_sha256()[:16]}'",
     ]
-    try:
-        _write({path: '\n'.join(lines) + '\n'})
-    except OSError as error:
-        raise CodegenError(f'{error.filename or path}: {error.strerror}') from None
+    (path,) = _write(folder, {TIMES_FILE: '\n'.join(lines) + '\n'})
     return path
 
 

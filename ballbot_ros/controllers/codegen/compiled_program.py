@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import fields
 from typing import IO, NamedTuple
 
-from ballbot_ros.controllers.codegen.application import STATE_SIZE, named_values, plane_values
+from ballbot_ros.controllers.codegen.application import STATE_SIZE, named_values
 from ballbot_ros.controllers.document.program import (
     TASK_NUMBERS,
     ControlMode,
@@ -35,19 +35,8 @@ _ANSWER_HEADER = struct.Struct(f'<bbBBBBBx{MAX_DUE}Hbbhhhhxx6I16s')
 ANSWER_SIZE = _ANSWER_HEADER.size + STATE_SIZE
 _SIZES = struct.Struct('<HH')
 _MAX_REASON_LENGTH = 200
-_AT_REST = (0.0,) * len(fields(Estimates))
+_ESTIMATES = [[f'{plane}.{each.name}' for each in fields(Estimates)] for plane in 'xy']
 GRACE_S = 1.0
-
-
-class LogRecord(NamedTuple):
-    """Arguments of ``ecrobot_bt_adc_data_logger``."""
-
-    data1: int
-    data2: int
-    adc1: int
-    adc2: int
-    adc3: int
-    adc4: int
 
 
 class Answer(NamedTuple):
@@ -59,6 +48,8 @@ class Answer(NamedTuple):
         Motors B and C [%].
     faults : int
         Calls that no valid program makes; see ``target/brick.c``.
+    log : tuple of int or None
+        Arguments of ``ecrobot_bt_adc_data_logger``: two of 8 bits, four of 16.
     page : str or None
         Name passed to the status display.
     stack_bytes : tuple of int
@@ -69,7 +60,7 @@ class Answer(NamedTuple):
 
     duty: tuple[int, int]
     faults: int
-    log: LogRecord | None
+    log: tuple[int, ...] | None
     tones: list[Tone]
     page: str | None
     read_sonar: bool
@@ -144,7 +135,7 @@ def _decode_answer(data: bytes) -> Answer:
     return Answer(
         (vertical, horizontal),
         faults,
-        LogRecord(*log) if logs else None,
+        tuple(log) if logs else None,
         [Tone(*rest[3 * n : 3 * n + 3]) for n in range(tones)],
         name.rstrip(b'\0').decode('ascii') if pages else None,
         sonar_reads > 0,
@@ -196,7 +187,7 @@ class CompiledProgram:
         self._schedule = Schedule(tasks)
         self._numbers = {timing.name: number for number, timing in enumerate(tasks)}
         self.brick = Brick()
-        self.x, self.y = Estimates(*_AT_REST), Estimates(*_AT_REST)
+        self.x = self.y = Estimates(*[0.0] * len(fields(Estimates)))
         self.control_mode = ControlMode.CALIBRATION
         self.operating_state = OperatingState.CALIBRATION
         self.state = b''
@@ -275,9 +266,8 @@ class CompiledProgram:
     def _take(self, answer: Answer) -> None:
         self.state = answer.state
         self.stack_bytes = answer.stack_bytes
-        for number, plane in enumerate((self.x, self.y)):
-            vars(plane).update(plane_values(answer.state, number))
         values = named_values(answer.state)
+        self.x, self.y = (Estimates(*(values[name] for name in plane)) for plane in _ESTIMATES)
         self.control_mode = ControlMode(int(values['control_mode']))
         self.operating_state = operating_state(
             self.control_mode,
