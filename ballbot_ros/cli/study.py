@@ -96,7 +96,7 @@ def run(
     """
     require('study', *(['cluster'] if cluster else []))
     from ballbot_ros.cli.study_output import StudyProgress, print_study_json, print_summary
-    from ballbot_ros.lab.studies.execution import LocalWorkers, folder_of, run_study
+    from ballbot_ros.lab.studies.execution import LocalWorkers, run_study
     from ballbot_ros.lab.studies.job import job_of
     from ballbot_ros.lab.studies.reader import read_study
     from ballbot_ros.lab.studies.sampling import Sampler
@@ -112,7 +112,7 @@ def run(
             levels = ' × '.join(map(str, grid_shape(described.variables)))
             note = f'the nearest grid has {levels} points; {described.runs:,} runs'
             click.echo(f'note: {note}', err=True)
-        folder = folder_of(described.name, output)
+        folder = output or Path('studies') / described.name
         job = job_of(described, folder)
         workers = LocalWorkers if cluster is None else _workers_of(cluster)
         try:

@@ -118,7 +118,7 @@ class ClusterWorkers:
         """Have a part done and written."""
         return self._run(self._do(part, pickle.dumps((self._packed, part, samples))))
 
-    def stop(self) -> None:
+    def close(self) -> None:
         """Give up the parts in work: the scheduler forgets them."""
         self._watching.cancel()
         self._storing.shutdown(wait=True)

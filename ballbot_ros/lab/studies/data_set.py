@@ -34,7 +34,6 @@ from ballbot_ros.lab.studies.part_file import (
     unwritable,
     write_atomically,
 )
-from ballbot_ros.process import ProgressCallback
 
 MANIFEST = 'manifest.json'
 DAMAGED = 'damaged'
@@ -113,13 +112,8 @@ class StudyFolder:
         """Whether all parts had been written once; a part may be missing again."""
         return bool(self.manifest.finished)
 
-    def check_parts(self, progress: ProgressCallback = lambda done, total: None) -> PartCheck:
+    def check_parts(self) -> PartCheck:
         """Read all parts completely; move aside those that are damaged, and foreign files.
-
-        Parameters
-        ----------
-        progress : callable
-            Called with the number of parts checked and their total.
 
         Raises
         ------
@@ -144,7 +138,6 @@ class StudyFolder:
                         missing.append(part)
                 else:
                     missing.append(part)
-                progress(part + 1, len(names))
         except OSError as error:
             raise unwritable(self.path, error) from None
         return PartCheck(missing, summary, notices)

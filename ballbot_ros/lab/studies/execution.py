@@ -7,12 +7,11 @@ import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from contextlib import contextmanager, suppress
+from contextlib import closing, suppress
 from datetime import datetime
 from multiprocessing.connection import Connection
-from pathlib import Path
 from typing import Protocol, TypeVar, cast
 
 from ballbot_ros.engine.compilation import NO_COMPILER, REMEDY
@@ -137,7 +136,7 @@ class Workers(Protocol):
     def submit(self, part: int, samples: Samples) -> Future[PartSummary]:
         """Have a part done and written."""
 
-    def stop(self) -> None:
+    def close(self) -> None:
         """Give up the parts in work."""
 
 
@@ -197,7 +196,7 @@ class LocalWorkers:
         """Start a process for this thread."""
         process = self._of_thread.process = WorkerProcess()
         self._processes.append(process)
-        if self._stopped:  # since `stop` may have killed the others already
+        if self._stopped:  # since `close` may have killed the others already
             process.kill()
             raise StoppedError('the study is stopped')
         return process
@@ -207,7 +206,7 @@ class LocalWorkers:
             raise StoppedError('the study is stopped')
         self._advance(runs)
 
-    def stop(self) -> None:
+    def close(self) -> None:
         """Give up the parts in work."""
         self._stopped = True
         for each in self._processes:
@@ -302,7 +301,7 @@ def _do_parts(
     # Outside of the block, in which signals are only noted: a cluster may take seconds to answer.
     doing = workers(job, observer)
     # A second signal has its usual effect: it need not wait for a part that is in work.
-    with _stopped_finally(doing), StopRequest() as stop:
+    with closing(doing), StopRequest() as stop:
         parts = iter(missing)
         in_work: set[Future[PartSummary]] = set()
         while not stop.signal:
@@ -317,16 +316,3 @@ def _do_parts(
                 observer.part(each.result())
         observer.notice('stopping: parts in work are given up (Ctrl-C again ends at once)')
         return int(stop.signal)
-
-
-@contextmanager
-def _stopped_finally(workers: Workers) -> Iterator[None]:
-    try:
-        yield
-    finally:
-        workers.stop()
-
-
-def folder_of(name: str, output: Path | None) -> Path:
-    """Return the folder of a study's results: the given one, or ``studies/NAME``."""
-    return output or Path('studies') / name

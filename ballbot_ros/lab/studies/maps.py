@@ -17,7 +17,7 @@ from ballbot_ros.controllers.design.sampled_loop import PARAMETERS, SampledLoop
 from ballbot_ros.engine.rows import Column
 from ballbot_ros.lab.studies.columns import ColumnKind
 from ballbot_ros.lab.studies.programs import with_values
-from ballbot_ros.lab.studies.survey import Axis, CellCounts
+from ballbot_ros.lab.studies.survey import Axis, CellCounts, edges_between
 from ballbot_ros.parameters import PLANT, ParameterSet
 from ballbot_ros.robot.arithmetic import Floats
 
@@ -59,9 +59,8 @@ def contour_lines(
 
 def _steps(axis: Floats) -> Floats:
     """Return both ends of the interval around each coordinate, shape (2n,)."""
-    middles = (axis[1:] + axis[:-1]) / 2.0
-    first, last = 2.0 * axis[0] - middles[0], 2.0 * axis[-1] - middles[-1]
-    lows, highs = np.append(first, middles), np.append(middles, last)
+    edges = edges_between(axis)
+    lows, highs = edges[:-1], edges[1:]
     gap = _STEP * (highs - lows)
     return np.column_stack([lows + gap, highs - gap]).ravel()
 

@@ -62,12 +62,8 @@ class StudyReader(DistributionReader):
 
     Parameters
     ----------
-    runs, seed : int or None
-        Take the place of those in the document.
-    controller : str or None
-        Takes the place of that in the document.
-    parameter_file : Path or None
-        Its values take the place of those in the document.
+    runs, seed, controller, parameter_file : object
+        As for :func:`read_study`.
     """
 
     what: ClassVar[str] = 'the study'

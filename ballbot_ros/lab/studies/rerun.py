@@ -37,8 +37,7 @@ _OF_A_RUN = ('scenario', 'device', 'output', 'attachments', 'trajectory_file')
 
 def scenario_text(scenario: Scenario, plant: PlantParameters) -> str:
     """Return the text of a file of a scenario with a plant; it can be in any folder."""
-    data = scenario_data(scenario, plant)
-    return yaml_text(data)
+    return yaml_text(scenario_data(scenario, plant))
 
 
 def parameter_text(parameters: ParameterSet) -> str:

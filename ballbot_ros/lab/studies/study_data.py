@@ -338,18 +338,11 @@ class StudyData:
                 ~_numbers(table.column(PASSED.name))
             ].tolist()
 
-    def without_value(self, measure: str) -> Iterator[int]:
-        """Yield the numbers of the runs that have no value of a measure, in order."""
-        name = self.measure(measure).name
-        for table in self.parts([NUMBER.name, name]):
-            missing = np.isnan(_numbers(table.column(name)))
-            yield from _numbers(table.column(NUMBER.name))[missing].tolist()
-
     def worst(self, measure: str, count: int = WORST_RUNS) -> list[RankedRun]:
         """Return the runs with the worst values of a measure, worst first.
 
         `MeasureColumn.worst` says which are the worst. Runs without a value are not among
-        them: :meth:`without_value` has these. Of equal values the first runs are taken.
+        them. Of equal values the first runs are taken.
         """
         column = self.measure(measure)
         numbers, values = np.empty(0, np.int64), np.empty(0)

@@ -106,7 +106,7 @@ class Axis:
             is_grid or column.kind is ColumnKind.INTEGER or 2 * len(levels) <= runs
         )
         if levels is not None and repeated and len(levels) <= (MAX_LEVELS if is_grid else bins):
-            return cls(column, _edges_between(levels.astype(float), is_log), levels, is_log)
+            return cls(column, edges_between(levels.astype(float), is_log), levels, is_log)
         low, high = extent.low, extent.high
         if column.kind is ColumnKind.INTEGER:
             step = math.ceil((high - low + 1) / bins)
@@ -172,7 +172,7 @@ def with_unit(name: str, unit: str) -> str:
     return f'{name} [{unit}]' if unit not in ('', '1') else name
 
 
-def _edges_between(levels: Floats, is_log: bool) -> Floats:
+def edges_between(levels: Floats, is_log: bool = False) -> Floats:
     """Return edges in the middle between levels."""
     scale = np.log(levels) if is_log else levels
     if len(levels) == 1:

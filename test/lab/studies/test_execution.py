@@ -80,7 +80,7 @@ def test_code_that_is_not_on_disk_is_compiled_where_it_can_be_given_up(monkeypat
     workers = execution.LocalWorkers(job_of(study, tmp_path / 'results'), observer)
     part = workers.submit(0, Sampler(study).part(0, 1))
     wait_for(lambda: workers._processes, what='a process')
-    workers.stop()
+    workers.close()
     assert isinstance(part.exception(), execution.StoppedError)
     assert observer.notices == ['compiling, which takes about 20 s the first time ...']
 
