@@ -178,43 +178,41 @@ def _format_gains(parameters: ParameterSet, command: str) -> str:
 Callback = Callable[[click.Context, click.Parameter, str | None], Any]
 
 
-def _number_callback(kind: type[Any], wanted: str, is_allowed: Callable[[Any], bool]) -> Callback:
-    """Return a callback for an option whose value is a number.
+def _number_callback(
+    kind: type[Any], wanted: str, is_allowed: Callable[[Any], bool], count: int = 0
+) -> Callback:
+    """Return a callback for an option whose value is a number, or some of them at commas.
 
     Parameters
     ----------
     kind : type
-        Of the number: float or complex.
+        Of a number: float or complex.
     wanted : str
         What is allowed, for messages.
     is_allowed : callable
         Whether a number is allowed.
+    count : int
+        How many numbers the value has; 0 if it is a single one.
     """
 
-    def callback(context: click.Context, option: click.Parameter, value: str | None) -> Any:
-        if value is None:
-            return None
+    def number(word: str) -> Any:
         try:
-            converted = kind(value.replace(' ', ''))
+            converted = kind(word.replace(' ', ''))
         except ValueError:
             converted = None
         if converted is None or not is_allowed(converted):
-            raise click.BadParameter(f'{value!r} is not {wanted}')
+            raise click.BadParameter(f'{word!r} is not {wanted}')
         return converted
-
-    return callback
-
-
-def _numbers_callback(count: int, each: Callback) -> Callback:
-    """Return a callback for an option whose value is some numbers, separated by commas."""
 
     def callback(context: click.Context, option: click.Parameter, value: str | None) -> Any:
         if value is None:
             return None
+        if not count:
+            return number(value)
         words = value.split(',')
         if len(words) != count:
             raise click.BadParameter(f'{value!r}: {count} numbers are needed, not {len(words)}')
-        return tuple(each(context, option, word) for word in words)
+        return tuple(map(number, words))
 
     return callback
 
@@ -228,16 +226,14 @@ positive_weight = _number_callback(
 delay_ms = _number_callback(
     float, f'within 0 … {MAX_DELAY_MS:g} ms', lambda value: 0.0 <= value <= MAX_DELAY_MS
 )
-five_weights = _numbers_callback(
-    5,
-    _number_callback(
-        float,
-        '0 or within 1e-20 … 1e20',
-        lambda value: value == 0.0 or 1.0 / LARGEST_WEIGHT <= value <= LARGEST_WEIGHT,
-    ),
+five_weights = _number_callback(
+    float,
+    '0 or within 1e-20 … 1e20',
+    lambda value: value == 0.0 or 1.0 / LARGEST_WEIGHT <= value <= LARGEST_WEIGHT,
+    count=5,
 )
-five_poles = _numbers_callback(
-    5, _number_callback(complex, 'a pole, such as -7+5j', lambda value: math.isfinite(abs(value)))
+five_poles = _number_callback(
+    complex, 'a pole, such as -7+5j', lambda value: math.isfinite(abs(value)), count=5
 )
 
 

@@ -71,28 +71,6 @@ def _point(text: str) -> Point | None:
     return (x, y, z) if math.isfinite(x + y + z) else None
 
 
-view_option = click.option(
-    '--view',
-    metavar='VIEW',
-    default=CHASER_1,
-    show_default=True,
-    callback=parse_view,
-    help=f'The view: {", ".join(VIEWS)}, or a fixed camera and the point it looks at, '
-    'x,y,z:x,y,z in map [m].',
-)
-"""Selects the camera."""
-
-size_option = click.option(
-    '--size',
-    metavar='WxH',
-    default='960x528',
-    show_default=True,
-    callback=_parse_size,
-    help='Width and height [px].',
-)
-"""Selects the size of a picture."""
-
-
 PICTURE = '.png'
 FILM_FPS = {'.mp4': 20, '.webp': 20, '.gif': 10}
 """Default frames per second of each format."""
@@ -107,7 +85,15 @@ FILM_FPS = {'.mp4': 20, '.webp': 20, '.gif': 10}
     type=NEW_FILE,
     help='File to write or replace: a picture (.png) or a film (.mp4, .webp, .gif).',
 )
-@view_option
+@click.option(
+    '--view',
+    metavar='VIEW',
+    default=CHASER_1,
+    show_default=True,
+    callback=parse_view,
+    help=f'The view: {", ".join(VIEWS)}, or a fixed camera and the point it looks at, '
+    'x,y,z:x,y,z in map [m].',
+)
 @click.option(
     '--time',
     'moment',
@@ -126,7 +112,14 @@ FILM_FPS = {'.mp4': 20, '.webp': 20, '.gif': 10}
     type=click.IntRange(1, 60),
     help='Frames per second of a film.  [default: 20, .gif: 10]',
 )
-@size_option
+@click.option(
+    '--size',
+    metavar='WxH',
+    default='960x528',
+    show_default=True,
+    callback=_parse_size,
+    help='Width and height [px].',
+)
 @click.option('--time-stamp', is_flag=True, help='Write the time into the picture.')
 def command(
     recording: Path,

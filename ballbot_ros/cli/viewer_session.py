@@ -122,7 +122,7 @@ class _ViewerSession:
             if starts_paused:
                 key_press = KeyPress(self._supervisor.start_request.request)
                 stack.callback(key_press.close)
-                progress = _StartObserver(progress, key_press, self._viewer, self._supervisor)
+                progress = StartObserver(progress, key_press, self._start_without_page)
             stack.enter_context(stdout_to_stderr())
             result = execute(
                 spec,
@@ -135,6 +135,11 @@ class _ViewerSession:
         self._show_result(spec, result)
         print_result(spec, result, as_json=self._as_json)
         return result.exit_status
+
+    def _start_without_page(self) -> None:
+        """Start the run if the viewer has ended, whose page cannot be opened any more."""
+        if not self._viewer.running:
+            self._supervisor.start_request.request()
 
     def run_other(self, reference: str, options: RunOptions) -> int:
         """Run another scenario; an error is printed and shown on the page."""
@@ -166,26 +171,6 @@ class _ViewerSession:
         if not self._viewer.running:
             self._print(f'{VIEWER} {self._viewer.exit_description}')
         return ''
-
-
-class _StartObserver(StartObserver):
-    """Starts the run, too, if the viewer has ended, whose page cannot be opened any more."""
-
-    def __init__(
-        self,
-        observer: RunObserver,
-        key_press: KeyPress,
-        viewer: NodeProcess,
-        supervisor: Supervisor,
-    ) -> None:
-        super().__init__(observer, key_press)
-        self._viewer, self._start_request = viewer, supervisor.start_request
-
-    def update(self, elapsed_s: float) -> None:
-        """Show the sim time since the start [s]."""
-        super().update(elapsed_s)
-        if not elapsed_s and not self._viewer.running:
-            self._start_request.request()
 
 
 def _address(parameters: ParameterSet) -> ParameterSet:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
@@ -36,14 +37,24 @@ class LogObserver:
 
 
 class StartObserver:
-    """Passes on what it is told; once the run has started, no longer waits for a key."""
+    """Passes on what it is told; once the run has started, no longer waits for a key.
 
-    def __init__(self, observer: RunObserver, key_press: KeyPress) -> None:
-        self._observer, self._key_press = observer, key_press
+    `while_waiting` is called at each update before that.
+    """
+
+    def __init__(
+        self,
+        observer: RunObserver,
+        key_press: KeyPress,
+        while_waiting: Callable[[], None] = lambda: None,
+    ) -> None:
+        self._observer, self._key_press, self._while_waiting = observer, key_press, while_waiting
         self.notice = observer.notice
 
     def update(self, elapsed_s: float) -> None:
         """Show the sim time since the start [s]."""
         if elapsed_s:
             self._key_press.close()
+        else:
+            self._while_waiting()
         self._observer.update(elapsed_s)
