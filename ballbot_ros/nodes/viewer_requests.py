@@ -6,7 +6,7 @@ import math
 import queue
 import time
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from rcl_interfaces.msg import Parameter, ParameterDescriptor, ParameterType, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParameters
@@ -42,11 +42,8 @@ QUERY_RETRY_S = 1.0
 PARAMETERS_OF_PLANT = f'parameters of {PLANT}'
 
 
-class _ParameterQuery(NamedTuple):
-    """A query for parameters of the plant, and the function that receives their values."""
-
-    names: Sequence[str]
-    on_parameters: Callable[[PlantParameters], None]
+_ParameterQuery = tuple[Sequence[str], Callable[[PlantParameters], None]]
+"""Names of parameters of the plant, and the function that receives their values."""
 
 
 class ViewerRequests:
@@ -156,7 +153,7 @@ class ViewerRequests:
 
         In what `on_parameters` receives, all parameters except `names` have their defaults.
         """
-        self._query, self._queried_at = _ParameterQuery(names, on_parameters), -math.inf
+        self._query, self._queried_at = (names, on_parameters), -math.inf
 
     def _send_query(self) -> None:
         """Send the query, again after a while if it is unanswered.
@@ -170,6 +167,7 @@ class ViewerRequests:
         if client is None or not client.service_is_ready():
             return
         self._queried_at = now_s
+        names, on_parameters = query
 
         def take(response: GetParameters.Response) -> None:
             if query is not self._query:
@@ -177,12 +175,11 @@ class ViewerRequests:
             self._query = None
             # Skip an answer without values: a player announces runs, too, but has none of the
             # plant's parameters.
-            if len(response.values) == len(query.names):
+            if len(response.values) == len(names):
                 values = map(parameter_value_to_python, response.values)
-                answered = dict(zip(query.names, values, strict=True))
-                query.on_parameters(PlantParameters(**answered))
+                on_parameters(PlantParameters(**dict(zip(names, values, strict=True))))
 
-        request = GetParameters.Request(names=query.names)
+        request = GetParameters.Request(names=names)
         self._send(client, PARAMETERS_OF_PLANT, request, take)
 
 
