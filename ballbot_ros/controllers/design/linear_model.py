@@ -63,21 +63,6 @@ def lqr(a: ArrayLike, b: ArrayLike, q: ArrayLike, r: ArrayLike) -> Matrix:
     return np.asarray(gain, float)
 
 
-def place(a: ArrayLike, b: ArrayLike, poles: Sequence[complex]) -> Matrix:
-    """Return the gain K (m, n) that puts the poles of A - BK at `poles`.
-
-    Raises
-    ------
-    DesignError
-        If (A, B) is not controllable, or the poles can't be placed there.
-    """
-    _require_controllable(a, b)
-    try:
-        return np.asarray(control.place(a, b, poles), float)
-    except (control.ControlArgument, ValueError, np.linalg.LinAlgError) as error:
-        raise DesignError(f'the poles cannot be placed: {error}') from None
-
-
 STATES = ('theta', 'psi', 'theta_dot', 'psi_dot')
 
 _DEGREES_PER_RADIAN = 180.0 / np.pi
