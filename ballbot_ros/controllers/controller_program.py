@@ -22,7 +22,7 @@ from ballbot_ros.controllers.controller import (
     whole_number,
     with_design,
 )
-from ballbot_ros.controllers.interface import Estimates, Glide, OperatingState
+from ballbot_ros.controllers.interface import SAME_TICK, Estimates, Glide, OperatingState
 from ballbot_ros.controllers.loading import LoadedController, shown_line
 from ballbot_ros.errors import ControllerError, one_line, short_repr
 from ballbot_ros.parameters import (
@@ -311,13 +311,7 @@ class ControllerProgram:
         return self.run(self._schedule.due(elapsed_ms), systick_ms, inputs)
 
     def run(
-        self,
-        tasks: Sequence[str],
-        systick_ms: int,
-        inputs: DeviceInputs,
-        *,
-        is_same_tick: bool = False,
-        is_bus_busy: bool = False,
+        self, tasks: Sequence[str], systick_ms: int, inputs: DeviceInputs, flags: int = 0
     ) -> DeviceOutputs:
         """Run the tasks with these names, in this order, on the inputs of a tick.
 
@@ -329,6 +323,7 @@ class ControllerProgram:
         self._readings = readings = next_readings(self._readings, elapsed_ms, as_numbers(inputs))
         self._brick.sonar_cm = readings.distance_cm
         started_ns = time.perf_counter_ns()
+        is_same_tick = bool(flags & SAME_TICK)
         if self._glide.is_moving and not is_same_tick:
             self._move(elapsed_ms)
         try:

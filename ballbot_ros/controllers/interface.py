@@ -26,6 +26,12 @@ class OperatingState(TextEnum):
     OUT_OF_CONTROL = 'out_of_control'
 
 
+SAME_TICK, BUS_BUSY = 32, 64
+"""Flags of :meth:`Program.run`, beyond the bits of the document's tasks: other tasks have run in
+this tick before, so that its inputs are not new, and the outputs are those of all of them; the bus
+of the sonar is still busy, so that there is no new reading."""
+
+
 class PlaneEstimates(Protocol):
     """One plane's estimates and references [deg, deg/s]."""
 
@@ -97,23 +103,14 @@ class Program(Protocol):
         """Run the tasks due `elapsed_ms` after the start on the inputs of that time."""
 
     def run(
-        self,
-        tasks: Sequence[str],
-        systick_ms: int,
-        inputs: DeviceInputs,
-        *,
-        is_same_tick: bool = False,
-        is_bus_busy: bool = False,
+        self, tasks: Sequence[str], systick_ms: int, inputs: DeviceInputs, flags: int = 0
     ) -> DeviceOutputs:
         """Run the tasks with these names, in this order, on the inputs of a tick.
 
         Parameters
         ----------
-        is_same_tick : bool
-            Whether tasks have run in this tick before: its inputs are not new, and the outputs are
-            those of all of them.
-        is_bus_busy : bool
-            Whether the bus of the sonar is busy, so that there is no new reading.
+        flags : int
+            :data:`SAME_TICK` and :data:`BUS_BUSY`, if they apply.
         """
 
     def job_time(self, task: str, outputs: DeviceOutputs, times: JobTimes) -> float:

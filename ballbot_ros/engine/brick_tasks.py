@@ -7,7 +7,7 @@ from copy import copy
 
 from ballbot_ros.controllers.document.axis import TASK_TS2
 from ballbot_ros.controllers.document.program import DUTY_TASK, ControlProgram
-from ballbot_ros.controllers.interface import Program
+from ballbot_ros.controllers.interface import BUS_BUSY, SAME_TICK, Program
 from ballbot_ros.engine.devices import numbers_of, varied
 from ballbot_ros.parameters import ControllerParameters
 from ballbot_ros.parameters.timing import MILLISECOND_NS, TICK_NS
@@ -91,13 +91,10 @@ class BrickTasks:
             names = [kernel.tasks[task].name] if event >= 0 else []
             reads_sonar = TASK_TS2 in names
             before = self._newest_duty
-            outputs = program.run(
-                names,
-                now_ns // MILLISECOND_NS,
-                inputs,
-                is_same_tick=outputs is not None,
-                is_bus_busy=reads_sonar and is_bus_busy(kernel.state, self._times.sonar),
-            )
+            flags = 0 if outputs is None else SAME_TICK
+            if reads_sonar and is_bus_busy(kernel.state, self._times.sonar):
+                flags |= BUS_BUSY
+            outputs = program.run(names, now_ns // MILLISECOND_NS, inputs, flags)
             if event >= 0:
                 if outputs.duty != before:
                     self._newest_duty = self._duties[task] = outputs.duty

@@ -16,13 +16,11 @@ from numpy.typing import NDArray
 
 from ballbot_ros.controllers.document.axis import LCD_MS
 from ballbot_ros.controllers.document.program import (
-    BUS_BUSY,
     BUS_TASK,
     DUTY_TASK,
     INIT,
     LCD,
     PRIORITIES,
-    SAME_TICK,
     TS1,
     TS2,
     TS3,
@@ -32,6 +30,7 @@ from ballbot_ros.controllers.document.program import (
     program_tick,
     tick_constants,
 )
+from ballbot_ros.controllers.interface import BUS_BUSY, SAME_TICK
 from ballbot_ros.engine.devices import (
     ENCODER_DELAY,
     GYRO_DELAY,

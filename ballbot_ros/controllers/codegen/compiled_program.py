@@ -22,7 +22,7 @@ from ballbot_ros.controllers.document.program import (
     job_time,
     operating_state,
 )
-from ballbot_ros.controllers.interface import Estimates, OperatingState
+from ballbot_ros.controllers.interface import BUS_BUSY, SAME_TICK, Estimates, OperatingState
 from ballbot_ros.errors import CodegenError
 from ballbot_ros.parameters import ControllerParameters
 from ballbot_ros.robot.brick.brick import Brick, DeviceInputs, DeviceOutputs, Tone
@@ -205,13 +205,7 @@ class CompiledProgram:
         return self.run(self._schedule.due(elapsed_ms), systick_ms, inputs)
 
     def run(
-        self,
-        tasks: Sequence[str],
-        systick_ms: int,
-        inputs: DeviceInputs,
-        *,
-        is_same_tick: bool = False,
-        is_bus_busy: bool = False,
+        self, tasks: Sequence[str], systick_ms: int, inputs: DeviceInputs, flags: int = 0
     ) -> DeviceOutputs:
         """Run `tasks`, in this order, on the inputs of a tick.
 
@@ -221,6 +215,7 @@ class CompiledProgram:
             If a reading is out of its device's range, or the program has ended or makes an invalid
             call.
         """
+        is_same_tick, is_bus_busy = bool(flags & SAME_TICK), bool(flags & BUS_BUSY)
         if is_same_tick:
             inputs = inputs._replace(sonar_cm=None, battery_mv=None, sticks=None)
         return self.brick.tick(

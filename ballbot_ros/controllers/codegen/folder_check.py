@@ -27,6 +27,7 @@ from ballbot_ros.controllers.codegen.toolchain import (
 )
 from ballbot_ros.controllers.document.axis import TS1_MS
 from ballbot_ros.controllers.document.program import ControlMode, ControlProgram
+from ballbot_ros.controllers.interface import SAME_TICK
 from ballbot_ros.errors import CodegenError
 from ballbot_ros.parameters import ControllerParameters, ParameterSet
 from ballbot_ros.parameters.files import read_parameter_file
@@ -312,7 +313,8 @@ class BuiltApplication:
         for elapsed_ms, systick_ms, inputs in sequence.steps:
             for number, task in enumerate(schedule.due(elapsed_ms)):
                 # A request for each task, which tells what this one has done.
-                outputs = program.run([task], systick_ms, inputs, is_same_tick=number > 0)
+                flags = SAME_TICK if number else 0
+                outputs = program.run([task], systick_ms, inputs, flags)
                 path = task, program.control_mode, bool(outputs.log), bool(outputs.tones)
                 paths.append(path)
         names = [task.name for task in self._tasks]

@@ -27,7 +27,7 @@ from ballbot_ros.controllers.document.axis import (
     in_control,
     task_timings,
 )
-from ballbot_ros.controllers.interface import Glide, OperatingState
+from ballbot_ros.controllers.interface import BUS_BUSY, SAME_TICK, Glide, OperatingState
 from ballbot_ros.parameters import ControllerParameters
 from ballbot_ros.parameters.timing import MILLISECOND_NS
 from ballbot_ros.robot.brick.bluetooth import LogPacket
@@ -152,9 +152,6 @@ def averaged_battery(battery: Single, reading_mv: int, a_b: Single) -> Single:
 
 INIT, TS1, TS2, TS3, LCD = 1, 2, 4, 8, 16
 """The tasks of a tick, as bits of one number; a lower one has a higher priority."""
-
-SAME_TICK, BUS_BUSY = 32, 64
-"""Further bits: other tasks have run in this tick before; the sonar's bus is still busy."""
 
 TASK_BITS = {'task_init': INIT, 'task_ts1': TS1, 'task_ts2': TS2, 'task_ts3': TS3, 'task_lcd': LCD}
 
@@ -507,19 +504,12 @@ class ControlProgram:
         return self._run(tasks, systick_ms, inputs)
 
     def run(
-        self,
-        tasks: Sequence[str],
-        systick_ms: int,
-        inputs: DeviceInputs,
-        *,
-        is_same_tick: bool = False,
-        is_bus_busy: bool = False,
+        self, tasks: Sequence[str], systick_ms: int, inputs: DeviceInputs, flags: int = 0
     ) -> DeviceOutputs:
         """Run `tasks` on the inputs of a tick, by priority."""
-        bits = (SAME_TICK if is_same_tick else 0) | (BUS_BUSY if is_bus_busy else 0)
         for name in tasks:
-            bits |= TASK_BITS[name]
-        return self._run(bits, systick_ms, inputs)
+            flags |= TASK_BITS[name]
+        return self._run(flags, systick_ms, inputs)
 
     def job_time(self, task: str, outputs: DeviceOutputs, times: JobTimes) -> float:
         """Return how long the job takes that has just run [µs]."""
