@@ -5,13 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol, SupportsFloat
+from typing import TYPE_CHECKING, Protocol, TypeAlias
 
 from ballbot_ros.parameters import ControllerParameters, Value
 from ballbot_ros.parameters.parameter import TextEnum
 from ballbot_ros.robot.brick.brick import DeviceInputs, DeviceOutputs
 from ballbot_ros.robot.brick.job_times import JobTimes
 from ballbot_ros.robot.brick.schedule import TaskTiming
+
+if TYPE_CHECKING:
+    from ballbot_ros.controllers.document.axis import PlaneValues
 
 
 class OperatingState(TextEnum):
@@ -32,23 +35,6 @@ this tick before, so that its inputs are not new, and the outputs are those of a
 of the sonar is still busy, so that there is no new reading."""
 
 
-class PlaneEstimates(Protocol):
-    """One plane's estimates and references [deg, deg/s]."""
-
-    @property
-    def theta(self) -> SupportsFloat: ...  # noqa: D102
-    @property
-    def psi(self) -> SupportsFloat: ...  # noqa: D102
-    @property
-    def theta_dot(self) -> SupportsFloat: ...  # noqa: D102
-    @property
-    def psi_dot(self) -> SupportsFloat: ...  # noqa: D102
-    @property
-    def theta_ref(self) -> SupportsFloat: ...  # noqa: D102
-    @property
-    def theta_ref_dot(self) -> SupportsFloat: ...  # noqa: D102
-
-
 @dataclass
 class Estimates:
     """One plane's estimates and references [deg, deg/s]; NaN for what is not estimated.
@@ -67,6 +53,10 @@ class Estimates:
     psi_dot: float = math.nan
     theta_ref: float = math.nan
     theta_ref_dot: float = math.nan
+
+
+PlaneEstimates: TypeAlias = 'Estimates | PlaneValues'
+"""One plane's estimates and references [deg, deg/s]."""
 
 
 class Program(Protocol):

@@ -33,15 +33,6 @@ class ColumnKind(TextEnum):
         return kinds.get(values.dtype.kind, cls.TEXT)
 
 
-class Worst(TextEnum):
-    """Which value of a measure is the worst."""
-
-    LARGEST = 'largest'
-    SMALLEST = 'smallest'
-    FARTHEST = 'farthest'
-    """The farthest from the middle of the bounds."""
-
-
 @dataclass(frozen=True)
 class ResultColumn:
     """A column of the results.
@@ -94,24 +85,18 @@ class MeasureColumn(ResultColumn):
             min(upper, default=None),
         )
 
-    @property
-    def worst(self) -> Worst:
-        """Which value is the worst.
-
-        The expectation decides: with a minimum only, the smallest; with both bounds, the farthest
-        from their middle; otherwise the largest. Without any, little clearance is the worst.
-        """
-        if self.minimum is not None:
-            return Worst.SMALLEST if self.maximum is None else Worst.FARTHEST
-        if self.maximum is None and self.name.startswith(wall_clearance_m.__name__):
-            return Worst.SMALLEST
-        return Worst.LARGEST
-
     def badness(self, values: Floats) -> Floats:
-        """Return numbers that are the larger, the worse the values are; NaN remains NaN."""
+        """Return numbers that are the larger, the worse the values are; NaN remains NaN.
+
+        The expectation decides which are the worst: with a minimum only, the smallest; with both
+        bounds, the farthest from their middle; otherwise the largest. Without any, little clearance
+        is the worst.
+        """
         if self.minimum is not None and self.maximum is not None:
             return np.abs(values - (self.minimum + self.maximum) / 2)
-        return -values if self.worst == Worst.SMALLEST else values
+        is_clearance = self.name.startswith(wall_clearance_m.__name__)
+        wants_much = self.minimum is not None or (is_clearance and self.maximum is None)
+        return -values if wants_much else values
 
 
 NUMBER = ResultColumn('number', ColumnKind.INTEGER, meaning='number of the run, from 0')

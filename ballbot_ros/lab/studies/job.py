@@ -19,7 +19,7 @@ from ballbot_ros.errors import StudyError
 from ballbot_ros.lab.studies.columns import ColumnKind, MeasureColumn, ResultColumn
 from ballbot_ros.lab.studies.manifest import PartSummary, StudyRecord
 from ballbot_ros.lab.studies.part_file import EncodedPart, PartRows, encode_part, store_part
-from ballbot_ros.lab.studies.programs import is_compiled
+from ballbot_ros.lab.studies.programs import why_not_compiled
 from ballbot_ros.lab.studies.rerun import parameter_text, scenario_text
 from ballbot_ros.lab.studies.runs import (
     Advance,
@@ -154,7 +154,7 @@ def _identities(spec: RunSpec) -> str:
 
 def _runs_per_part(study: Study) -> int:
     """Return how many runs a part has: a few seconds of work, but some parts for every core."""
-    work_s = COMPILED_PART_S if is_compiled(study.spec) else ORDINARY_PART_S
+    work_s = ORDINARY_PART_S if why_not_compiled(study.spec) else COMPILED_PART_S
     _, longest = study.common_scenario
     runs = min(work_s / longest.duration, study.runs / FEWEST_PARTS)
     return max(1, round(runs), -(-study.runs // MOST_PARTS))

@@ -186,7 +186,7 @@ def is_own(target: str) -> bool:
 
 def programs_of(spec: RunSpec) -> Programs | None:
     """Return the programs of a specification's runs; None if they can never be compiled."""
-    if has_documents_program(spec):
+    if spec.parameters.of(ControllerParameters).implementation == 'python':
         return Programs()
     loaded = _loaded_controller(spec)
     return _Laws(spec, loaded) if loaded and has_law(loaded.cls) else None
@@ -195,11 +195,6 @@ def programs_of(spec: RunSpec) -> Programs | None:
 def _loaded_controller(spec: RunSpec) -> LoadedController | None:
     """Return the controller of a specification, which may have only its name; None for the C."""
     return compose_controller(with_values(spec.parameters, {}), spec.controller)
-
-
-def is_compiled(spec: RunSpec) -> bool:
-    """Return whether a specification's runs are compiled."""
-    return not why_not_compiled(spec)
 
 
 def may_hang(spec: RunSpec) -> bool:
@@ -216,11 +211,6 @@ def why_not_compiled(spec: RunSpec) -> str:
     if loaded := _loaded_controller(spec):
         return f'{loaded.cls.__name__} has no law, see docs/controllers.md'
     return 'the generated C is no function on numbers'
-
-
-def has_documents_program(spec: RunSpec) -> bool:
-    """Return whether the controller is the document's program in Python."""
-    return spec.parameters.of(ControllerParameters).implementation == 'python'
 
 
 def with_values(parameters: ParameterSet, values: Mapping[str, object]) -> ParameterSet:

@@ -44,7 +44,8 @@ def study_report(data: StudyData) -> StudyReport:
     results = {each.name: survey.sample[each.name] for each in (*study.measures, PASSED)}
     found = analyse(varied, results, study.seed)
     summary = data.summary(WORST_SHOWN)
-    axes, pairs = _axes(study, text, survey), _pairs(study, text, survey, found)
+    axes = [_axis(study, each.name, text, survey, share_bins) for each in study.varied]
+    pairs = _pairs(study, text, survey, found)
     edges = {
         each.name: histogram_edges(each, survey.extents[each.name], survey.sample[each.name])
         for each in study.measures
@@ -54,11 +55,6 @@ def study_report(data: StudyData) -> StudyReport:
     return findings.report()
 
 
-def _axes(study: StudyRecord, text: StudyText, survey: Survey) -> list[Axis]:
-    """Return an axis for each single variable."""
-    return [_axis(study, name, text, survey, share_bins) for name in _names(study)]
-
-
 def _pairs(
     study: StudyRecord, text: StudyText, survey: Survey, found: Sensitivity
 ) -> list[tuple[Axis, Axis]]:
@@ -66,13 +62,9 @@ def _pairs(
     names = found.most_influential(MAPPED_VARIABLES)
     axes = {name: _axis(study, name, text, survey, map_bins) for name in names}
     # In the order of the study, so that a variable is on the same side of all its maps.
-    ranks = {name: place for place, name in enumerate(_names(study))}
+    ranks = {each.name: place for place, each in enumerate(study.varied)}
     chosen = (sorted(pair, key=ranks.__getitem__) for pair in combinations(names, 2))
     return [(axes[x], axes[y]) for x, y in chosen]
-
-
-def _names(study: StudyRecord) -> list[str]:
-    return [each.name for each in study.varied]
 
 
 def _axis(

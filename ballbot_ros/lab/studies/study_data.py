@@ -341,7 +341,7 @@ class StudyData:
     def worst(self, measure: str, count: int = WORST_RUNS) -> list[RankedRun]:
         """Return the runs with the worst values of a measure, worst first.
 
-        `MeasureColumn.worst` says which are the worst. Runs without a value are not among
+        `MeasureColumn.badness` says which are the worst. Runs without a value are not among
         them. Of equal values the first runs are taken.
         """
         column = self.measure(measure)
