@@ -160,21 +160,6 @@ class Redesign:
             parameters.set(CONTROLLER, 'user.actuator_delay', delay_ms, '--delay')
 
 
-def _format_gains(parameters: ParameterSet, command: str) -> str:
-    """Return a parameter file with what makes the loop, and what else of the controller was set.
-
-    Parameters
-    ----------
-    parameters : ParameterSet
-        For the document's program.
-    command : str
-        The command that designed the gains, for the first line.
-    """
-    set_too = [name for node, name, _ in parameters if node == CONTROLLER]
-    names = dict.fromkeys((*LOOP_PARAMETERS, *set_too))
-    return f'{heading(command)}{format_parameters(parameters, [CONTROLLER], names)}'
-
-
 Callback = Callable[[click.Context, click.Parameter, str | None], Any]
 
 
@@ -362,7 +347,10 @@ def command(
         write_file('--plot', plot, design.plot())
         written.append(f'plot  {plot}')
     if output:  # last, so that a command that failed has written no gains
-        write_file('--output', output, _format_gains(parameters, command_line(context)).encode())
+        set_too = [name for node, name, _ in parameters if node == CONTROLLER]
+        names = dict.fromkeys((*LOOP_PARAMETERS, *set_too))
+        text = heading(command_line(context)) + format_parameters(parameters, [CONTROLLER], names)
+        write_file('--output', output, text.encode())
         written.append(f'gains  {output}')
     if as_json:
         click.echo(json.dumps(design.as_json(), indent=2, allow_nan=False))

@@ -74,7 +74,9 @@ class LatestMessages:
     def __init__(self, node: Node, topics: Collection[Topic]) -> None:
         self.inbox = hidden_node('inbox', node)
         self._subscriptions = {
-            topic: raw_subscription(self.inbox, topic, requested_qos(topic, _depth(topic)))
+            topic: raw_subscription(
+                self.inbox, topic, requested_qos(topic, HISTORY if topic is ACCEPTED_PUSH else 1)
+            )
             for topic in topics
         }
         self._decoders = {topic: decoder(topic.type_name) for topic in topics}
@@ -157,10 +159,6 @@ class LatestMessages:
     def close(self) -> None:
         """Remove the subscriptions."""
         self.inbox.destroy_node()
-
-
-def _depth(topic: Topic) -> int:
-    return HISTORY if topic is ACCEPTED_PUSH else 1
 
 
 def _force(message: Any) -> ForceEvent:

@@ -55,14 +55,10 @@ def output_files(spec: RunSpec) -> Iterator[OutputFiles]:
             raise BallbotError(f'{recording}: already exists; choose another --output')
         yield OutputFiles(recording, folder / f'{spec.name}.png')
     finally:
-        _remove_if_empty(folder)
-
-
-def _remove_if_empty(folder: Path) -> None:
-    # A disk that has failed in the meantime must not hide the result.
-    with suppress(OSError):
-        if not any(folder.iterdir()):
-            folder.rmdir()
+        # A disk that has failed in the meantime must not hide the result.
+        with suppress(OSError):
+            if not any(folder.iterdir()):
+                folder.rmdir()
 
 
 def _make_folder(folder: Path) -> None:

@@ -159,7 +159,8 @@ def linear_model(parameters: Parameters | None = None) -> control.StateSpace:
         plane_model,  # its import takes two seconds
     )
 
-    return plane_model(_physical(_parameter_set(parameters, _PHYSICAL)))
+    plant = _parameter_set(parameters, _PHYSICAL).of(PlantParameters)
+    return plane_model(PhysicalParameters.from_parameters(plant))
 
 
 def loop(parameters: Parameters | None = None) -> control.StateSpace:
@@ -263,7 +264,3 @@ def _parameter_set(parameters: Parameters | None, allowed: Iterable[str]) -> Par
     if others := sorted(values.keys() - set(allowed)):
         raise ParameterError(f'{others[0]} has no effect here; only {", ".join(sorted(allowed))}')
     return found
-
-
-def _physical(parameters: ParameterSet) -> PhysicalParameters:
-    return PhysicalParameters.from_parameters(parameters.of(PlantParameters))

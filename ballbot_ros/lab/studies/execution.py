@@ -16,7 +16,7 @@ from typing import Protocol, TypeVar, cast
 
 from ballbot_ros.engine.compilation import NO_COMPILER, REMEDY
 from ballbot_ros.errors import BallbotError, StudyError, one_line
-from ballbot_ros.lab.studies.data_set import StudyFolder, begin_or_resume
+from ballbot_ros.lab.studies.data_set import begin_or_resume
 from ballbot_ros.lab.studies.job import Job
 from ballbot_ros.lab.studies.manifest import PartSummary
 from ballbot_ros.lab.studies.part_file import EncodedPart, load_pyarrow
@@ -278,17 +278,13 @@ def run_study(
             if stopped:
                 return stopped
         if check.missing or not folder.is_finished:
-            _finish(folder)
+            check = folder.finish(datetime.now().astimezone())
+            if check.missing:
+                raise StudyError(
+                    f'{folder.path}: {len(check.missing)} parts are missing or damaged; give the '
+                    'command again, which redoes them'
+                )
     return 0
-
-
-def _finish(folder: StudyFolder) -> None:
-    check = folder.finish(datetime.now().astimezone())
-    if check.missing:
-        raise StudyError(
-            f'{folder.path}: {len(check.missing)} parts are missing or damaged; give the command '
-            'again, which redoes them'
-        )
 
 
 def _do_parts(

@@ -35,7 +35,6 @@ from ballbot_ros.lab.studies.charts import (
     sensitivity_figure,
     sensitivity_table,
 )
-from ballbot_ros.lab.studies.columns import MeasureColumn
 from ballbot_ros.lab.studies.events import is_event
 from ballbot_ros.lab.studies.manifest import StudyRecord
 from ballbot_ros.lab.studies.maps import PassMap, PredictedLimit, predict, usual_values
@@ -182,7 +181,7 @@ class Findings:
             sensitivity=sensitivity,
             min_sample=MIN_SAMPLE,
             slices=SLICES,
-            failed=self._failed(),
+            failed=[self._row(number) for number in islice(self.data.failed(), FAILED_SHOWN)],
             failed_count=self.summary.totals.failed,
             versions=self._versions(),
             worst_command=self._rerun('--worst', 'MEASURE'),
@@ -190,10 +189,6 @@ class Findings:
             missing=MISSING,
         )
         return StudyReport(page, figures, files)
-
-    @property
-    def _names(self) -> list[str]:
-        return [each.name for each in self.data.study.varied]
 
     def _rerun(self, *words: object) -> str:
         return own_command('study', 'rerun', self.data.path, *words)
@@ -251,7 +246,8 @@ class Findings:
 
     def _predictions(self) -> tuple[list[PredictedLimit | None], str]:
         """Return the prediction for each map, and why there are none at all, or an empty text."""
-        varied = {name: self.survey.sample[name] for name in self._names if not is_event(name)}
+        names = [each.name for each in self.data.study.varied]
+        varied = {name: self.survey.sample[name] for name in names if not is_event(name)}
         try:
             with TemporaryDirectory(prefix='ballbot_report_') as folder:
                 parameters = study_parameters(self.data.study, Path(folder) / 'study.yaml')
@@ -322,16 +318,13 @@ class Findings:
                 'name': each.column.name,
                 'unit': each.column.unit,
                 'meaning': each.column.meaning,
-                'expected': _bounds(each.column),
+                'expected': bounds_text(each.column.minimum, each.column.maximum).replace('-', '−'),
                 'quantiles': [number_text(value) for value in each.quantiles.tolist()],
                 'missing': each.missing,
                 'worst': [self._row(run.number, run.value) for run in each.worst],
             }
             for each in self.summary.measures
         ]
-
-    def _failed(self) -> list[dict[str, object]]:
-        return [self._row(number) for number in islice(self.data.failed(), FAILED_SHOWN)]
 
     def _row(self, number: int, value: float | None = None) -> dict[str, object]:
         """Return a run in a table of the page; a failed one has no value of a measure."""
@@ -398,10 +391,6 @@ def _outcome(summary: StudySummary) -> str:
     return f'{share:.3g} % passed; 95 % interval (Wilson) {low:.3g} … {high:.3g} %'
 
 
-def _bounds(column: MeasureColumn) -> str:
-    return bounds_text(column.minimum, column.maximum).replace('-', '−')
-
-
 def _plus_minus(value: float, half: float) -> str:
     # The sum has no -0.0.
     text = f'{round(value, 3) + 0.0:.3f} ± {half:.3f}'
@@ -416,14 +405,9 @@ def _verdict(row: RunResults) -> str:
 
 
 def _varied_text(row: RunResults, study: StudyRecord) -> str:
-    return ', '.join(
-        f'{each.name} = {_value_text(row.varied[each.name])}{_unit_after(each.unit)}'
-        for each in study.varied
-    )
-
-
-def _unit_after(unit: str) -> str:
-    return '' if unit in ('', '1') else f' {unit}'
+    units = {each.name: '' if each.unit in ('', '1') else f' {each.unit}' for each in study.varied}
+    values = row.varied
+    return ', '.join(f'{name} = {_value_text(values[name])}{unit}' for name, unit in units.items())
 
 
 def _value_text(value: object) -> str:

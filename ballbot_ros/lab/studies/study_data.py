@@ -312,12 +312,15 @@ class StudyData:
         with _with_remedy():
             table = read_part(self._file(part), study, part)
         place = number - study.numbers(part).start
-        values = {name: column[0] for name, column in table.slice(place, 1).to_pydict().items()}
+        row = table.slice(place, 1).to_pydict()
+        values: dict[str, Any] = {
+            name: math.nan if value is None else value for name, (value,) in row.items()
+        }
         return RunResults(
             values[NUMBER.name],
             values[SEED.name],
             {each.name: values[each.name] for each in study.varied},
-            {each.name: _or_nan(values[each.name]) for each in study.measures},
+            {each.name: values[each.name] for each in study.measures},
             values[PASSED.name],
             Outcome(values[OUTCOME.name]),
             values[FALLEN.name],
@@ -421,10 +424,6 @@ def _ranked(numbers: NDArray[np.int64], values: Floats) -> list[RankedRun]:
 def _numbers(column: Any) -> Column:
     """Return a column of a table as an array; NaN where there is no value."""
     return np.asarray(column.to_numpy())
-
-
-def _or_nan(value: float | None) -> float:
-    return float('nan') if value is None else value
 
 
 @contextmanager
