@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from contextlib import closing
 from dataclasses import asdict
 from typing import TYPE_CHECKING
+from uuid import uuid4
 
 import click
 from rich.console import Console
@@ -14,7 +16,7 @@ from rich.text import Text
 
 from ballbot_ros.cli.options import Choice
 from ballbot_ros.parameters import ROLES
-from ballbot_ros.process import stdout_to_stderr
+from ballbot_ros.process import StopRequest, stdout_to_stderr
 
 if TYPE_CHECKING:  # importing it takes a while
     from ballbot_ros.nodes.conformance.examination import RequirementResult
@@ -37,7 +39,6 @@ def command(role: str, command_line: tuple[str, ...], as_json: bool) -> int:
     require_rclpy()
     from ballbot_ros.nodes.conformance.examination import RequirementVerdict
     from ballbot_ros.nodes.conformance.node_under_test import START_S
-    from ballbot_ros.run.conformance import examine_node
     from ballbot_ros.run.graph import call_for
 
     if not command_line:
@@ -66,6 +67,35 @@ def command(role: str, command_line: tuple[str, ...], as_json: bool) -> int:
             ', '.join(f'{counts[each]} {each.value}' for each in RequirementVerdict if counts[each])
         )
     return int(any(row.verdict is RequirementVerdict.FAILED for row in rows))
+
+
+def examine_node(role: str, command: Sequence[str]) -> Iterator[RequirementResult]:
+    """Test the node of a role; yield a row for each requirement of its contract.
+
+    Parameters
+    ----------
+    command : sequence of str
+        The command that starts the node, which has ended when the iterator has; empty if the user
+        starts the node. Late start and restart can only be tested with a command.
+
+    Raises
+    ------
+    BallbotError
+        If ROS can't start, a plant or player is in the ROS domain, or there is no such program.
+    """
+    from ballbot_ros.nodes.conformance.examination import examine
+    from ballbot_ros.nodes.conformance_bench import ConformanceBench
+    from ballbot_ros.nodes.middleware import DomainLock, require_discovery, ros_domain
+    from ballbot_ros.run.one_process import ros
+
+    require_discovery()
+    with (
+        StopRequest() as stop,
+        ros(),
+        DomainLock(ros_domain()),
+        closing(ConformanceBench(role, command, stop)) as bench,
+    ):
+        yield from examine(role, bench, uuid4().hex)
 
 
 def _next(examination: Iterator[RequirementResult]) -> RequirementResult | None:

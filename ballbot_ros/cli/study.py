@@ -114,7 +114,12 @@ def run(
             click.echo(f'note: {note}', err=True)
         folder = output or Path('studies') / described.name
         job = job_of(described, folder)
-        workers = LocalWorkers if cluster is None else _workers_of(cluster)
+        workers: WorkersOfJob = LocalWorkers
+        if cluster is not None:
+            # Imported here, because most studies have no cluster.
+            from ballbot_ros.lab.studies.cluster import workers_of
+
+            workers = workers_of(cluster)
         try:
             with StudyProgress(described.name) as progress:
                 stopped = run_study(job, Sampler(described).part, progress, workers, again=again)
@@ -128,13 +133,6 @@ def run(
     data = StudyData.open(folder)
     (print_study_json if as_json else print_summary)(data)
     return 0
-
-
-def _workers_of(cluster: str) -> WorkersOfJob:
-    # Imported here, because most studies have no cluster.
-    from ballbot_ros.lab.studies.cluster import workers_of
-
-    return workers_of(cluster)
 
 
 def _say_stopped(folder: Path) -> None:

@@ -9,13 +9,13 @@ from pathlib import Path
 import pytest
 from graph import BALLBOT, LAST_RESORT_S, call, environment
 
+from ballbot_ros.cli import conform as conform_module
 from ballbot_ros.nodes.conformance.examination import RequirementResult, RequirementVerdict
 from ballbot_ros.nodes.middleware import DomainLock
 from ballbot_ros.parameters import GYRO, ROLES
 
 pytest.importorskip('rclpy')
 
-from ballbot_ros.run import conformance
 
 pytestmark = pytest.mark.graph
 
@@ -58,7 +58,9 @@ def test_the_table_has_a_line_for_each_requirement(command, monkeypatch):
         ),
     ]
     monkeypatch.setattr(
-        conformance, 'examine_node', lambda role, words: iter(rows[not words : 3 if words else 2])
+        conform_module,
+        'examine_node',
+        lambda role, words: iter(rows[not words : 3 if words else 2]),
     )
     status, output, errors = command('conform', GYRO, '--', 'mine', '--option')
     assert (status, errors) == (1, '')

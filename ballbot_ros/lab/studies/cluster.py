@@ -192,7 +192,12 @@ def _connect(address: str) -> Client:
         # In a thread, since this one may have a loop of its own, such as that of a notebook.
         with ThreadPoolExecutor(1) as pool:
             release = pool.submit(asyncio.run, _release(address)).result()
-        _check_release(address, release)
+        own = worker_versions()['distributed']
+        if release != own:
+            raise StudyError(
+                f'{address}: the scheduler has distributed {release}, this command {own}; install '
+                'the same release for all'
+            )
         with warnings.catch_warnings():
             # What matters is compared here and by each worker.
             warnings.simplefilter('ignore', VersionMismatchWarning)
@@ -220,15 +225,6 @@ async def _release(address: str) -> str:
             raise StudyError(f'{address}: a {kind.lower()} of Dask, not a scheduler')
         answer = await asyncio.wait_for(scheduler.versions(packages=[]), CONNECT_TIMEOUT_S)
         return str(answer['packages']['distributed'])
-
-
-def _check_release(address: str, release: str) -> None:
-    own = worker_versions()['distributed']
-    if release != own:
-        raise StudyError(
-            f'{address}: the scheduler has distributed {release}, this command {own}; install the '
-            'same release for all'
-        )
 
 
 def _described(error: Exception) -> str:

@@ -6,9 +6,10 @@ import hashlib
 import json
 import platform
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, astuple, dataclass, field, fields
 from functools import cached_property
 from importlib.metadata import PackageNotFoundError, version
+from operator import add
 from typing import Any, TypeVar
 
 import ballbot_ros
@@ -54,12 +55,7 @@ class PartSummary:
     fallen: int = 0
 
     def __add__(self, other: PartSummary) -> PartSummary:
-        return PartSummary(
-            self.runs + other.runs,
-            self.passed + other.passed,
-            self.failed + other.failed,
-            self.fallen + other.fallen,
-        )
+        return PartSummary(*map(add, astuple(self), astuple(other)))
 
 
 @dataclass(frozen=True)

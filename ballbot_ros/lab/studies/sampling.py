@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import partial
 
 import numpy as np
@@ -40,19 +40,18 @@ class Sampler:
 
         Parts in rising order are drawn fastest.
         """
-        columns = dict(self._values(first, last))
-        if self._study.draws_seeds:
-            columns[SEED] = seeds_of_runs(self._study.seed, first, last)
-        return self._study.samples(columns, first)
-
-    def _values(self, first: int, last: int) -> Mapping[str, Column]:
+        study = self._study
         if self._shares is None:
-            return _grid_values(self._study, first, last)
-        shares = self._shares(first, last)
-        return {
-            each.name: each.distribution.values(shares[:, number])
-            for number, each in enumerate(self._study.variables)
-        }
+            columns = _grid_values(study, first, last)
+        else:
+            shares = self._shares(first, last)
+            columns = {
+                each.name: each.distribution.values(shares[:, number])
+                for number, each in enumerate(study.variables)
+            }
+        if study.draws_seeds:
+            columns[SEED] = seeds_of_runs(study.seed, first, last)
+        return study.samples(columns, first)
 
 
 def seeds_of_runs(seed: int, first: int, last: int) -> NDArray[np.int64]:
@@ -131,7 +130,7 @@ def _below_one(shares: Floats) -> Floats:
     return np.asarray(np.minimum(shares, _BELOW_ONE))
 
 
-def _grid_values(study: Study, first: int, last: int) -> Mapping[str, Column]:
+def _grid_values(study: Study, first: int, last: int) -> dict[str, Column]:
     """Return all combinations of the levels; the last variable varies fastest, repeats slowest."""
     point = np.arange(first, last) % math.prod(grid_shape(study.variables))
     columns: dict[str, Column] = {}
