@@ -7,6 +7,7 @@ import time
 from collections.abc import Collection, Iterator
 from contextlib import suppress
 from dataclasses import fields
+from functools import partial
 from itertools import islice
 
 from rclpy.qos import QoSProfile
@@ -116,8 +117,8 @@ class Viewer(BallbotNode[ViewerParameters]):
         sliders = TuningSliders(self._page.server.gui)
         self._tuning = TuningRequests(self, self._page.notify, sliders)
         self._newest = LatestMessages(self, _SHOWN)
-        qos = QoSProfile(depth=_DEPTH)
-        self._diagnostics_of_all = raw_subscription(self._newest.inbox, DIAGNOSTICS, qos)
+        diagnostics = raw_subscription(self._newest.inbox, DIAGNOSTICS, QoSProfile(depth=_DEPTH))
+        self._plant_reports = partial(_reports, diagnostics)
         self._plant_report = PlantReport()
         self._run = ''
         self._history = History()
@@ -152,7 +153,7 @@ class Viewer(BallbotNode[ViewerParameters]):
 
     def _activity(self, robot: Snapshot | None) -> RunActivity:
         """Return what is known about the run that is shown."""
-        for report in _reports(self._diagnostics_of_all):
+        for report in self._plant_reports():
             self._plant_report = report
         run = self._newest.run.name
         if run != self._run:

@@ -181,10 +181,12 @@ def terminal(monkeypatch, sources):
         parameters=GamepadParameters(),
         finish=lambda: calls.append('finished'),
     )
-    robot = SimpleNamespace(
-        lines=lambda: {'state': 'remote'}, close=lambda: calls.append('robot closed')
+    newest = SimpleNamespace(take=lambda: (None, set()), close=lambda: calls.append('robot closed'))
+    monkeypatch.setattr(teleop_terminal, 'LatestMessages', lambda node, topics: newest)
+    monkeypatch.setattr(
+        teleop_terminal, 'drive_status', lambda snapshot, factor: {'state': 'remote'}
     )
-    return TeleopTerminal(node, sources, lambda: Command(KEYBOARD, FORWARD), robot)
+    return TeleopTerminal(node, sources, lambda: Command(KEYBOARD, FORWARD))
 
 
 def test_a_terminal_that_vanishes_releases_the_keyboard_at_once(terminal, sources):

@@ -185,7 +185,7 @@ class EmptyViewer:
             ),
             _panel=SimpleNamespace(clear=act('panel')),
             _plant_report=PlantReport(),
-            _plant_reports=SimpleNamespace(take=lambda: [report] if report else []),
+            _plant_reports=lambda: [report] if report else [],
             _requests=SimpleNamespace(
                 send_queued=act('sent'),
                 lost_plant=False,

@@ -343,7 +343,7 @@ def test_a_study_that_always_passes_has_a_page(tmp_path):
             rows = part_rows(study, part)
             good = np.zeros(len(rows.passed), bool)
             measured = rows.results.measured[:, :1]
-            results = replace(rows.results, failed=good, fallen=good, measured=measured)
+            results = rows.results._replace(failed=good, fallen=good, measured=measured)
             rows = replace(rows, varied=rows.varied[1:3], results=results, passed=~good)
             write_part(tmp_path / 'study', study, part, rows)
         begun.finish(NOW)
