@@ -333,6 +333,10 @@ def write_application(folder: Path, parameters: ControllerParameters) -> list[Pa
     CodegenError
         If the folder can't be written, or a file to replace was not written by `ballbot codegen`.
     """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise CodegenError(f'{error.filename or folder}: {error.strerror}') from None
     return _write(folder, application_files(parameters, folder))
 
 
@@ -340,7 +344,6 @@ def _write(folder: Path, files: Mapping[str, str]) -> list[Path]:
     """Write files into a folder, unless one of them replaces a file that was not generated."""
     texts = {folder / name: text for name, text in files.items()}
     try:
-        folder.mkdir(parents=True, exist_ok=True)
         for path in texts:
             if path.exists() and _STAMP not in read_bytes(path):
                 raise CodegenError(

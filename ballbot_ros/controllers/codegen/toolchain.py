@@ -101,10 +101,13 @@ def missing_tool(target: Target) -> str:
     return ''
 
 
-def build(folder: Path, target: Target, scratch: Path) -> list[str]:
+def build(
+    folder: Path, target: Target, scratch: Path, extra_flags: Sequence[str] = ()
+) -> list[str]:
     """Compile a generated folder together with the brick's stand-in; return its command.
 
-    Objects and executable go to the folder `scratch`, created if necessary.
+    Objects and executable go to the folder `scratch`, created if necessary. The extra flags are for
+    the generated files and for linking.
 
     Raises
     ------
@@ -130,7 +133,7 @@ def build(folder: Path, target: Target, scratch: Path) -> list[str]:
         # Compile a copy, without the kernel_id.h that a build with the platform may have left.
         write_temporary(scratch / name, source)
         _run_tool(
-            [target.compiler, *target.flags, *WARNINGS, *includes, '-c', name,
+            [target.compiler, *target.flags, *WARNINGS, *extra_flags, *includes, '-c', name,
              '-o', _object_file(name)],
             scratch,
         )  # fmt: skip
@@ -140,7 +143,7 @@ def build(folder: Path, target: Target, scratch: Path) -> list[str]:
         scratch,
     )  # fmt: skip
     objects = [_object_file(name) for name in (*C_SOURCES, 'brick.c')]
-    _run_tool([target.compiler, *objects, *target.link_flags, '-o', 'brick'], scratch)
+    _run_tool([target.compiler, *extra_flags, *objects, *target.link_flags, '-o', 'brick'], scratch)
     return [*target.runner, str((scratch / 'brick').resolve())]
 
 

@@ -19,7 +19,7 @@ from ballbot_ros.errors import BallbotError, StudyError, one_line
 from ballbot_ros.lab.studies.data_set import begin_or_resume
 from ballbot_ros.lab.studies.job import Job
 from ballbot_ros.lab.studies.manifest import PartSummary
-from ballbot_ros.lab.studies.part_file import EncodedPart, load_pyarrow
+from ballbot_ros.lab.studies.part_file import load_pyarrow
 from ballbot_ros.lab.studies.programs import programs_of, why_not_compiled
 from ballbot_ros.lab.studies.runs import Advance, Samples
 from ballbot_ros.nodes.processes import END_WITH_PARENT, end_with_parent, exit_description
@@ -55,21 +55,14 @@ class WorkerProcess:
         self._connection = Connection(ours.detach())
         self._connection.send(sys.path)
 
-    def do(self, job: Job, part: int, samples: Samples) -> PartSummary:
-        """Have a part done.
+    def call(self, method: Callable[..., _Answer], *arguments: object) -> _Answer:
+        """Have a method of :class:`Job` called, with the job as its first argument.
 
         Raises
         ------
         StudyError
             If it is not possible; WorkerEndedError if the process ends.
         """
-        return self._call(Job.do, job, part, samples)
-
-    def encode(self, job: Job, part: int, samples: Samples) -> EncodedPart:
-        """Have a part simulated and judged, with the same errors."""
-        return self._call(Job.encode, job, part, samples)
-
-    def _call(self, method: Callable[..., _Answer], *arguments: object) -> _Answer:
         try:
             self._connection.send((method, arguments))
             answer = self._connection.recv()
@@ -186,9 +179,9 @@ class LocalWorkers:
         """Have a part done by the process of this thread; if that is killed, by another one."""
         process: WorkerProcess | None = getattr(self._of_thread, 'process', None)
         try:
-            summary = (process or self._new_process()).do(self._job, part, samples)
+            summary = (process or self._new_process()).call(Job.do, self._job, part, samples)
         except WorkerEndedError:
-            summary = self._new_process().do(self._job, part, samples)
+            summary = self._new_process().call(Job.do, self._job, part, samples)
         self._on_runs(summary.runs)
         return summary
 

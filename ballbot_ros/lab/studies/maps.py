@@ -169,7 +169,7 @@ def _start(axis: Axis) -> Floats:
 
 
 def refined(
-    field: Field, axes: Sequence[Floats], fixed: Sequence[bool]
+    field: Field, axes: Sequence[Floats], fixed: Sequence[bool], doublings: int = DOUBLINGS
 ) -> tuple[Floats, Floats, Floats]:
     """Return values of a field on a grid that is fine enough for its zeros.
 
@@ -194,7 +194,7 @@ def refined(
     x, y = axes
     values = np.array([[field(a, b) for a in x.tolist()] for b in y.tolist()])
     exact = np.ones(values.shape, bool)
-    for _ in range(DOUBLINGS):
+    for _ in range(doublings):
         finer_x, finer_y = (
             axis if is_fixed or len(axis) < 2 else _with_middles(axis)
             for axis, is_fixed in zip((x, y), fixed, strict=True)

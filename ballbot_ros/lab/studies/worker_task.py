@@ -51,16 +51,17 @@ def _difference(required: Mapping[str, str]) -> str:
 
 def _do(payload: bytes, folder: Path) -> Answer:
     from ballbot_ros.lab.studies.execution import WorkerProcess
+    from ballbot_ros.lab.studies.job import Job
     from ballbot_ros.lab.studies.programs import may_hang
 
     packed, part, samples = pickle.loads(payload)
-    job = packed.unpack(folder)
+    job: Job = packed.unpack(folder)
     if not may_hang(job.spec):
         encoded = job.encode(part, samples)
     else:  # it can't be interrupted in a thread of the worker
         process = WorkerProcess()
         try:
-            encoded = process.encode(job, part, samples)
+            encoded = process.call(Job.encode, job, part, samples)
         finally:
             process.kill()
     summary = encoded.summary

@@ -146,8 +146,8 @@ def test_without_numba_a_small_study_runs_and_a_large_one_is_refused(
 class SameProcess:
     """Does parts in this process."""
 
-    def do(self, job, part, samples):
-        return job.do(part, samples, lambda runs: None)
+    def call(self, method, job, part, samples):
+        return method(job, part, samples, lambda runs: None)
 
     def kill(self):
         pass
