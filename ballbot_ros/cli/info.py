@@ -168,21 +168,14 @@ def _made_by(attachments: Mapping[str, AttachedFile]) -> dict[str, object]:
     scenario, parameters, versions = (
         _attached(attachments.get(name)) for name in (SCENARIO, PARAMETERS, VERSIONS)
     )
+    nodes = [each for each in parameters.values() if isinstance(each, dict)]
+    of_nodes = [each for node in nodes if isinstance(each := node.get('ros__parameters'), dict)]
     identity = decode_controller(attachments)
     content = {
         'controller': identity and asdict(identity),
         'purpose': scenario.get('purpose'),
         'profile': scenario.get('profile'),
-        'seed': next(
-            (
-                node['ros__parameters']['seed']
-                for node in parameters.values()
-                if isinstance(node, dict)
-                and isinstance(node.get('ros__parameters'), dict)
-                and 'seed' in node['ros__parameters']
-            ),
-            None,
-        ),
+        'seed': next((each['seed'] for each in of_nodes if 'seed' in each), None),
         'versions': {str(name): str(value) for name, value in versions.items()},
     }
     return {name: value for name, value in content.items() if value not in (None, {})}

@@ -48,20 +48,18 @@ class NodeEntry:
     @property
     def maker(self) -> Callable[[NodeParameters | None], AnyNode]:
         """Function that creates the node, with given parameter values or those from ROS."""
-        make: Callable[[NodeParameters | None], AnyNode] = self._get(self.class_name)
-        return make
+        return self._get(self.class_name)
 
     @property
     def main(self) -> Callable[[], None]:
         """Function that runs the node as a program."""
-        main: Callable[[], None] = self._get('main')
-        return main
+        return self._get('main')
 
     def load(self) -> ModuleType:
         """Import the module."""
         return import_module(f'ballbot_ros.nodes.{self.module}')
 
-    def _get(self, name: str) -> Any:
+    def _get(self, name: str) -> Callable[..., Any]:
         found = getattr(self.load(), name)
         return partial(found, self.parameters) if self.serves_several else found
 

@@ -9,7 +9,7 @@ import re
 import warnings
 from collections.abc import Coroutine, Iterator
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, cast
@@ -97,13 +97,10 @@ class ClusterWorkers:
         self._address, self._job, self._observer = address, job, observer
         self._packed = PackedJob.of(job)
         self._key = f'{job.record.name}-{uuid4().hex}'
-        self._quiet = _quiet()
-        self._quiet.__enter__()
-        try:
+        with ExitStack() as stack:
+            stack.enter_context(_quiet())
             self._client = _connect(address)
-        except BaseException:
-            self._quiet.__exit__(None, None, None)
-            raise
+            self._quiet = stack.pop_all()
         self._loop = self._client.loop.asyncio_loop
         self._storing = ThreadPoolExecutor(_STORING_THREADS)
         self._threads = -1
@@ -124,7 +121,7 @@ class ClusterWorkers:
         self._storing.shutdown(wait=True)
         with suppress(Exception):  # a scheduler that has ended
             self._client.close(timeout=_CLOSE_TIMEOUT_S)
-        self._quiet.__exit__(None, None, None)
+        self._quiet.close()
 
     def _run(self, coroutine: Coroutine[Any, Any, _Result]) -> Future[_Result]:
         return asyncio.run_coroutine_threadsafe(coroutine, self._loop)

@@ -152,7 +152,7 @@ class LocalWorkers:
     def __init__(self, job: Job, observer: StudyObserver) -> None:
         self._job = job
         self._advance: Advance = observer.advance
-        self._count = len(os.sched_getaffinity(0))
+        self.count = len(os.sched_getaffinity(0))
         self._stopped = False
         slow = _check_speed(job)
         if slow:
@@ -162,12 +162,7 @@ class LocalWorkers:
             observer.notice('compiling, which takes about 20 s the first time ...')
         self._processes: list[WorkerProcess] = []
         self._of_thread = threading.local()
-        self._pool = ThreadPoolExecutor(self._count)
-
-    @property
-    def count(self) -> int:
-        """The number of cores."""
-        return self._count
+        self._pool = ThreadPoolExecutor(self.count)
 
     def submit(self, part: int, samples: Samples) -> Future[PartSummary]:
         """Have a part done and written."""

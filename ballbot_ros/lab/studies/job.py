@@ -128,7 +128,7 @@ def job_of(study: Study, folder: Path) -> Job:
             ResultColumn(
                 each.name,
                 ColumnKind.of(each.distribution.values(np.zeros(1))),
-                each.unit,
+                each.parameter.unit,
                 each.parameter.description,
             )
             for each in study.variables

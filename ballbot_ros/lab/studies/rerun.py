@@ -68,17 +68,15 @@ def choose_run(data: StudyData, number: int | None, worst: str | None) -> RunRes
     StudyError
         If there is no such run or measure.
     """
-    if number is not None:
-        return data.row(number)
-    if worst is not None:
-        ranked = data.worst(worst, 1)
-        if not ranked:
+    if number is None and worst is not None:
+        number = next((each.number for each in data.worst(worst, 1)), None)
+        if number is None:
             raise StudyError(f'{data.path}: no run has a value of {worst}')
-        return data.row(ranked[0].number)
-    first = next(data.not_passed(), None)
-    if first is None:
-        raise StudyError(f'{data.path}: all runs passed')
-    return data.row(first)
+    elif number is None:
+        number = next(data.not_passed(), None)
+        if number is None:
+            raise StudyError(f'{data.path}: all runs passed')
+    return data.row(number)
 
 
 def study_parameters(

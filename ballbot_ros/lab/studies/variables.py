@@ -316,11 +316,6 @@ class Variable:
     distribution: Distribution
     part: EventPart | None = None
 
-    @property
-    def unit(self) -> str:
-        """Its unit; '1' for a pure number, empty for text and switches."""
-        return self.parameter.unit
-
 
 def find_variable(name: str, spec: RunSpec) -> tuple[Parameter, EventPart | None]:
     """Return the parameter of a variable, and the part of pushes and sticks that it is, or None.

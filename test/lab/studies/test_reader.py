@@ -84,7 +84,7 @@ def test_a_study_has_everything_that_its_file_says(read):
     assert distributions['plant_sim.actuator_delay'].ends == (0, 8)
     assert distributions['controller.k_i'] == Normal(-0.007, 0.001, -1e9, 1e9)
     assert distributions['push.1.direction'] == Uniform(-180.0, 180.0)
-    units = {each.name: each.unit for each in study.variables}
+    units = {each.name: each.parameter.unit for each in study.variables}
     assert (units['push.1.force'], units['plant_sim.body_mass']) == ('N', 'kg')
     assert study.columns == (*distributions, 'plant_sim.seed')
     assert study.metrics == ('peak_pitch_deg', 'settling_time_s')
