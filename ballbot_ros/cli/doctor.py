@@ -9,15 +9,15 @@ from rich.console import Console
 from rich.text import Text
 
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.run.machine_checks import CHECKS, NEEDED_FOR, OPTIONAL_CHECKS
+from ballbot_ros.run.machine_checks import CHECKS, OPTIONAL_CHECKS
 
 
 def run_checks() -> int:
     """Run every check; return 0 if all are OK except for optional ones, else 1."""
     console = Console(highlight=False, markup=False)
     results = [_run(console, name, check) for name, check in CHECKS.items()]
-    for name, check in OPTIONAL_CHECKS.items():
-        _run(console, name, check, needed_for=NEEDED_FOR[name])
+    for name, (check, commands) in OPTIONAL_CHECKS.items():
+        _run(console, name, check, needed_for=commands)
     return int(not all(results))
 
 

@@ -44,11 +44,8 @@ def command(context: click.Context) -> None:
     `ballbot study NAME` runs a shipped study, `ballbot study FILE.yaml` your own. Without an
     argument, the shipped studies are listed.
     """
-    if context.invoked_subcommand is None:
-        _list_studies()
-
-
-def _list_studies() -> None:
+    if context.invoked_subcommand is not None:
+        return
     from ballbot_ros.lab.studies.reader import read_study, study_names
 
     names = study_names()

@@ -16,7 +16,6 @@ from ballbot_ros.analysis.metrics import number
 from ballbot_ros.cli.progress import ProgressLines, stderr_console
 from ballbot_ros.engine.scenario.scenario import bounds_text
 from ballbot_ros.files import own_command
-from ballbot_ros.lab.studies.columns import MeasureColumn
 from ballbot_ros.lab.studies.execution import StudyObserver
 from ballbot_ros.lab.studies.manifest import PartSummary
 from ballbot_ros.lab.studies.study_data import (
@@ -133,7 +132,9 @@ def print_summary(data: StudyData) -> None:
     worst.add_column('expected', no_wrap=True)
     worst.add_column('worst values, and the numbers of their runs')
     for each in summary.measures:
-        quantiles.add_row(_name(each.column), *(f'{value:.3g}' for value in each.quantiles))
+        unit = f' [{each.column.unit}]' if each.column.unit else ''
+        name = f'{each.column.name}{unit}'
+        quantiles.add_row(name, *(f'{value:.3g}' for value in each.quantiles))
         worst.add_row(
             each.column.name,
             bounds_text(each.column.minimum, each.column.maximum),
@@ -175,10 +176,6 @@ def _all_alike(data: StudyData) -> bool:
             return False
         known = hashes
     return True
-
-
-def _name(column: MeasureColumn) -> str:
-    return f'{column.name} [{column.unit}]' if column.unit else column.name
 
 
 def _worst_runs(summary: MeasureSummary) -> str:

@@ -204,22 +204,12 @@ def _compiled_code() -> str:
     return f'compiled runs by numba: {state}'
 
 
-OPTIONAL_CHECKS: Mapping[str, Callable[[], str]] = {
-    'viewer': _viewer,
-    'browser': browser_program,
-    'gamepads': _gamepads,
-    'C': lambda: _compiler(HOST),
-    'ARM': lambda: _compiler(ARM),
-    'compiled': _compiled_code,
+OPTIONAL_CHECKS: Mapping[str, tuple[Callable[[], str], str]] = {
+    'viewer': (_viewer, 'run --viewer, drive --viewer, view'),
+    'browser': (browser_program, 'render'),
+    'gamepads': (_gamepads, 'drive'),
+    'C': (lambda: _compiler(HOST), 'codegen --check, --controller c'),
+    'ARM': (lambda: _compiler(ARM), 'codegen --check, --controller arm'),
+    'compiled': (_compiled_code, 'study'),
 }
-"""Checks by name. Each returns its findings, or raises BallbotError with what to do."""
-
-NEEDED_FOR: Mapping[str, str] = {
-    'viewer': 'run --viewer, drive --viewer, view',
-    'browser': 'render',
-    'gamepads': 'drive',
-    'C': 'codegen --check, --controller c',
-    'ARM': 'codegen --check, --controller arm',
-    'compiled': 'study',
-}
-"""The commands that need what a check finds."""
+"""Such checks by name, and the commands that need what they find."""

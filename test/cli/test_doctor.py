@@ -35,7 +35,10 @@ def no_optional_checks(monkeypatch):
 
 def test_what_only_some_commands_need_is_a_note(monkeypatch, capsys):
     monkeypatch.setattr(doctor, 'CHECKS', {})
-    optional = {'viewer': lambda: 'free', 'browser': refuse('Chromium not found')}
+    optional = {
+        'viewer': (lambda: 'free', 'view'),
+        'browser': (refuse('Chromium not found'), 'render'),
+    }
     monkeypatch.setattr(doctor, 'OPTIONAL_CHECKS', optional)
     assert doctor.run_checks() == 0
     assert capsys.readouterr().out == (
@@ -54,7 +57,7 @@ def test_what_only_some_commands_need_is_a_note(monkeypatch, capsys):
 def test_what_is_missing_for_some_commands_is_named(monkeypatch, name, path, failure):
     monkeypatch.setenv('PATH', path)
     with pytest.raises(BallbotError, match=failure):
-        machine_checks.OPTIONAL_CHECKS[name]()
+        machine_checks.OPTIONAL_CHECKS[name][0]()
 
 
 @pytest.mark.parametrize(
@@ -63,13 +66,13 @@ def test_what_is_missing_for_some_commands_is_named(monkeypatch, name, path, fai
 def test_it_says_whether_compiled_code_is_ready(monkeypatch, kept, told):
     pytest.importorskip('numba')
     monkeypatch.setattr(machine_checks, 'has_kept_code', lambda: kept)
-    assert machine_checks.OPTIONAL_CHECKS['compiled']() == 'compiled runs by numba' + told
+    assert machine_checks.OPTIONAL_CHECKS['compiled'][0]() == 'compiled runs by numba' + told
 
 
 def test_without_numba_it_says_how_to_install_it(monkeypatch):
     monkeypatch.setattr(machine_checks, 'can_compile', lambda: False)
     with pytest.raises(BallbotError, match='numba not found: pip install'):
-        machine_checks.OPTIONAL_CHECKS['compiled']()
+        machine_checks.OPTIONAL_CHECKS['compiled'][0]()
 
 
 def test_a_taken_port_of_the_viewer_is_named(monkeypatch):
@@ -79,12 +82,11 @@ def test_a_taken_port_of_the_viewer_is_named(monkeypatch):
             machine_checks, 'ParameterSet', lambda: SimpleNamespace(of=lambda _: parameters)
         )
         with pytest.raises(BallbotError, match=f'{parameters.port}: Address already in use'):
-            machine_checks.OPTIONAL_CHECKS['viewer']()
+            machine_checks.OPTIONAL_CHECKS['viewer'][0]()
 
 
 def test_every_optional_check_names_the_commands():
-    assert machine_checks.OPTIONAL_CHECKS.keys() == machine_checks.NEEDED_FOR.keys()
-    for line in machine_checks.NEEDED_FOR.values():
+    for _, line in machine_checks.OPTIONAL_CHECKS.values():
         for words in line.split(', '):
             assert words.split()[0] in COMMANDS or words.startswith('--controller')
 

@@ -256,9 +256,6 @@ class CompiledProgram:
             brick.sound_tone(*tone)
         if answer.page is not None:
             brick.show_status(answer.page)
-        self._take(answer)
-
-    def _take(self, answer: Answer) -> None:
         self.state = answer.state
         self.stack_bytes = answer.stack_bytes
         values = named_values(answer.state)
