@@ -308,8 +308,10 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
         except ValueError as error:
             self.warn_malformed(PLANT_SLOW_ODOM, error)
             return
-        if now_ns % SLOW_PERIOD_NS or not self._participation.includes(now_ns):
-            return
+        if now_ns % SLOW_PERIOD_NS == 0 and self._participation.includes(now_ns):
+            self._answer(now_ns)
+
+    def _answer(self, now_ns: int) -> None:
         elapsed_s = (now_ns - self._start_ns) * 1e-9
         answer = self._answers.at(now_ns, lambda: self._select(elapsed_s))
         self._output.publish(encode_sticks(now_ns, answer.sticks, answer.source))

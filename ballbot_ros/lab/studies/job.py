@@ -15,12 +15,13 @@ from numpy.typing import NDArray
 
 from ballbot_ros.controllers.loading import find_code, is_file_reference
 from ballbot_ros.engine.scenario.scenario import Expectation, Measure
+from ballbot_ros.engine.scenario.writer import scenario_data
 from ballbot_ros.errors import StudyError
 from ballbot_ros.lab.studies.columns import ColumnKind, MeasureColumn, ResultColumn
 from ballbot_ros.lab.studies.manifest import PartSummary, StudyRecord
 from ballbot_ros.lab.studies.part_file import EncodedPart, PartRows, encode_part, store_part
 from ballbot_ros.lab.studies.programs import why_not_compiled
-from ballbot_ros.lab.studies.rerun import parameter_text, scenario_text
+from ballbot_ros.lab.studies.rerun import parameter_text
 from ballbot_ros.lab.studies.runs import (
     Advance,
     Results,
@@ -38,6 +39,7 @@ from ballbot_ros.parameters import (
     ControllerParameters,
     ParameterSet,
 )
+from ballbot_ros.parameters.yaml_document import yaml_text
 from ballbot_ros.robot.world.floor_map import map_path, read_map_file
 from ballbot_ros.run.spec import RunSpec
 
@@ -119,7 +121,7 @@ def job_of(study: Study, folder: Path) -> Job:
     record = StudyRecord(
         study.name,
         text=study.text,
-        scenario=scenario_text(*study.common_scenario),
+        scenario=yaml_text(scenario_data(*study.common_scenario)),
         parameters=parameter_text(spec.parameters) + _identities(study.spec),
         runs=study.runs,
         seed=study.seed,

@@ -35,11 +35,6 @@ PARAMETER_FILE = 'parameters.yaml'
 _OF_A_RUN = ('scenario', 'device', 'output', 'attachments', 'trajectory_file')
 
 
-def scenario_text(scenario: Scenario, plant: PlantParameters) -> str:
-    """Return the text of a file of a scenario with a plant; it can be in any folder."""
-    return yaml_text(scenario_data(scenario, plant))
-
-
 def parameter_text(parameters: ParameterSet) -> str:
     """Return the text of a parameter file with all values that a run does not set itself."""
     names = {name for node in NODES for name in parameters.of_node(node).values()}
@@ -141,7 +136,7 @@ def rerun_spec(
         folder.mkdir(parents=True)
         changed = with_values(study_parameters(record, path, controller), _values(row))
         parameter_file.write_text(parameter_text(changed), encoding='utf-8')
-        text = scenario_text(_scenario(path, row), changed.of(PlantParameters))
+        text = yaml_text(scenario_data(_scenario(path, row), changed.of(PlantParameters)))
         path.write_text(text, encoding='utf-8')
     except OSError as error:
         raise StudyError(f'{folder}: {error.strerror}; choose another --output') from None

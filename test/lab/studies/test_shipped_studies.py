@@ -5,13 +5,14 @@ import pytest
 from study_reruns import rerun_of
 
 from ballbot_ros.engine.scenario.reader import load_scenario
+from ballbot_ros.engine.scenario.writer import scenario_data
 from ballbot_ros.lab.studies.programs import with_values
 from ballbot_ros.lab.studies.reader import read_study, study_names
-from ballbot_ros.lab.studies.rerun import scenario_text
 from ballbot_ros.lab.studies.runs import simulator_for
 from ballbot_ros.lab.studies.sampling import Sampler
 from ballbot_ros.lab.studies.study import Sampling
 from ballbot_ros.parameters import ROBOT_CLASSES
+from ballbot_ros.parameters.yaml_document import yaml_text
 
 RUNS = 24
 
@@ -55,5 +56,5 @@ def test_a_run_of_a_shipped_study_can_be_a_scenario(name, tmp_path):
     path = tmp_path / 'base.yaml'
     for cls in ROBOT_CLASSES:
         assert again.parameters.of(cls) == expected.of(cls)
-    path.write_text(scenario_text(*study.common_scenario))
+    path.write_text(yaml_text(scenario_data(*study.common_scenario)))
     assert load_scenario(str(path)).expectations == study.expectations
