@@ -72,7 +72,7 @@ class BrickTasks:
         if not self.is_timed:
             return
         kernel = self._kernel or self._begin(program, start_ns)
-        kernel.restore_state(kernel_state)
+        kernel.state = list(kernel_state)
         self._newest_duty = program.state.duty_x, program.state.duty_y
         self._duties = {DUTY_TASK: self._newest_duty} if kernel.has_begun(DUTY_TASK) else {}
 

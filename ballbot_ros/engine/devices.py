@@ -312,9 +312,6 @@ Reading = TypeVar('Reading')
 Read: TypeAlias = Callable[[Pair, int], Reading]
 """Returns the reading of a measured quantity, in SI, at a stamp [ns]."""
 
-TrueState: TypeAlias = GroundTruth | MeasuredState
-"""The present state, or that of an earlier step."""
-
 
 @dataclass(frozen=True)
 class Device(Generic[P, Reading]):
@@ -325,7 +322,7 @@ class Device(Generic[P, Reading]):
     field : str
         Field of :class:`~ballbot_ros.robot.brick.brick.DeviceInputs` that holds its readings.
     measured : callable
-        Returns the measured quantity of a true state.
+        Returns the measured quantity of a true state, the present one or that of an earlier step.
     link_of : callable
         Returns the link that the samples pass.
     make : callable
@@ -336,7 +333,7 @@ class Device(Generic[P, Reading]):
 
     parameters: type[P]
     field: str
-    measured: Callable[[TrueState], Pair]
+    measured: Callable[[GroundTruth | MeasuredState], Pair]
     make: Callable[[P], Read[Reading]]
     link_of: Callable[[P], Link] = lambda parameters: NO_LINK
 

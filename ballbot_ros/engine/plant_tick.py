@@ -289,15 +289,16 @@ def plant_tick(
         is_moving = start_ns >= hold_until_ns and not is_fallen
         while time_ns < end_ns:
             before_volts_x, before_volts_y = voltage_x, voltage_y
-            if time_ns >= change_ns:
-                duty_x, duty_y, change_ns = duty_at(effects_ns, waiting_duties, time_ns, until_ns)
+            if is_draining or time_ns >= change_ns:
+                if time_ns >= change_ns:
+                    duty_x, duty_y, change_ns = duty_at(
+                        effects_ns, waiting_duties, time_ns, until_ns
+                    )
                 voltage_x = motor_voltage(duty_x, volts, dead_zone, volt_slope, volt_offset)
                 voltage_y = motor_voltage(duty_y, volts, dead_zone, volt_slope, volt_offset)
             part_end_ns = min(end_ns, change_ns)
             dt = (part_end_ns - time_ns) * 1e-9
             if is_draining:
-                voltage_x = motor_voltage(duty_x, volts, dead_zone, volt_slope, volt_offset)
-                voltage_y = motor_voltage(duty_y, volts, dead_zone, volt_slope, volt_offset)
                 current = supply_current(
                     duty_x, duty_y,
                     motor_current(voltage_x, x[2], x[3], back_emf, ohms),

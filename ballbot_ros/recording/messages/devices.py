@@ -266,30 +266,18 @@ AnyDeviceMessages: TypeAlias = DeviceMessages[Any, Any]
 
 DEVICE_MESSAGES: tuple[AnyDeviceMessages, ...] = (
     DeviceMessages(
-        GYRO_DEVICE,
-        PLANT_IMU,
-        decode_body_rates,
-        GYRO_IMU,
-        lambda parameters: encode_gyro,
-        decode_gyro,
+        GYRO_DEVICE, PLANT_IMU, decode_body_rates,
+        GYRO_IMU, lambda parameters: encode_gyro, decode_gyro,
     ),
     DeviceMessages(
-        ENCODER_DEVICE,
-        PLANT_JOINT_STATES,
-        decode_motor_angles,
-        JOINT_STATES,
-        lambda parameters: encode_encoders,
-        decode_encoders,
+        ENCODER_DEVICE, PLANT_JOINT_STATES, decode_motor_angles,
+        JOINT_STATES, lambda parameters: encode_encoders, decode_encoders,
     ),
     DeviceMessages(
-        SONAR_DEVICE,
-        PLANT_SLOW_ODOM,
-        decode_ball_position,
-        SONAR_RANGE,
-        lambda parameters: partial(encode_sonar, cone_angle=parameters.cone_angle),
-        decode_sonar,
+        SONAR_DEVICE, PLANT_SLOW_ODOM, decode_ball_position, SONAR_RANGE,
+        lambda parameters: partial(encode_sonar, cone_angle=parameters.cone_angle), decode_sonar,
     ),
-)
+)  # fmt: skip
 
 
 _INPUTS: dict[str, tuple[Topic, Callable[[bytes], Any]]] = {

@@ -372,10 +372,6 @@ class OsekKernel:
         at = HEAD + STRIDE * task
         return self.state[at + ACTIVATED] > 0 and self.state[at + START] >= 0
 
-    def restore_state(self, state: Sequence[int]) -> None:
-        """Continue from a state of a kernel with the same tasks."""
-        self.state = list(state)
-
     def ended(self, task: int) -> Job:
         """Return the job of a task that has just ended."""
         return Job.of(self.tasks, ended_job(self.state, task))

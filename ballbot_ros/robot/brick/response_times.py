@@ -47,14 +47,13 @@ def worst_responses(
         for other, (each, time_us) in enumerate(tasks):
             if other == number or each.priority < timing.priority:
                 continue
-            if each.priority == timing.priority:
-                own_us += time_us
-                is_exact &= other < number
-            elif each.period_ms:
+            is_higher = each.priority > timing.priority
+            if is_higher and each.period_ms:
                 repeated.append((TICK_US * each.period_ms, time_us))
                 is_exact &= (found[other][0] or math.inf) <= TICK_US * each.period_ms
             else:
                 own_us += time_us
+                is_exact &= is_higher or other < number
         found[number] = _fixed_point(own_us, repeated), is_exact
     return [found[number] for number in range(len(tasks))]
 
