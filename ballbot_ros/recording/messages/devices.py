@@ -97,12 +97,14 @@ def decode_steps(data: bytes, count: int) -> tuple[float, ...]:
 
 def _numbers_of_steps(data: bytes) -> bytes:
     before, after = _around_steps(0)
-    size = len(data) - len(before) - len(after)
-    if size > 0 and size % _POINT == 0:
+    # The middleware appends bytes up to a multiple of four.
+    size = (len(data) - len(before) - len(after)) // _POINT * _POINT
+    if size > 0:
         before, after = _around_steps(size)
+        end = len(before) + size
         is_known = data.startswith(before[:4]) and data.startswith(before[12:], 12)
-        if is_known and data.endswith(after):
-            return data[len(before) : -1]
+        if is_known and data.startswith(after, end):
+            return data[len(before) : end]
     message = _decoder(PLANT_STEPS.type_name)(data)
     if _layout(message.fields) != _layout(_fields()) or message.point_step != _POINT:
         raise ValueError(f'the fields are not {", ".join(STEP_FIELDS)}')

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from laws import given, refusal
 from parts import make_plant, run_plant
 
+from ballbot_ros.recording.messages import devices
 from ballbot_ros.recording.messages.conversions import (
     decode_ball_position,
     decode_body_rates,
@@ -89,3 +90,10 @@ def test_steps_of_another_encoder_are_read_too():
     assert decode_steps(other, 1) == decode_steps(data, 1)
     padding = data[:3] + b'\x01' + data[4:]
     assert decode_steps(padding, 1) == decode_steps(data, 1)
+
+
+def test_bytes_that_the_middleware_appends_take_no_decoder(monkeypatch):
+    data = encode_steps(truth_with((1.0, 2.0, 3.0, 4.0, 5.0, 6.0)))
+    monkeypatch.setattr(devices, '_decoder', None)
+    for appended in range(4):
+        assert decode_steps(data + bytes(appended), 1) == (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
