@@ -142,7 +142,7 @@ class Plant:
 
     @property
     def steps(self) -> tuple[float, ...]:
-        """The kept steps, :data:`STEP_VALUES` each, the newest last."""
+        """The kept steps, as in `GroundTruth`."""
         kept, at = self.kept_steps, self._oldest_place
         return (*kept[at:], *kept[:at])
 

@@ -305,7 +305,7 @@ def program_tick(
     Parameters
     ----------
     tasks : int
-        As bits, such as :data:`TS1`, and :data:`SAME_TICK` and :data:`BUS_BUSY`.
+        As bits, such as :data:`TS1`, and `SAME_TICK` and `BUS_BUSY`.
     systick_ms : int
         uint32 system time [ms].
     """
