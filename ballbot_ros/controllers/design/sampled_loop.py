@@ -54,7 +54,7 @@ _PROGRAM = (
 )  # fmt: skip
 """The variables of a plane that last, in the order of `PlaneValues` of the document's program."""
 
-FILTERS = ('a_d', 'a_gd', 'a_r')
+_FILTERS = ('a_d', 'a_gd', 'a_r')
 """Shares of the old value in the program's low passes, each tick."""
 
 _REFERENCE = ('theta_ref_dot', 'sum_theta_ref_dot')
@@ -324,7 +324,7 @@ def _law(parameters: ParameterSet, period_ms: float) -> Matrix:
     before, the gyro's and the encoder's sample and the stick.
     """
     own = parameters.of(ControllerParameters)
-    filters = {name: getattr(own, name) ** (period_ms / TICK_MS) for name in FILTERS}
+    filters = {name: getattr(own, name) ** (period_ms / TICK_MS) for name in _FILTERS}
     program = replace(ProgramConstants.of(replace(own, **filters)), pwm_offset=Single(0))
     law = with_globals(axis.control, {'TS1_PERIOD': np.float64(period_ms)})
     gains, *others = axis.constants_of(program)

@@ -30,12 +30,7 @@ from ballbot_ros.recording.messages.conversions import (
     decode_motor_angles,
     decode_sticks,
 )
-from ballbot_ros.recording.messages.raw import (
-    MessageLayout,
-    decoder,
-    elements,
-    with_stamp,
-)
+from ballbot_ros.recording.messages.raw import MessageLayout, decoder, elements, with_stamp
 from ballbot_ros.recording.messages.topics import (
     BATTERY_STATE,
     GAMEPAD_JOY,
@@ -66,7 +61,6 @@ STEP_FIELDS = ('motor_x', 'motor_y', 'angular_velocity_y', 'angular_velocity_x',
 
 _FIELD = 'sensor_msgs/msg/PointField'
 _POINT = 8 * STEP_VALUES
-_SIGN = STEP_VALUES - 1  # place of the number whose sign the message reverses
 
 # Only a graph with dead time needs them.
 _encoder, _decoder = cache(encoder), cache(decoder)
@@ -74,9 +68,7 @@ _encoder, _decoder = cache(encoder), cache(decoder)
 
 def encode_steps(truth: GroundTruth) -> bytes:
     """Return ``plant/steps``: a point for each step, the oldest first, that of the stamp last."""
-    steps = list(truth.steps)
-    steps[_SIGN::STEP_VALUES] = [-y for y in steps[_SIGN::STEP_VALUES]]
-    numbers = struct.pack(f'<{len(steps)}d', *steps)
+    numbers = struct.pack(f'<{len(truth.steps)}d', *_with_other_sign(truth.steps))
     before, after = _around_steps(len(numbers))
     return b''.join((with_stamp(before, truth.stamp_ns), numbers, after))
 
@@ -90,9 +82,15 @@ def decode_steps(data: bytes, count: int) -> tuple[float, ...]:
     first = len(numbers) - count * _POINT
     if first < 0:
         raise ValueError(f'it has no step that is {count - 1} steps old')
-    steps = list(struct.unpack_from(f'<{count * STEP_VALUES}d', numbers, first))
-    steps[_SIGN::STEP_VALUES] = [-y for y in steps[_SIGN::STEP_VALUES]]
-    return tuple(steps)
+    steps = struct.unpack_from(f'<{count * STEP_VALUES}d', numbers, first)
+    return tuple(_with_other_sign(steps))
+
+
+def _with_other_sign(steps: tuple[float, ...]) -> list[float]:
+    """Return steps with y reversed: those of the truth as in the message, and back."""
+    found = list(steps)
+    found[STEP_VALUES - 1 :: STEP_VALUES] = [-y for y in found[STEP_VALUES - 1 :: STEP_VALUES]]
+    return found
 
 
 def _numbers_of_steps(data: bytes) -> bytes:
