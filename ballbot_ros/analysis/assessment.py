@@ -102,9 +102,9 @@ def assess(run: RunData) -> Assessment:
     judgements = judge(expectations, run.trajectory, run.plant, walls)
     judged = tuple(ExpectationResult(each, _verdict(run, each)) for each in judgements)
     outcome, reason = _outcome(run, judged)
-    if run.parameter_changes and outcome is Verdict.PASSED:
+    if run.outside_changes and outcome is Verdict.PASSED:
         outcome = Verdict.CHANGED
-    reason = '; '.join(filter(None, (reason, changes_text(run.parameter_changes))))
+    reason = '; '.join(filter(None, (reason, changes_text(run.outside_changes))))
     return Assessment(run, metrics, judged, outcome, reason)
 
 

@@ -24,20 +24,15 @@ from ballbot_ros.analysis.recorded_runs import (
 )
 from ballbot_ros.analysis.recorded_scenario import PushPairs
 from ballbot_ros.controllers.codegen.implementation import implementation_for
-from ballbot_ros.controllers.loading import public_reference
 from ballbot_ros.engine.brick_tasks import BrickTasks
 from ballbot_ros.engine.closed_loop import ClosedLoop
 from ballbot_ros.engine.compiled_loop import CompiledLoop, pays
 from ballbot_ros.engine.law_runs import FAULTS
 from ballbot_ros.engine.trajectory import Engine
+from ballbot_ros.engine.tuned_program import TunedProgram
 from ballbot_ros.errors import BallbotError, RecordingError
-from ballbot_ros.parameters import (
-    CONTROLLER,
-    ControllerParameters,
-    ParameterError,
-    ParameterSet,
-    Value,
-)
+from ballbot_ros.parameters import ControllerParameters, ParameterSet, Value
+from ballbot_ros.parameters.changes import PendingChanges
 from ballbot_ros.parameters.timing import FIRST_TICK_NS, MILLISECOND_NS, SLOW_PERIOD_NS, TICK_NS
 from ballbot_ros.recording.batch import RawMessage
 from ballbot_ros.recording.messages.conversions import (
@@ -286,7 +281,7 @@ EVENTS = [topic for topic in REPLAYED_TOPICS if not has_stamp(topic.type_name)]
 STAMPED_TOPICS = [topic for topic in REPLAYED_TOPICS if topic not in EVENTS]
 
 
-class _RetunedProgram:
+class _RetunedProgram(TunedProgram):
     """A controller's program, whose parameters change at the ticks at which they have changed."""
 
     def __init__(
@@ -296,29 +291,17 @@ class _RetunedProgram:
         parameters: ParameterSet,
         messages: ControllerMessages | RunMessages,
     ) -> None:
-        self._reader, self._retunings = recording.reader, inputs.retunings
-        self._parameters, self._messages = ParameterSet(), messages
-        self._parameters.update(parameters)
-        self._implementation = implementation_for(parameters.of(ControllerParameters))
-        self.program = self._implementation.make()
+        self._reader, self._messages = recording.reader, messages
+        start_ns = inputs.run.start_ns
+        changes = sorted(each for each in inputs.retunings.items() if each[0] >= start_ns)
+        implementation = implementation_for(parameters.of(ControllerParameters))
+        super().__init__(implementation, PendingChanges(changes))
 
     def repeat(self, now_ns: int) -> None:
         """Repeat the changes before the tick at `now_ns` [ns]."""
-        values = self._retunings.get(now_ns)
-        if not values:
-            return
         with _RecordingErrorContext(self._reader, PARAMETER_EVENTS.name, now_ns):
-            for name, value in values.items():
-                self._parameters.set(CONTROLLER, name, value)
-            parameters = self._parameters.of(ControllerParameters)
-            for name in values.keys() - {row.name for row in self._implementation.tunable}:
-                raise ParameterError(
-                    f"{CONTROLLER}.{name} can't change during a run of "
-                    f'{public_reference(self._implementation.parameters.implementation)}'
-                )
-            self._implementation.check(parameters)
-            self._messages.retuned(now_ns, values)
-            self.program.retune(parameters)
+            if values := self.advance(now_ns):
+                self._messages.retuned(now_ns, values)
 
 
 def replay_controller(

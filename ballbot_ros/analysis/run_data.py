@@ -39,6 +39,7 @@ from ballbot_ros.parameters import (
     ControllerParameters,
     PlantParameters,
 )
+from ballbot_ros.parameters.changes import scheduled_at
 from ballbot_ros.parameters.timing import SECOND_NS, TICK_NS, TICK_S
 from ballbot_ros.process import ProgressCallback
 from ballbot_ros.recording.messages.conversions import map_grid
@@ -189,6 +190,16 @@ class RunData:
         # Those from outside first: where names have no room, theirs stay.
         pushes = sorted(self.pushes, key=lambda push: not push.is_external)
         return (*calibration, *(push.interval for push in pushes), *self.wall_hits)
+
+    @property
+    def outside_changes(self) -> tuple[ParameterChange, ...]:
+        """The changes of parameters that are not part of the scenario."""
+        text = self.attached.parameters.of(ControllerParameters).changes
+        return tuple(
+            each
+            for each in self.parameter_changes
+            if (each.name, each.value) not in scheduled_at(text, each.time)
+        )
 
     @property
     def has_documents_program(self) -> bool:

@@ -30,6 +30,7 @@ from ballbot_ros.lockstep.run_actions import (
 )
 from ballbot_ros.lockstep.run_participants import Graph, RunParticipants, RunTopics
 from ballbot_ros.parameters import CONTROLLER, PLANT, PlantParameters, Value, parameters_of
+from ballbot_ros.parameters.changes import scheduled_at
 from ballbot_ros.parameters.timing import FIRST_TICK_NS, SECOND_NS, TICK_NS, next_start_ns
 from ballbot_ros.robot.brick.brick import MotorDuty
 from ballbot_ros.robot.plant.ground_truth import Pair, Push
@@ -237,7 +238,15 @@ class RunMaster(ABC):
         """Note values that the controller's parameters have from the tick at `stamp_ns` [ns] on."""
         time = (stamp_ns - self._run.start_ns) / SECOND_NS
         if self._is_open and time >= 0.0:
-            self._changes += [ParameterChange(time, CONTROLLER, *item) for item in values.items()]
+            controller = self._participants.roster.members.get(CONTROLLER)
+            scheduled = (
+                scheduled_at(controller.parameters.get('changes', ''), time) if controller else []
+            )
+            self._changes += [
+                ParameterChange(time, CONTROLLER, *item)
+                for item in values.items()
+                if item not in scheduled
+            ]
 
     @event
     def on_parameters(self, parameters: PlantParameters) -> None:

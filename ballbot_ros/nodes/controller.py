@@ -39,6 +39,7 @@ from ballbot_ros.parameters import (
     Parameter,
     ParameterError,
 )
+from ballbot_ros.parameters.changes import PendingChanges
 from ballbot_ros.parameters.timing import MILLISECOND_NS, SECOND_NS, TICK_NS
 from ballbot_ros.recording.messages.devices import INPUT_READERS, device_inputs
 from ballbot_ros.recording.messages.raw import same_content, stamp_of
@@ -140,6 +141,7 @@ class ControllerNode(BallbotNode[ControllerParameters]):
         self._program = self._implementation.make()
         self._tasks = BrickTasks(self.parameters)
         self._program_parameters = self.parameters
+        self._changes = PendingChanges(())
         self._lockstep = self.parameters.lockstep
         if self._lockstep:
             self.require_sim_time('in lockstep its timers run on /clock')
@@ -257,6 +259,7 @@ class ControllerNode(BallbotNode[ControllerParameters]):
         self._program = self._implementation.make()
         self._tasks = BrickTasks(self.parameters)
         self._program_parameters = self.parameters
+        self._changes = PendingChanges.of(self.parameters, run.start_ns)
         self._is_running = True
         self._messages.begin()
         ticks = self._lockstep_ticks if self._lockstep else self._free_ticks
@@ -319,7 +322,9 @@ class ControllerNode(BallbotNode[ControllerParameters]):
         self.count_sample(tick.time_ns)
 
     def _retune(self, now_ns: int) -> None:
-        """Let the program take over parameters that were set since the last tick."""
+        """Let the program take over parameters that were set since the last tick, or change now."""
+        if values := self._changes.due(now_ns):
+            self.parameters = self._implementation.changed(self.parameters, values)
         if self.parameters is self._program_parameters:
             return
         before = self._program_parameters.values()

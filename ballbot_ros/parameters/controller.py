@@ -99,6 +99,12 @@ class ControllerParameters(
         'false: it fails the run at once',
         'project',
     )
+    changes: str = setting(
+        '',
+        "changes of live parameters by time from the run's start [s], such as "
+        "'3.2 k_thetadot=300; 5 k_i=-0.008'",
+        'project',
+    )
     own: tuple[tuple[str, Value], ...] = ()
     """Names and values of the parameters with `OWN_PREFIXES`."""
 

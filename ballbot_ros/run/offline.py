@@ -12,14 +12,17 @@ from ballbot_ros.analysis.extraction import MessageCollector
 from ballbot_ros.analysis.recorded_scenario import RecordedAttachments, read_attachments
 from ballbot_ros.analysis.run_data import RunData, run_data
 from ballbot_ros.controllers.codegen.implementation import implementation_for
+from ballbot_ros.controllers.document.program import ControlProgram
 from ballbot_ros.engine.closed_loop import ClosedLoop
 from ballbot_ros.engine.compiled_loop import CompiledLoop, compile_for_the_next_time, pays
 from ballbot_ros.engine.law_runs import FAULTS
 from ballbot_ros.engine.pacer import Pacer
 from ballbot_ros.engine.trajectory import Engine, TrajectoryLog
+from ballbot_ros.engine.tuned_program import TunedProgram
 from ballbot_ros.errors import ControllerError, RecordingError, one_line
 from ballbot_ros.lockstep.run_actions import Outcome, RunSummary
 from ballbot_ros.parameters import CONTROLLER, ControllerParameters
+from ballbot_ros.parameters.changes import PendingChanges
 from ballbot_ros.parameters.timing import FIRST_TICK_NS, SECOND_NS, TICK_NS
 from ballbot_ros.process import StopRequest
 from ballbot_ros.recording.messages.run_messages import RUN_NAME
@@ -85,7 +88,9 @@ class _OfflineRun:
         self._ticks = round(spec.plant.duration * SECOND_NS) // TICK_NS
         self._compiled: CompiledLoop | None = None
         program, is_paced = self._loop.program, spec.plant.real_time_factor > 0.0
-        if not is_paced and pays(self._ticks, program):
+        # Of a law that changes on the way, the interpreter makes all ticks.
+        is_plain = self._tuned.changes.next_ns is None or isinstance(program, ControlProgram)
+        if not is_paced and is_plain and pays(self._ticks, program):
             self._compiled = CompiledLoop(self._loop, program, spec.parameters, spec.scenario)
         self._stop = stop
         self._pacer = Pacer()
@@ -103,8 +108,11 @@ class _OfflineRun:
 
     def _begin(self) -> None:
         spec = self._spec
-        self._loop = ClosedLoop(spec.parameters, spec.scenario, program=self._implementation.make())
-        self.log = TrajectoryLog(spec.parameters.of(ControllerParameters))
+        parameters = spec.parameters.of(ControllerParameters)
+        changes = PendingChanges.of(parameters, FIRST_TICK_NS)
+        self._tuned = TunedProgram(self._implementation, changes)
+        self._loop = ClosedLoop(spec.parameters, spec.scenario, program=self._tuned.program)
+        self.log = TrajectoryLog(parameters)
 
     @property
     def engine(self) -> Engine:
@@ -136,6 +144,11 @@ class _OfflineRun:
     def _advance(self, loop: CompiledLoop) -> None:
         begun_ns = self._loop.plant.time_ns
         left = self._ticks - self.log.ticks
+        if (change_ns := self._tuned.changes.next_ns) is not None:
+            left = min(left, -(-(change_ns - begun_ns) // TICK_NS))
+        if left <= 0:
+            self._compiled = None  # gains that glide to new values are interpreted
+            return
         try:
             if self._writer:
                 part, ticks = loop.trace(min(_RECORDED_TICKS_AT_ONCE, left))
@@ -153,6 +166,9 @@ class _OfflineRun:
 
     def _tick(self) -> None:
         self._await_tick()
+        now_ns = self._loop.plant.time_ns
+        if (values := self._tuned.advance(now_ns)) and self._writer:
+            self._writer.retuned(now_ns, values)
         tick = self._loop.tick()
         self.log.add(tick.truth, *tick.outputs.duty, tick.outputs)
         if self._writer:

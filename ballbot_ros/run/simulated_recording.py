@@ -13,7 +13,7 @@ from ballbot_ros.controllers.interface import Program
 from ballbot_ros.engine.closed_loop import Tick
 from ballbot_ros.engine.compiled_loop import TickColumns
 from ballbot_ros.lockstep.run_actions import RunSummary
-from ballbot_ros.parameters import ParameterSet, PlantParameters
+from ballbot_ros.parameters import ParameterSet, PlantParameters, Value
 from ballbot_ros.parameters.timing import SECOND_NS
 from ballbot_ros.recording.messages.raw import Messages, Stamps
 from ballbot_ros.recording.messages.run_columns import RunColumns
@@ -150,6 +150,10 @@ class SimulatedRecording:
             self.plant.push(push, number)
             self._write_out()  # in advance, whatever their stamps
         self._flushed_ns = start_ns
+
+    def retuned(self, now_ns: int, values: Mapping[str, Value]) -> None:
+        """Write that parameters of the controller have other values from a tick on."""
+        self._messages.retuned(now_ns, values)
 
     def add(self, tick: Tick, program: Program) -> None:
         """Write the messages of a tick."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,7 @@ from ballbot_ros.controllers.interface import Program
 from ballbot_ros.controllers.loading import (
     LoadedController,
     load_controller,
+    public_reference,
     resolve_reference,
 )
 from ballbot_ros.errors import CodegenError, short_repr
@@ -36,7 +37,9 @@ from ballbot_ros.parameters import (
     ParameterSet,
     Value,
     parameters_of,
+    suggest,
 )
+from ballbot_ros.parameters.changes import parse_changes
 from ballbot_ros.robot.brick.job_times import interrupt_load, load_of
 from ballbot_ros.robot.brick.schedule import TaskTiming
 
@@ -82,29 +85,67 @@ class Implementation:
     @property
     def tunable(self) -> tuple[Parameter, ...]:
         """The parameters that its programs take over during a run."""
-        if self.loaded is not None:
-            settings = self.loaded.cls.tunable_settings
-            rows = [parameters_of(CONTROLLER)[name] for name in settings]
-            rows += own_rows(self.loaded)
-        elif self.parameters.implementation == 'python':
-            rows = list(parameters_of(CONTROLLER).values())
-        else:  # the gains are constants of the C code
-            rows = []
-        return tuple(row for row in rows if row.is_live)
+        return tunable_of(self.parameters, self.loaded)
 
     def check(self, parameters: ControllerParameters) -> None:
         """Raise BallbotError if its programs can't take over the values of these parameters."""
-        if self.loaded is None:
-            return
-        after, before = parameters.values(), self.parameters.values()
-        for row in self.tunable:
-            count, designed = _count(after[row.name]), _count(before[row.name])
-            if count != designed:
-                raise ParameterError(
-                    f'{CONTROLLER}.{row.name}: {short_repr(after[row.name])} is not a list of '
-                    f'{designed} numbers'
-                )
-        user_parameters(self.loaded, parameters)
+        _check_tuned(self.parameters, parameters, self.loaded)
+
+    def changed(
+        self, parameters: ControllerParameters, values: Mapping[str, object]
+    ) -> ControllerParameters:
+        """Return parameters with other values for some; ParameterError if they can't change."""
+        return changed_parameters(parameters, values, self.loaded)
+
+
+def tunable_of(
+    parameters: ControllerParameters, loaded: LoadedController | None
+) -> tuple[Parameter, ...]:
+    """Return the parameters that a program takes over during a run."""
+    if loaded is not None:
+        rows = [parameters_of(CONTROLLER)[name] for name in loaded.cls.tunable_settings]
+        rows += own_rows(loaded)
+    elif parameters.implementation == 'python':
+        rows = list(parameters_of(CONTROLLER).values())
+    else:  # the gains are constants of the C code
+        rows = []
+    return tuple(row for row in rows if row.is_live)
+
+
+def changed_parameters(
+    parameters: ControllerParameters,
+    values: Mapping[str, object],
+    loaded: LoadedController | None,
+) -> ControllerParameters:
+    """Return the parameters of a run in which some change; ParameterError if they can't."""
+    rows = {row.name: row for row in tunable_of(parameters, loaded)}
+    for name in values:
+        if name not in rows:
+            raise ParameterError(
+                f"{CONTROLLER}.{name} can't change during a run of "
+                f'{public_reference(parameters.implementation)}; {suggest(name, rows)}'
+            )
+    after = parameters.with_values(
+        {name: rows[name].check(value, f'{CONTROLLER}.') for name, value in values.items()}
+    )
+    _check_tuned(parameters, after, loaded)
+    return after
+
+
+def _check_tuned(
+    before: ControllerParameters, after: ControllerParameters, loaded: LoadedController | None
+) -> None:
+    """Raise BallbotError if a controller can't take over the values of these parameters."""
+    if loaded is None:
+        return
+    old, new = before.values(), after.values()
+    for row in tunable_of(before, loaded):
+        if _count(new[row.name]) != _count(old[row.name]):
+            raise ParameterError(
+                f'{CONTROLLER}.{row.name}: {short_repr(new[row.name])} is not a list of '
+                f'{_count(old[row.name])} numbers'
+            )
+    user_parameters(loaded, after)
 
 
 def _count(value: Value) -> int:
@@ -142,6 +183,7 @@ def compose_controller(
         settings = parameters.of(ControllerParameters)
         check_load(settings)
         check_times_of(settings, None)
+        _check_changes(settings, None)
         return None
     if given is None:
         reference = resolve_reference(reference, Path.cwd())
@@ -152,7 +194,13 @@ def compose_controller(
     check_times_of(parameters.of(ControllerParameters), loaded)
     # Create an instance, so that most mistakes are found before the run.
     implementation_for(parameters.of(ControllerParameters), loaded).make()
+    _check_changes(parameters.of(ControllerParameters), loaded)
     return loaded
+
+
+def _check_changes(parameters: ControllerParameters, loaded: LoadedController | None) -> None:
+    for each in parse_changes(parameters.changes):
+        parameters = changed_parameters(parameters, each.values, loaded)
 
 
 def processor_load(p: Any, own_tasks: Sequence[TaskTiming] = ()) -> tuple[Any, Any]:

@@ -29,8 +29,10 @@ from ballbot_ros.parameters import (
     PLANT,
     ParameterSet,
     PlantParameters,
+    Value,
     parameters_of,
 )
+from ballbot_ros.parameters.changes import TimedChange, changes_text, checked_change
 from ballbot_ros.parameters.files import leaves, read_parameter_file
 from ballbot_ros.parameters.yaml_document import YamlDocument, yaml_text
 from ballbot_ros.robot.plant.ground_truth import FORCE_LIMIT
@@ -179,8 +181,8 @@ _START = {
     'position_y': 'start_position_y',
 }
 SCENARIO_KEYS = {
-    'purpose', *_PARAMETERS, 'profile', 'map', 'start', 'sticks', 'pushes', 'parameters',
-    'expectations',
+    'purpose', *_PARAMETERS, 'profile', 'map', 'start', 'sticks', 'pushes', 'changes',
+    'parameters', 'expectations',
 }  # fmt: skip
 
 
@@ -264,6 +266,8 @@ class ScenarioReader(ExpectationReader):
                 if name == 'implementation' and isinstance(value, str):
                     value = resolve_reference(value, self._document.path.parent)
                 self._set(parameters, node, name, value, keys)
+        if 'changes' in data:
+            parameters.set(CONTROLLER, 'changes', self._changes(data['changes'], parameters))
         if self._map_file and is_file_name(parameters.of(PlantParameters).map):
             self._set(parameters, PLANT, 'map', str(self._map_file), ('map',))
         self._check_world(parameters)
@@ -376,6 +380,31 @@ class ScenarioReader(ExpectationReader):
             force=force,
             direction=direction,
         )
+
+    def _changes(self, data: object, parameters: ParameterSet) -> str:
+        changes = self._each(data, ('changes',), self._change)
+        for index, each in enumerate(changes):
+            if each.time >= parameters.of(PlantParameters).duration:
+                raise self._error(('changes', index), 'a change comes after the end of the run')
+        return changes_text(changes)
+
+    def _change(self, data: object, keys: Keys) -> TimedChange:
+        values = dict(self._mapping(data, keys))
+        if 'time' not in values:
+            raise self._error(keys, 'a change needs a time')
+        time = self._time(values.pop('time'), (*keys, 'time'))
+        checked: dict[str, Value] = {}
+        for target, value in values.items():
+            node, _, name = str(target).partition('.')
+            if node != CONTROLLER:
+                raise self._error(
+                    (*keys, target),
+                    f'{target}: only parameters of {CONTROLLER} can change during a run',
+                )
+            checked[name] = checked_change(name, value, f'{self._document.where(*keys, target)}: ')
+        if not checked:
+            raise self._error(keys, 'a change needs a value, such as controller.k_thetadot: 300')
+        return TimedChange(time, checked)
 
     def _direction(self, value: object, keys: Keys) -> str | float:
         if not isinstance(value, str):
