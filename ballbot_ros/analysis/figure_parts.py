@@ -215,7 +215,8 @@ NO_ECHO = Role('no echo', 4.0, '|', lambda values: np.where(np.isinf(values), NO
 POINTS = ('.', '|')
 """Dashes that are points instead of a line; the width is their size."""
 
-ROLES = (TRUE, COMMANDED, REFERENCE, ESTIMATED, READING, MEASURED, ECHO, NO_ECHO)
+EARLIER = Role('earlier run', 1.0, ':')
+ROLES = (TRUE, COMMANDED, REFERENCE, ESTIMATED, READING, MEASURED, ECHO, NO_ECHO, EARLIER)
 """The roles in the order of every legend."""
 
 

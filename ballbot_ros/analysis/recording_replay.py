@@ -19,7 +19,7 @@ from ballbot_ros.analysis.recorded_controller import (
     identity_of,
     load_attached,
 )
-from ballbot_ros.analysis.recorded_runs import RecordedRun
+from ballbot_ros.analysis.recorded_runs import AnnouncedParameters, RecordedRun, RobotRecording
 from ballbot_ros.analysis.replay import (
     ReplayedTick,
     RunInputs,
@@ -91,17 +91,18 @@ class ReplayResult:
     engine: Engine = Engine.INTERPRETED
 
 
-class _Job(NamedTuple):
-    """A run and its parameters."""
+class RunToRepeat(NamedTuple):
+    """A recorded run: its inputs and its parameters."""
 
     inputs: RunInputs
     parameters: ParameterSet
 
     @property
     def implementation(self) -> str:
+        """Name of the controller."""
         return str(self.parameters.of(ControllerParameters).implementation)
 
-    def without_changes_of(self, name: str) -> _Job:
+    def without_changes_of(self, name: str) -> RunToRepeat:
         """Return the run without the recorded changes of a parameter of the controller."""
         retunings = {
             stamp: {each: value for each, value in values.items() if each != name}
@@ -110,6 +111,7 @@ class _Job(NamedTuple):
         return self._replace(inputs=replace(self.inputs, retunings=retunings))
 
     def has_begun_before(self, difference: MessageDifference) -> bool:
+        """Return whether the run had begun when a message differed."""
         run = self.inputs.run
         return (run.epoch, run.start_ns) <= (difference.epoch, difference.stamp_ns)
 
@@ -151,7 +153,7 @@ class RecordingReplay:
         recorded = read_inputs(reader)
         self._recording, self._announced = recorded.recording, recorded.announced
         self._begun = [
-            _Job(inputs, self._parameters(inputs.run, attached, scratch))
+            RunToRepeat(inputs, self._parameters(inputs.run, attached, scratch))
             for inputs in recorded.runs
             if inputs.ticks or recorded.has_begun(inputs.run)
         ]
@@ -193,7 +195,7 @@ class RecordingReplay:
             parameters.set(PLANT, 'map', str(image))
         return parameters
 
-    def _choose(self, job: _Job, requested: str | None) -> ReplayedController:
+    def _choose(self, job: RunToRepeat, requested: str | None) -> ReplayedController:
         """Choose the controller of a run, and set it in the run's parameters."""
         participant = self._announced.participant(job.inputs.run.name, CONTROLLER)
         if identity := self._identity(job, participant):
@@ -213,7 +215,9 @@ class RecordingReplay:
         job.parameters.drop_own(chosen.replayed)
         return chosen
 
-    def _identity(self, job: _Job, participant: Participant | None) -> ControllerIdentity | None:
+    def _identity(
+        self, job: RunToRepeat, participant: Participant | None
+    ) -> ControllerIdentity | None:
         """Return what identifies a controller other than the document's; None for any other."""
         if job.implementation in DOCUMENTS_PROGRAM or (participant and participant.is_foreign):
             return None
@@ -222,7 +226,7 @@ class RecordingReplay:
         return identity_of(job.implementation, announced, attached)
 
     def _choose_class(
-        self, job: _Job, identity: ControllerIdentity, requested: str | None
+        self, job: RunToRepeat, identity: ControllerIdentity, requested: str | None
     ) -> ReplayedController:
         reader = self._recording.reader
         if requested in DOCUMENTS_PROGRAM:
@@ -241,7 +245,22 @@ class RecordingReplay:
         replayed = public_reference(loaded.code.reference) if identity.is_of_main else reference
         return ReplayedController(reference, replayed, is_portable=loaded.is_portable)
 
-    def _foreign_drivers(self, job: _Job) -> list[Participant]:
+    @property
+    def runs(self) -> Sequence[RunToRepeat]:
+        """The runs that have a tick with a duty."""
+        return self._jobs
+
+    @property
+    def recording(self) -> RobotRecording:
+        """The recording."""
+        return self._recording
+
+    @property
+    def announced(self) -> AnnouncedParameters:
+        """What the participants of its runs announced."""
+        return self._announced
+
+    def _foreign_drivers(self, job: RunToRepeat) -> list[Participant]:
         """Return the drivers of a run that are nodes of other packages."""
         found = self._announced.foreign(job.inputs.run.name)
         return [each for role, each in found.items() if role in DRIVERS]
@@ -262,7 +281,7 @@ class RecordingReplay:
     def replay_controller(self, update: ReportTime) -> ReplayResult:
         """Run the controller on the recorded samples; compare its messages."""
 
-        def replay(job: _Job, comparator: MessageComparator) -> Iterator[Engine]:
+        def replay(job: RunToRepeat, comparator: MessageComparator) -> Iterator[Engine]:
             return (Engine.INTERPRETED for _ in self._controller_ticks(job, comparator))
 
         comparator = self._comparator(CONTROLLER_TOPICS)
@@ -353,12 +372,12 @@ class RecordingReplay:
         return divergences
 
     def _controller_ticks(
-        self, job: _Job, comparator: MessageComparator | None = None
+        self, job: RunToRepeat, comparator: MessageComparator | None = None
     ) -> Iterator[ReplayedTick]:
         comparator = comparator or MessageComparator(())
         return replay_controller(self._recording, job.inputs, job.parameters, comparator)
 
-    def _robot_ticks(self, job: _Job, comparator: MessageComparator) -> Iterator[Engine]:
+    def _robot_ticks(self, job: RunToRepeat, comparator: MessageComparator) -> Iterator[Engine]:
         foreign = [each.role for each in self._foreign_drivers(job)]
         devices = [each for each in DEVICE_MESSAGES if each.sample.publisher in foreign]
         return replay_run(self._recording, job.inputs, job.parameters, comparator, devices)
@@ -370,9 +389,9 @@ class RecordingReplay:
     def _compare(
         self,
         subject: str,
-        jobs: Sequence[_Job],
+        jobs: Sequence[RunToRepeat],
         comparator: MessageComparator,
-        replay: Callable[[_Job, MessageComparator], Iterator[Engine]],
+        replay: Callable[[RunToRepeat, MessageComparator], Iterator[Engine]],
         update: ReportTime,
     ) -> ReplayResult:
         engines = Counter[Engine]()
@@ -387,7 +406,7 @@ class RecordingReplay:
             engine=Engine.COMPILED if is_compiled else Engine.INTERPRETED,
         )  # fmt: skip
 
-    def _context(self, job: _Job, stamp_ns: int) -> list[ReplayedTick]:
+    def _context(self, job: RunToRepeat, stamp_ns: int) -> list[ReplayedTick]:
         """Return the recorded inputs around a tick, and the controller's outputs for them."""
         margin_ns = CONTEXT_TICKS * TICK_NS
         found = []

@@ -25,6 +25,7 @@ from ballbot_ros.analysis.loop_summary import (
 from ballbot_ros.analysis.metrics import ExpectationVerdict
 from ballbot_ros.analysis.observations import limit_cycle_sentences, offset_reasons
 from ballbot_ros.analysis.page import number_text, render_template, write_folder
+from ballbot_ros.analysis.parent import Parent
 from ballbot_ros.analysis.processor_figures import ProcessorSection, processor_of
 from ballbot_ros.analysis.recorded_scenario import outside_pushes
 from ballbot_ros.analysis.run_data import RunData
@@ -52,12 +53,15 @@ MEANINGS: Mapping[str, str] = {**METRICS.meanings, **RUN_METRICS.meanings}
 
 def report_document(assessment: Assessment) -> str:
     """Return the report of a run as one HTML document, without links to other files."""
-    return _page_and_figures(assessment, linked=False)[0]
+    return _page_and_figures(assessment, None, linked=False)[0]
 
 
-def write_report(assessment: Assessment, folder: Path) -> None:
-    """Write the report of a run into `folder`, as `page.write_folder` does."""
-    page, figures = _page_and_figures(assessment, linked=True)
+def write_report(assessment: Assessment, folder: Path, earlier: RunData | None = None) -> None:
+    """Write the report of a run into `folder`, as `page.write_folder` does.
+
+    It also shows the `earlier` run of a branch.
+    """
+    page, figures = _page_and_figures(assessment, earlier, linked=True)
     metrics = csv_text(
         ('metric', 'value', 'meaning'),
         (
@@ -68,10 +72,12 @@ def write_report(assessment: Assessment, folder: Path) -> None:
     write_folder(folder, page, figures, {'metrics.csv': metrics})
 
 
-def _page_and_figures(assessment: Assessment, *, linked: bool) -> tuple[str, list[RenderedFigure]]:
+def _page_and_figures(
+    assessment: Assessment, earlier: RunData | None, *, linked: bool
+) -> tuple[str, list[RenderedFigure]]:
     """Return the page, and the pictures: without links to them, only those that the page shows."""
     run = assessment.run
-    loop, contents, processor = loop_of(run), figure_contents(run), processor_of(run)
+    loop, contents, processor = loop_of(run), figure_contents(run, earlier), processor_of(run)
     interactive = interactive_figures(run, contents, processor.descriptions)
     figures = draw_figures(run, contents) if linked or not interactive else []
     spectrum = render_spectrum(run, loop.predictions if loop else [])
@@ -222,6 +228,8 @@ def _facts(run: RunData) -> list[tuple[str, str]]:
     if attached.has_parameters:
         facts.append(('Plant model', str(run.plant.plant_model)))
         facts.append(('Seed', str(attached.parameters.of(GyroParameters).seed)))
+    if parent := Parent.decode(attached.files):
+        facts.append(('Branch of', str(parent)))
     facts += [
         (f'External {role}', program)
         for role, program in attached.external.items()

@@ -30,6 +30,7 @@ from ballbot_ros.analysis.drawing import (
 from ballbot_ros.analysis.figure_parts import (
     BLUE,
     COMMANDED,
+    EARLIER,
     ECHO,
     ESTIMATED,
     GRAY,
@@ -103,12 +104,36 @@ class FigureContent(NamedTuple):
     table: Table
 
 
-def figure_contents(run: RunData) -> list[FigureContent]:
-    """Return every figure for which the recording has the topics and something to show."""
+def figure_contents(run: RunData, earlier: RunData | None = None) -> list[FigureContent]:
+    """Return every figure for which the recording has the topics and something to show.
+
+    Motion and duty also show those of an `earlier` run, of which it is a branch.
+    """
     figures = FIGURES if run.jobs is None else (*FIGURES, UTILISATION)
     usable = [figure for figure in figures if run.series.keys() >= set(figure.needs)]
     contents = (FigureContent(figure, figure.table(run)) for figure in usable)
-    return [each for each in contents if all(map(np.size, each.table.values()))]
+    shown = [each for each in contents if all(map(np.size, each.table.values()))]
+    if earlier is None:
+        return shown
+    return [_with_earlier(each, earlier) for each in shown]
+
+
+def _with_earlier(content: FigureContent, earlier: RunData) -> FigureContent:
+    figure, table = content
+    if figure.name not in ('motion', 'duty') or not earlier.series.keys() >= set(figure.needs):
+        return content
+    before, columns, panels = figure.table(earlier), dict(table), []
+    for panel in figure.panels:
+        curves = [
+            replace(each, column=f'earlier_{each.column}', role=EARLIER) for each in panel.curves
+        ]
+        for curve, own in zip(curves, panel.curves, strict=True):
+            values = before[own.column]
+            columns[curve.column] = np.interp(
+                table['time_s'], before['time_s'], values, right=np.nan
+            )
+        panels.append(replace(panel, curves=(*panel.curves, *curves)))
+    return FigureContent(replace(figure, panels=tuple(panels)), columns)
 
 
 def draw_figures(run: RunData, contents: Iterable[FigureContent]) -> list[RenderedFigure]:

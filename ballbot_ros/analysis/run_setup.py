@@ -9,10 +9,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from ballbot_ros.analysis.parent import Parent
 from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.errors import printable
 from ballbot_ros.parameters import CONTROLLER, NODES, ParameterSet, parameters_of, value_text
-from ballbot_ros.recording.rosbag2 import PARAMETERS, SCENARIO, VERSIONS
+from ballbot_ros.recording.rosbag2 import PARAMETERS, PARENT, SCENARIO, VERSIONS
 
 ABSENT = '–'
 """Stands for what a run does not have."""
@@ -84,8 +85,10 @@ def _others(run: RunData) -> Iterator[tuple[str, str]]:
     for role, program in attached.external.items():
         yield f'external {role}', program
     for name, file in sorted(attached.files.items()):
-        if name not in (PARAMETERS, SCENARIO, VERSIONS):
+        if name not in (PARAMETERS, PARENT, SCENARIO, VERSIONS):
             yield f'file {printable(name)}', _hash(file.data)
+    if parent := Parent.decode(attached.files):
+        yield 'branch of', str(parent)
     for name, version in attached.versions.items():
         yield f'version of {name}', version
     if external := [push for push in run.pushes if push.is_external]:

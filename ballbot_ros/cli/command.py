@@ -22,6 +22,7 @@ COMMANDS = {
     'compare': 'Compare the metrics of recorded runs.',
     'view': 'Show recorded runs in a browser.',
     'render': 'Render a picture or a film of a recorded run.',
+    'branch': 'Run a recorded run again, with another future.',
     'replay': 'Run a recorded run again and report differences.',
     'info': 'Describe a recording.',
     'play': 'Publish a recording into the graph.',

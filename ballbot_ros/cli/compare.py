@@ -45,7 +45,7 @@ def command(
     with_same: bool,
     as_json: bool,
 ) -> int:
-    """Compare recorded runs with the first one, A.
+    """Compare recorded runs with the first one, A; a branch alone with the run that it is of.
 
     Exit status: 0; 1 if a --fail-if condition holds; 2 for invalid arguments or a file that is not
     a recording of a ballbot.
@@ -55,8 +55,10 @@ def command(
     from ballbot_ros.analysis.comparison import parse_condition
     from ballbot_ros.analysis.page import ReportError, check_folder
     from ballbot_ros.analysis.report import MEANINGS
-    from ballbot_ros.cli.recordings import read_and_assess
+    from ballbot_ros.cli.recordings import parent_of, read_and_assess
 
+    if len(recordings) == 1 and (parent := parent_of(recordings[0])):
+        recordings = (parent[0], *recordings)
     if not 2 <= len(recordings) <= len(ascii_uppercase):
         raise ReportError(f'compare takes 2 … {len(ascii_uppercase)} recordings, not '
                           f'{len(recordings)}')  # fmt: skip

@@ -11,6 +11,7 @@ from typing import Any
 import click
 from rich.console import Console
 
+from ballbot_ros.analysis.parent import Parent
 from ballbot_ros.analysis.recorded_controller import ControllerIdentity, decode_controller
 from ballbot_ros.analysis.recorded_scenario import external_push, outside_pushes, outside_pushes_in
 from ballbot_ros.cli.options import RECORDING
@@ -76,6 +77,7 @@ def _read(reader: RecordingReader, progress: ProgressCallback) -> dict[str, obje
         'outcome': outcome,
         'external_pushes': [push.as_json() for push in outside_pushes_in(reader, runs_ns)],
         'made_by': _made_by(reader.attachments()),
+        'parent': (parent := Parent.decode(reader.attachments())) and asdict(parent),
         'topics': {
             name: {
                 'type': topic.type_name,
@@ -139,6 +141,8 @@ def _lines(content: Mapping[str, Any], state: str) -> list[tuple[str, str]]:
         lines.append(('outcome', ': '.join(filter(None, words))))
     if pushes := [external_push(each) for each in content['external_pushes']]:
         lines.append(('pushes', outside_pushes(pushes)))
+    if parent := content['parent']:
+        lines.append(('branch of', str(Parent(**parent))))
     for name, value in content['made_by'].items():
         if name == 'controller':
             lines.append((name, ControllerIdentity(**value).description))

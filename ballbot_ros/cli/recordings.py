@@ -9,8 +9,10 @@ import click
 import numpy as np
 
 from ballbot_ros.analysis.assessment import Assessment, assess
+from ballbot_ros.analysis.parent import Parent
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.cli.progress import file_progress
+from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.robot.world.floor_map import FloorMap
 
 if TYPE_CHECKING:
@@ -25,22 +27,41 @@ def read_and_assess(path: Path, number: int | None = None) -> Assessment:
         return assess(run)
 
 
-def read_playback_run(path: Path) -> PlaybackRun:
+def parent_of(path: Path) -> tuple[Path, int] | None:
+    """Return file and number of the run of which one is a branch; None if it is none.
+
+    If the file can't be found, it prints a note.
+    """
+    with RecordingReader(path) as reader:
+        parent = Parent.decode(reader.attachments())
+    if parent is None:
+        return None
+    found = parent.find(path)
+    if found is None:
+        click.echo(f'note: {path}: a branch of {parent}; that file is not next to it', err=True)
+        return None
+    return found, parent.run
+
+
+def read_playback_run(path: Path, number: int | None = None) -> PlaybackRun:
     """Read a run for display, with a warning if its file is damaged."""
     from ballbot_ros.viewer.playback_run import PlaybackRun  # reports do not need the viewer
 
     with file_progress(path.name) as progress:
-        run = PlaybackRun(path, progress)
+        run = PlaybackRun(path, progress, number)
     if run.damage:
         click.echo(f'{path}: {run.damage}; the run is shown up to {run.end:.3f} s', err=True)
     return run
 
 
 def read_playback_runs(path: Path, other: Path | None) -> list[PlaybackRun]:
-    """Read a run and, if there is one, its ghost; warn if they are on different maps."""
-    runs = [read_playback_run(each) for each in (path, other) if each]
+    """Read a run and its ghost, by default that of which it is a branch; warn of another map."""
+    ghost = (other, None) if other else parent_of(path)
+    runs = [read_playback_run(path), *([read_playback_run(*ghost)] if ghost else [])]
     if len(runs) > 1 and not _same_map(runs[0].floor_map, runs[1].floor_map):
-        click.echo(f'note: {other} is on another map; the map shown is that of {path}', err=True)
+        click.echo(
+            f'note: {runs[1].name} is on another map; the map shown is that of {path}', err=True
+        )
     return runs
 
 

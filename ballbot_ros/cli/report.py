@@ -37,14 +37,16 @@ def command(recording: Path, output: Path | None, number: int | None, as_json: b
     from ballbot_ros.analysis.page import check_folder
     from ballbot_ros.analysis.recorded_scenario import outside_pushes
     from ballbot_ros.analysis.report import banner, write_report
-    from ballbot_ros.cli.recordings import read_and_assess
+    from ballbot_ros.analysis.run_data import read_run
+    from ballbot_ros.cli.recordings import parent_of, read_and_assess
 
     folder = output or recording.with_name(f'{recording.stem}_report')
     check_folder(folder)
     assessment = read_and_assess(recording, number)
     for line in banner(assessment.run):
         click.echo(f'note: {line}', err=True)
-    write_report(assessment, folder)
+    earlier = parent_of(recording)
+    write_report(assessment, folder, read_run(*earlier) if earlier else None)
     page = folder / 'index.html'
     if as_json:
         content = {**assessment.as_json(), 'report': str(page)}

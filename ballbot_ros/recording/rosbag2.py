@@ -71,6 +71,9 @@ MAPS = ('map.png', 'map.bmp')
 CONTROLLER_INFO = 'controller.yaml'
 """Name of the file that identifies a controller other than the document's."""
 
+PARENT = 'parent.yaml'
+"""Name of the file that identifies the run that a recording has branched off."""
+
 CONTROLLER_SOURCES = ('controller.py', 'controller.zip')
 """Possible names of the attached code of a controller."""
 

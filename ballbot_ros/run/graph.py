@@ -16,7 +16,7 @@ from ballbot_ros.nodes.middleware import DOMAIN, ros_domain
 from ballbot_ros.parameters import CONTROLLER, GAMEPAD, PLANT, RECORDER, ParameterSet
 from ballbot_ros.parameters.files import format_parameters
 from ballbot_ros.parameters.yaml_document import yaml_text
-from ballbot_ros.recording.rosbag2 import MAPS, PARAMETERS, SCENARIO, VERSIONS
+from ballbot_ros.recording.rosbag2 import MAPS, PARAMETERS, PARENT, SCENARIO, VERSIONS
 from ballbot_ros.robot.world.floor_map import image_suffix, is_file_name, read_map_file
 from ballbot_ros.run.observer import RunObserver
 from ballbot_ros.run.spec import RunSpec
@@ -35,6 +35,8 @@ def attachments_of(spec: RunSpec) -> Mapping[str, bytes]:
         files[f'map{image_suffix(image)}'] = image
     if spec.controller:
         files |= encode_controller(spec.controller)
+    if spec.parent:
+        files[PARENT] = spec.parent.encode()
     text = spec.scenario.text
     return {
         **({SCENARIO: text.encode()} if text else {}),

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from ballbot_ros.analysis.parent import Parent
 from ballbot_ros.controllers.codegen.implementation import compose_controller
 from ballbot_ros.controllers.loading import LoadedController
 from ballbot_ros.engine.devices import ALL_DEVICES
@@ -97,6 +98,8 @@ class RunSpec:
         The class of a controller other than the document's.
     external : tuple of str
         Roles that programs of the user take; the run starts no node for them.
+    parent : Parent or None
+        The recorded run that it is a branch of.
     """
 
     scenario: Scenario
@@ -106,6 +109,7 @@ class RunSpec:
     record: bool = True
     controller: LoadedController | None = None
     external: tuple[str, ...] = ()
+    parent: Parent | None = None
 
     @property
     def nodes(self) -> tuple[str, ...]:

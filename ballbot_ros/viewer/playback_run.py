@@ -92,8 +92,13 @@ class PlaybackRun:
         If the file has no poses of the robot.
     """
 
-    def __init__(self, path: Path, progress: ProgressCallback = lambda done, total: None) -> None:
-        run = self._run = read_run(path, progress=progress)
+    def __init__(
+        self,
+        path: Path,
+        progress: ProgressCallback = lambda done, total: None,
+        number: int | None = None,
+    ) -> None:
+        run = self._run = read_run(path, number, progress)
         if not {PLANT_IMU, PLANT_ODOM} <= run.series.keys() or not len(run.trajectory.time):
             raise ViewerError(f'{path}: nothing to show: it has no poses of the robot')
         self.name = run.name

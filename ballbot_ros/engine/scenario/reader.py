@@ -356,30 +356,43 @@ class ScenarioReader(ExpectationReader):
         return number
 
     def _pushes(self, data: object, duration: float) -> list[ScheduledPush]:
-        pushes = self._each(data, ('pushes',), self._push)
+        pushes = self._each(data, ('pushes',), self.push)
         if fault := push_fault(pushes, duration):
             raise self._error(('pushes', fault[0]), fault[1])
         return pushes
 
-    def _push(self, data: object, keys: Keys) -> ScheduledPush:
-        names = ('time', 'duration', 'force', 'direction')
-        values = self._mapping(data, keys, names)
-        for required in names:
-            if required not in values:
-                raise self._error(keys, f'a push needs a {required}')
-        force = self._number(values['force'], (*keys, 'force'))
-        if not 0.0 <= force <= FORCE_LIMIT:
-            raise self._error((*keys, 'force'), f'{force:g} is not within 0 … {FORCE_LIMIT:g} N')
-        direction = self._direction(values['direction'], (*keys, 'direction'))
+    def push(self, data: object, keys: Keys = ()) -> ScheduledPush:
+        """Return a push; ScenarioError if it is not valid."""
+        required = ('time', 'duration', 'force', 'direction')
+        values = self._mapping(data, keys, (*required, 'torque'))
+        are_planes = isinstance(values.get('force'), list)
+        for name in required[: 3 if are_planes else 4]:
+            if name not in values:
+                raise self._error(keys, f'a push needs a {name}')
+        time = self._time(values['time'], (*keys, 'time'))
         lasting = self._time(values['duration'], (*keys, 'duration'))
         if lasting == 0.0:
             raise self._error((*keys, 'duration'), 'a push must last longer than 0 s')
-        return ScheduledPush(
-            self._time(values['time'], (*keys, 'time')),
-            lasting,
-            force=force,
-            direction=direction,
-        )
+        if are_planes:
+            if 'direction' in values:
+                raise self._error((*keys, 'direction'), 'the forces on two planes have none')
+            force = self._both_planes(values['force'], (*keys, 'force'))
+            torque = self._both_planes(values.get('torque', [0.0, 0.0]), (*keys, 'torque'))
+            return ScheduledPush(time, lasting, force=force, torque=torque)
+        if 'torque' in values:
+            raise self._error((*keys, 'torque'), 'a torque takes a force [x, y] on both planes')
+        size = self._number(values['force'], (*keys, 'force'))
+        if not 0.0 <= size <= FORCE_LIMIT:
+            raise self._error((*keys, 'force'), f'{size:g} is not within 0 … {FORCE_LIMIT:g} N')
+        direction = self._direction(values['direction'], (*keys, 'direction'))
+        return ScheduledPush(time, lasting, force=size, direction=direction)
+
+    def _both_planes(self, data: object, keys: Keys) -> tuple[float, float]:
+        values = self._each(data, keys, self._number)
+        if len(values) != 2 or not all(abs(each) <= FORCE_LIMIT for each in values):
+            limits = f'-{FORCE_LIMIT:g} … {FORCE_LIMIT:g}'
+            raise self._error(keys, f'{self._label(keys)} is not a pair [x, y] within {limits}')
+        return values[0], values[1]
 
     def _changes(self, data: object, parameters: ParameterSet) -> str:
         changes = self._each(data, ('changes',), self._change)
@@ -418,6 +431,21 @@ class ScenarioReader(ExpectationReader):
         self, parameters: ParameterSet, node: object, name: object, value: object, keys: Keys
     ) -> None:
         parameters.set(str(node), str(name), value, self._document.where(*keys))
+
+
+class _Given:
+    """Values that were given elsewhere than in a file, which errors call `name`."""
+
+    def __init__(self, name: str) -> None:
+        self.path, self._name = Path(), name
+
+    def where(self, *keys: Hashable) -> str:
+        return self._name
+
+
+def read_push(values: Mapping[str, object], where: str) -> ScheduledPush:
+    """Return the push of values as in a scenario; the message of an error begins with `where`."""
+    return ScenarioReader(cast(YamlDocument, _Given(where)), load_profile).push(values)
 
 
 def _own_profile(data: Mapping[str, object]) -> str:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ballbot_ros.parameters import ParameterSet
 from ballbot_ros.robot.arithmetic import sine_cosine
 from ballbot_ros.robot.brick.sensors import quantise
-from ballbot_ros.robot.plant.ground_truth import Push
+from ballbot_ros.robot.plant.ground_truth import Pair, Push
 
 
 @dataclass(frozen=True)
@@ -185,21 +185,27 @@ class ScheduledPush:
     ----------
     time, duration : float
         From the start of the run [s].
-    force : float
-        Its magnitude [N].
+    force : float or tuple of float
+        Its magnitude [N], or the forces on planes x and y [N], in plane signs.
     direction : str or float
-        One of :data:`PUSH_DIRECTIONS`, or an angle [deg], counterclockwise from forward (REP 103).
+        One of :data:`PUSH_DIRECTIONS`, or an angle [deg], counterclockwise from forward (REP 103);
+        without a meaning for the forces on both planes.
+    torque : tuple of float
+        Torques [N·m] that tip planes x and y.
     """
 
     time: float
     duration: float
     _: KW_ONLY
-    force: float = 0.0
+    force: float | Pair = 0.0
     direction: str | float = 'forward'
+    torque: Pair = (0.0, 0.0)
 
     @property
-    def components(self) -> tuple[float, float]:
+    def components(self) -> Pair:
         """The forces on planes x and y [N], in plane signs."""
+        if isinstance(self.force, tuple):
+            return self.force
         if isinstance(self.direction, str):
             forward, rightward = PUSH_DIRECTIONS[self.direction]
         else:
@@ -253,6 +259,7 @@ class Scenario:
                 start_ns + round(push.time * 1e9),
                 start_ns + round((push.time + push.duration) * 1e9),
                 push.components,
+                push.torque,
             )
             for push in self.pushes
         ]

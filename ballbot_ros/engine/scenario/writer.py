@@ -96,12 +96,10 @@ def _segment(segment: Segment) -> dict[str, object]:
 
 
 def _push(push: ScheduledPush) -> dict[str, object]:
-    return {
-        'time': push.time,
-        'duration': push.duration,
-        'force': push.force,
-        'direction': push.direction,
-    }
+    content: dict[str, object] = {'time': push.time, 'duration': push.duration}
+    if isinstance(push.force, tuple):
+        return {**content, 'force': list(push.force), 'torque': list(push.torque)}
+    return {**content, 'force': push.force, 'direction': push.direction}
 
 
 def _expectations(expectations: Iterable[Expectation]) -> dict[str, list[dict[str, float]]]:

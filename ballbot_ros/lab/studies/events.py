@@ -95,6 +95,9 @@ def _push_part(name: str, scenario: Scenario) -> PushPart:
         known = f'its pushes are 1 … {len(numbers)}' if numbers else 'it has no pushes'
         raise StudyError(f'{name}: the scenario has no push {number!r}; {known}')
     _check_field(name, field, _PUSH_FIELDS, f'{PUSH}.{number}')
+    is_of_planes = isinstance(scenario.pushes[int(number) - 1].force, tuple)
+    if is_of_planes and field in ('force', 'direction'):
+        raise StudyError(f'{name}: that push has forces on both planes, not one with a direction')
     return PushPart(int(number) - 1, field)
 
 

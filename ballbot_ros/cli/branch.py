@@ -1,0 +1,216 @@
+"""`ballbot branch`: a recorded run again, with another future."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from contextlib import nullcontext
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from ballbot_ros.cli.options import PATH, RECORDING, FloatRange, processes_option
+from ballbot_ros.errors import BallbotError
+from ballbot_ros.process import DeferredSignals
+from ballbot_ros.run.node_process import ForkClient
+from ballbot_ros.run.requirements import Processes
+
+if TYPE_CHECKING:
+    from ballbot_ros.run.branch import Future, HeldSticks, Proof
+    from ballbot_ros.run.result import RunResult
+    from ballbot_ros.run.spec import RunSpec
+
+DEFAULT_PUSH_S = 0.1
+"""How long a push lasts, unless it says something else."""
+
+
+@click.command('branch')
+@click.argument('recording', type=RECORDING)
+@click.option(
+    '--at',
+    type=FloatRange(0.0),
+    required=True,
+    help='When the branch begins, in seconds from the start of the run.',
+)
+@click.option(
+    '--push',
+    'pushes',
+    multiple=True,
+    metavar="'force=N direction=D'",
+    help='Push the robot, as in a scenario; duration=S if not 0.1 s, time=S if not at once. Can be '
+    'repeated.',
+)
+@click.option(
+    '--set',
+    'assignments',
+    multiple=True,
+    metavar='controller.PARAM=VALUE',
+    help='Change a gain or threshold of the controller; can be repeated.',
+)
+@click.option(
+    '--sticks',
+    default='recorded',
+    show_default=True,
+    metavar='STICKS',
+    help='The sticks from then on: recorded, neutral, or held values VERTICAL,HORIZONTAL such as '
+    '-100,0 (full ahead).',
+)
+@click.option(
+    '--run',
+    'number',
+    type=click.IntRange(1),
+    help='Number of the run in a recording of several.',
+)
+@click.option(
+    '--code',
+    metavar='FILE.py:Class',
+    help="Your copy of the recorded controller's code, if it is not installed.",
+)
+@click.option(
+    '--trust-attached-code',
+    is_flag=True,
+    help='Run the code of the controller that is attached to the recording, which may come from '
+    'anybody.',
+)
+@processes_option
+@click.option(
+    '--output',
+    type=PATH,
+    help='Folder for recording and picture.  [default: runs/<date>_<recording>_branch]',
+)
+@click.option('--json', 'as_json', is_flag=True, help='Print one JSON object.')
+def command(
+    recording: Path,
+    at: float,
+    pushes: tuple[str, ...],
+    assignments: tuple[str, ...],
+    sticks: str,
+    number: int | None,
+    code: str | None,
+    trust_attached_code: bool,
+    processes: str,
+    output: Path | None,
+    as_json: bool,
+) -> int:
+    """Run a run of RECORDING again up to a moment, and then change something.
+
+    The result is a complete recording. Each of its messages up to that moment is compared with the
+    recorded one. What was recorded later (sticks, pushes, changes of parameters) happens again,
+    unless it is changed.
+
+    Exit status: as of `ballbot run`; 1 also if the beginning is not the same, 2 if the run can't be
+    branched.
+    """
+    arrangement = Processes(processes)
+    with ForkClient() if arrangement is Processes.SEPARATE else nullcontext() as client:
+        with DeferredSignals():
+            from ballbot_ros.cli.progress import Progress
+            from ballbot_ros.files import temporary_folder
+            from ballbot_ros.process import stdout_to_stderr
+            from ballbot_ros.recording.reader import RecordingReader
+            from ballbot_ros.run.branch import branch_spec, prove, read_past
+            from ballbot_ros.run.execution import execute
+
+        future = given_future(at, pushes, assignments, sticks)
+        with RecordingReader(recording) as reader, temporary_folder() as folder:
+            scratch = Path(folder)
+            with stdout_to_stderr():  # a controller may print while its class is loaded
+                past = read_past(
+                    reader, number, scratch, code, trust_attached_code=trust_attached_code
+                )
+                spec = branch_spec(past, future, scratch, processes=arrangement, output=output)
+            with Progress(spec.name, spec.plant.duration) as progress, stdout_to_stderr():
+                result = execute(spec, progress, client=client)
+                progress.release(result.reason)
+            proof = prove(past, result.recording, at) if result.recording else None
+    _print(recording, spec, result, proof, as_json=as_json)
+    if proof and proof.problem:
+        click.echo(f'error: {proof.problem}', err=True)
+        return 1
+    return result.exit_status
+
+
+def given_future(
+    at: float, pushes: Sequence[str], assignments: Sequence[str], sticks: str
+) -> Future:
+    """Return the future that the options give.
+
+    Raises
+    ------
+    BallbotError
+        If one is not valid; the message is one line that names the option.
+    """
+    from ballbot_ros.engine.scenario.reader import read_push
+    from ballbot_ros.parameters import CONTROLLER
+    from ballbot_ros.parameters.changes import checked_change
+    from ballbot_ros.parameters.yaml_document import parse_value
+    from ballbot_ros.run.branch import Future
+
+    found, changed = [], {}
+    for text in pushes:
+        where = f'--push {text!r}'
+        words = [word.partition('=') for word in text.split()]
+        if not words or not all(value for _, _, value in words):
+            raise BallbotError(f'{where}: not words NAME=VALUE, such as force=0.8 direction=left')
+        given = {name: parse_value(value) for name, _, value in words}
+        found.append(read_push({'time': at, 'duration': DEFAULT_PUSH_S, **given}, where))
+    for text in assignments:
+        target, _, value = text.partition('=')
+        node, _, name = target.partition('.')
+        if node != CONTROLLER or not value:
+            raise BallbotError(
+                f'--set {text}: not of the form {CONTROLLER}.param=value; nothing else can change '
+                'during a run'
+            )
+        changed[name] = checked_change(name, parse_value(value), f'--set {text}: ')
+    return Future(at=at, pushes=tuple(found), values=changed, sticks=_given_sticks(sticks))
+
+
+def _given_sticks(text: str) -> HeldSticks:
+    from ballbot_ros.engine.scenario.reader import STICK_LIMIT
+    from ballbot_ros.run.branch import RECORDED
+
+    if text == RECORDED:
+        return RECORDED
+    vertical, _, horizontal = ('0,0' if text == 'neutral' else text).partition(',')
+    try:
+        held = int(vertical), int(horizontal)
+    except ValueError:
+        held = STICK_LIMIT + 1, 0
+    if max(map(abs, held)) > STICK_LIMIT:
+        raise BallbotError(
+            f'--sticks {text}: not {RECORDED}, neutral, or two whole numbers within '
+            f'-{STICK_LIMIT} … {STICK_LIMIT}, such as -100,0'
+        )
+    return held
+
+
+def _print(
+    recording: Path, spec: RunSpec, result: RunResult, proof: Proof | None, *, as_json: bool
+) -> None:
+    from ballbot_ros.cli.result import print_table, result_json
+    from ballbot_ros.files import own_command
+
+    difference = proof.difference if proof else None
+    if as_json:
+        content = result_json(spec, result)
+        content['parent'] = spec.parent and asdict(spec.parent)
+        content['compared_messages'] = proof and proof.messages
+        content['first_difference'] = None
+        if proof and difference:
+            place = {'topic': difference.topic, 'what': difference.what}
+            content['first_difference'] = {'time_s': proof.at, **place}
+        click.echo(json.dumps(content, indent=2, allow_nan=False))
+        return
+    print_table(spec, result)
+    if proof and not proof.problem:
+        click.echo(f'both: {own_command("compare", recording, result.recording)}')
+        click.echo(f'branch of {spec.parent}')
+        if difference:
+            click.echo(
+                f'first difference at {proof.at:.3f} s, /{difference.topic}: {difference.what}'
+            )
+        else:
+            click.echo(f'no difference in {proof.messages} messages')

@@ -1,0 +1,373 @@
+"""A branch of a recorded run: the same up to a moment, and something else from then on."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Literal, NamedTuple, TypeAlias
+
+from ballbot_ros.analysis.message_comparison import MessageComparator, MessageDifference
+from ballbot_ros.analysis.parent import Parent
+from ballbot_ros.analysis.recorded_runs import RobotRecording, robot_topics
+from ballbot_ros.analysis.recorded_scenario import read_attachments, scheduled_pushes
+from ballbot_ros.analysis.recording_replay import RecordingReplay
+from ballbot_ros.analysis.replay import STAMPED_TOPICS, RunInputs
+from ballbot_ros.controllers.codegen.implementation import compose_controller
+from ballbot_ros.engine.scenario.reader import load_scenario
+from ballbot_ros.engine.scenario.scenario import Scenario, ScheduledPush, Segment, StickSignal
+from ballbot_ros.engine.scenario.writer import scenario_data
+from ballbot_ros.errors import BallbotError
+from ballbot_ros.parameters import (
+    CONTROLLER,
+    GAMEPAD,
+    PLANT,
+    ControllerParameters,
+    ParameterSet,
+    PlantParameters,
+    Value,
+    value_text,
+)
+from ballbot_ros.parameters.changes import TimedChange, changes_text, parse_changes
+from ballbot_ros.parameters.timing import FIRST_TICK_NS, SECOND_NS, SLOW_PERIOD_NS, TICK_NS
+from ballbot_ros.parameters.yaml_document import yaml_text
+from ballbot_ros.recording.messages.topics import ACCEPTED_PUSH, GAMEPAD_JOY, PARAMETER_EVENTS
+from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.robot.brick.bluetooth import NEUTRAL, Sticks
+from ballbot_ros.robot.world.floor_map import is_file_name
+from ballbot_ros.run.requirements import Processes
+from ballbot_ros.run.spec import RunSpec
+
+RECORDED: Literal['recorded'] = 'recorded'
+"""The sticks of a branch that goes on with those of the recorded run."""
+
+HeldSticks: TypeAlias = Sticks | Literal['recorded']
+"""The sticks (vertical, horizontal) that are held, or :data:`RECORDED`."""
+
+HALF_PERIOD_S = 0.5 * SLOW_PERIOD_NS / SECOND_NS
+"""Sticks step halfway between two samples."""
+
+_CAUSES = GAMEPAD_JOY, ACCEPTED_PUSH, PARAMETER_EVENTS
+_COMPARED = [topic for topic in STAMPED_TOPICS if topic not in _CAUSES]
+"""What must be the same: all effects. A sample of the sticks names another source in a branch."""
+
+_OF_A_RUN: Mapping[str, Mapping[str, Value]] = {
+    PLANT: {'real_time_factor': 0.0, 'start_paused': False, 'require_recorder': False},
+    GAMEPAD: {'device': '', 'keyboard': False, 'log_csv': ''},
+}
+"""Parameters of a recorded run that its branch does not have."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Future:
+    """What is different in a branch.
+
+    Attributes
+    ----------
+    at : float
+        From when on, in seconds from the start of the run.
+    pushes : tuple of ScheduledPush
+        Further pushes.
+    values : mapping of str to Value
+        New values of the controller's parameters, by name.
+    sticks : tuple of int or 'recorded'
+        The sticks (vertical, horizontal) that are held, or those of the recorded run go on.
+    """
+
+    at: float
+    pushes: tuple[ScheduledPush, ...] = ()
+    values: Mapping[str, Value] = field(default_factory=dict)
+    sticks: HeldSticks = RECORDED
+
+    @property
+    def told(self) -> tuple[str, ...]:
+        """What it changes, as texts."""
+        told = [
+            f'push {each.strength}, {each.start:.3f} s to {each.end:.3f} s'
+            for each in scheduled_pushes(Scenario(pushes=self.pushes))
+        ]
+        told += [
+            f'{CONTROLLER}.{name} = {value_text(value)}' for name, value in self.values.items()
+        ]
+        if self.sticks != RECORDED:
+            told.append(f'sticks {self.sticks[0]}, {self.sticks[1]}')
+        return tuple(told)
+
+
+class Past(NamedTuple):
+    """A recorded run that can be branched.
+
+    Attributes
+    ----------
+    number : int
+        Its number in the file, from 1.
+    parameters : ParameterSet
+        The map and the controller are files of this machine.
+    scenario : Scenario or None
+        None if it had none.
+    """
+
+    recording: RobotRecording
+    number: int
+    inputs: RunInputs
+    parameters: ParameterSet
+    scenario: Scenario | None
+
+    @property
+    def path(self) -> Path:
+        """The file."""
+        return self.recording.reader.path
+
+    @property
+    def end(self) -> float:
+        """When its last tick was, from its start [s]."""
+        return (self.inputs.last_ns - self.inputs.run.start_ns) / SECOND_NS
+
+
+class Proof(NamedTuple):
+    """The comparison of a branch with the recorded run.
+
+    Attributes
+    ----------
+    messages : int
+        Number of messages that were compared, in the whole run.
+    difference : MessageDifference or None
+        The first one; None if there is none.
+    at : float or None
+        When it is, from the start of the run [s].
+    problem : str
+        Why it is no branch, on one line; '' if they are the same up to its moment.
+    """
+
+    messages: int
+    difference: MessageDifference | None = None
+    at: float | None = None
+    problem: str = ''
+
+
+def read_past(
+    reader: RecordingReader,
+    number: int | None,
+    scratch: Path,
+    controller: str | None = None,
+    *,
+    trust_attached_code: bool = False,
+) -> Past:
+    """Read a recorded run; its map and its attached code go to the folder `scratch`.
+
+    Parameters
+    ----------
+    number : int or None
+        Number of the run in the file, from 1; None for the only one.
+    controller : str or None
+        The user's copy of the controller's code, as for a replay.
+
+    Raises
+    ------
+    BallbotError
+        If the run can't be made again here; the message is one line with the reason.
+    """
+    replay = RecordingReplay(reader, scratch, controller, trust_attached_code=trust_attached_code)
+    runs = replay.runs
+    if number is None and len(runs) > 1:
+        raise BallbotError(f'{reader.path}: holds {len(runs)} runs; choose one by --run')
+    if number is not None and not 1 <= number <= len(runs):
+        raise BallbotError(f'{reader.path}: run {number} not found; it has 1 … {len(runs)}')
+    run = runs[(number or 1) - 1]
+    where = f'{reader.path}: cannot be branched: '
+    for participant in replay.announced.foreign(run.inputs.run.name).values():
+        raise BallbotError(
+            f'{where}nobody knows what its {participant.role}, {participant.implementation}, would '
+            'have done'
+        )
+    if not run.parameters.of(PlantParameters).lockstep:
+        raise BallbotError(f'{where}it ran without lockstep, so it never happens again')
+    if run.inputs.run.start_ns != FIRST_TICK_NS:
+        raise BallbotError(
+            f'{where}run {number or 1} began at {run.inputs.run.start_ns / SECOND_NS:g} s of sim '
+            'time, after a reset; only a first run can be'
+        )
+    attached = read_attachments(reader.attachments())
+    is_anothers = replay.announced.is_of_another_scenario(run.inputs.run.name)
+    scenario = None if is_anothers else attached.scenario
+    return Past(replay.recording, number or 1, run.inputs, run.parameters, scenario)
+
+
+def branch_spec(
+    past: Past,
+    future: Future,
+    scratch: Path,
+    *,
+    processes: Processes = Processes.NONE,
+    output: Path | None = None,
+    record: bool = True,
+) -> RunSpec:
+    """Return the run of a branch, ready to execute; its scenario goes to the folder `scratch`.
+
+    Raises
+    ------
+    BallbotError
+        If the recorded run does not reach the moment, or can't have these changes.
+    """
+    if not 0.0 <= future.at <= past.end:
+        raise BallbotError(f'--at {future.at:g}: not within the recorded run, 0 … {past.end:.3f} s')
+    for push in future.pushes:
+        if push.time < future.at:
+            raise BallbotError(
+                f'--push: begins at {push.time:g} s, before the branch at {future.at:g} s'
+            )
+    parameters = ParameterSet()
+    parameters.update(past.parameters)
+    for node, values in _OF_A_RUN.items():
+        for name, value in values.items():
+            parameters.set(node, name, value)
+    if not past.parameters.of(PlantParameters).duration:
+        ticks = (past.inputs.last_ns - past.inputs.run.start_ns) // TICK_NS + 1
+        parameters.set(PLANT, 'duration', ticks * TICK_NS / SECOND_NS)
+    changes = changes_text(_changes(past, future))
+    parameters.set(CONTROLLER, 'changes', changes)
+    path = scratch / f'{past.path.stem}_branch.yaml'
+    path.write_text(_scenario_text(past, future, parameters), encoding='utf-8')
+    scenario = load_scenario(str(path))
+    parameters.set(GAMEPAD, 'scenario', str(path))
+    controller = compose_controller(parameters)
+    # Without an output folder, the run makes one there.
+    folder = output or Path('runs', 'new')
+    parent = Parent.of(past.path, past.number, future.at, future.told, folder)
+    return RunSpec(
+        scenario, parameters, processes, output, record, controller=controller, parent=parent
+    )
+
+
+def _changes(past: Past, future: Future) -> Iterator[TimedChange]:
+    """Yield the changes of parameters: those that happened, and those of the future."""
+    start_ns = past.inputs.run.start_ns
+    scheduled = parse_changes(past.parameters.of(ControllerParameters).changes)
+    happened = [
+        TimedChange((stamp_ns - start_ns) / SECOND_NS, values)
+        for stamp_ns, values in sorted(past.inputs.retunings.items())
+        if stamp_ns >= start_ns
+    ]
+    later = [each for each in scheduled if each.time > past.end]
+    for time, values in (*happened, *later):
+        if time >= future.at:
+            values = {name: each for name, each in values.items() if name not in future.values}
+        yield TimedChange(time, values)
+    yield TimedChange(future.at, future.values)
+
+
+def _scenario_text(past: Past, future: Future, parameters: ParameterSet) -> str:
+    """Return the text of the branch's scenario."""
+    duration = parameters.of(PlantParameters).duration
+    before = past.scenario
+    if before is None:
+        plain = {'purpose': f'a branch of {past.path.name}', 'duration': duration}
+        before = Scenario(text=yaml_text(plain))
+    scheduled = dict(zip(before.pushes_from(FIRST_TICK_NS), before.pushes, strict=True))
+    pushes = [
+        scheduled.get(push)
+        or ScheduledPush(
+            (push.start_ns - FIRST_TICK_NS) / SECOND_NS,
+            (push.end_ns - push.start_ns) / SECOND_NS,
+            force=push.force,
+            torque=push.torque,
+        )
+        for push in past.inputs.pushes
+    ]
+    scenario = replace(
+        before,
+        vertical=_sticks(past, future, before.vertical, 0),
+        horizontal=_sticks(past, future, before.horizontal, 1),
+        pushes=(*pushes, *future.pushes),
+    )
+    data, changes = scenario_data(scenario), parameters.of(ControllerParameters).changes
+    data.pop('changes', None)
+    if changes:
+        data['changes'] = [
+            {
+                'time': time,
+                **{f'{CONTROLLER}.{name}': _plain(each) for name, each in values.items()},
+            }
+            for time, values in parse_changes(changes)
+        ]
+    data['duration'] = duration
+    if 'map' in data and is_file_name(parameters.of(PlantParameters).map):
+        data['map'] = Path(parameters.of(PlantParameters).map).name
+    return yaml_text(data)
+
+
+def _plain(value: Value) -> Any:
+    return list(value) if isinstance(value, tuple) else value
+
+
+def _sticks(past: Past, future: Future, planned: StickSignal, number: int) -> StickSignal:
+    """Return a stick: as it was recorded up to the moment, then that of the future."""
+    inputs, start_ns = past.inputs, past.inputs.run.start_ns
+    stamps = range(start_ns, inputs.last_ns + 1, SLOW_PERIOD_NS)
+    samples = [inputs.sticks.get(each, NEUTRAL)[number] for each in stamps]
+    times = [(each - start_ns) / SECOND_NS for each in stamps]
+    is_planned = all(planned.at(time) == value for time, value in zip(times, samples, strict=True))
+    if is_planned and future.sticks == RECORDED:
+        return planned
+    kept: list[Segment] = []
+    if is_planned:
+        kept = [each for each in planned.segments if each.end <= future.at]
+    begun = kept[-1].end if kept else 0.0
+    past_end = math.inf if future.sticks == RECORDED else future.at
+    recorded = [
+        (time, value)
+        for time, value in zip(times, samples, strict=True)
+        if begun <= time < past_end
+    ]
+    segments = [*kept, *_steps(recorded, begun)]
+    if future.sticks != RECORDED and (value := future.sticks[number]):
+        first = -(-round(future.at * SECOND_NS) // SLOW_PERIOD_NS) * SLOW_PERIOD_NS / SECOND_NS
+        segments.append(Segment.step('branch', max(first - HALF_PERIOD_S, begun), math.inf, value))
+    return StickSignal(tuple(segments))
+
+
+def _steps(samples: Sequence[tuple[float, int]], begun: float) -> Iterator[Segment]:
+    """Yield segments from a time on [s] for samples that are held; none where they are 0."""
+    points: list[tuple[float, float]] = []
+    for time, value in (*samples, (math.inf, 0)):
+        if value:
+            points += [(max(time - HALF_PERIOD_S, begun), value), (time + HALF_PERIOD_S, value)]
+        elif points:
+            yield Segment(RECORDED, _joined(points))
+            points = []
+
+
+def _joined(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Return the points of steps without those between two of the same value."""
+    found = [points[0]]
+    for (time, value), following in zip(points[1::2], [*points[2::2], None], strict=True):
+        if following is None:
+            found.append((time, value))
+        elif following[1] != value:
+            found += [(following[0], value), following]
+    return found
+
+
+def prove(past: Past, recording: Path, at: float) -> Proof:
+    """Compare the recording of a branch that begins at a time [s], message by message."""
+    start_ns, epoch = past.inputs.run.start_ns, past.inputs.run.epoch
+    comparator = MessageComparator(_COMPARED)
+    with RecordingReader(recording) as reader:
+        branch = RobotRecording(reader, robot_topics(reader), epochs=1)
+        for each in past.recording.blocks(_COMPARED, start_ns, past.inputs.last_ns):
+            if each.epoch == epoch:
+                comparator.add_recorded(each.topic, each.stamps_ns, each.data)
+        for each in branch.blocks(_COMPARED, start_ns, past.inputs.last_ns):
+            comparator.add_replayed(each.topic, each.stamps_ns, each.data)
+        is_whole = past.recording.reader.complete and reader.complete
+        difference = comparator.first_difference(complete=is_whole)
+    if difference is None:
+        return Proof(comparator.compared())
+    first_s, problem = (difference.stamp_ns - start_ns) / SECOND_NS, ''
+    if difference.stamp_ns - start_ns < round(at * SECOND_NS):
+        problem = (
+            f'{recording}: no branch of {past.path}: they differ at {first_s:.3f} s, '
+            f'/{difference.topic}: {difference.what}'
+        )
+    return Proof(comparator.compared(), difference, first_s, problem)
