@@ -9,13 +9,15 @@ if TYPE_CHECKING:
     from ballbot_ros.analysis.run import Run
     from ballbot_ros.errors import BallbotError
     from ballbot_ros.lab.studies.from_python import study
-    from ballbot_ros.run.library import linear_model, loop, sampled_loop, simulate
+    from ballbot_ros.run.library import branch, linear_model, loop, sampled_loop, simulate
     from ballbot_ros.run.library import open as open  # noqa: A004
 
 __version__ = '0.1.0'
 
 # Without `open`, with which `from ballbot_ros import *` would replace Python's.
-__all__ = ['BallbotError', 'Run', 'linear_model', 'loop', 'sampled_loop', 'simulate', 'study']
+__all__ = [
+    'BallbotError', 'Run', 'branch', 'linear_model', 'loop', 'sampled_loop', 'simulate', 'study',
+]  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:

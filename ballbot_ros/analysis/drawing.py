@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ballbot_ros.analysis.figure_parts import (
     BLUE,
+    EARLIER,
     GRAY,
     GREEN,
     ORANGE,
@@ -34,6 +35,7 @@ from ballbot_ros.analysis.figure_parts import (
     panel_of_planes,
     plane_columns,
     track_columns,
+    with_earlier,
 )
 from ballbot_ros.controllers.interface import OperatingState
 from ballbot_ros.engine.rows import Column
@@ -125,9 +127,9 @@ def draw_line(axes: Axes, x: Floats, y: Floats, line: Line, height: float = _LIN
 
 
 def draw_row(axes: Axes, row: Row) -> None:
-    """Draw curves against time, plane x in front of plane y."""
+    """Draw curves against time, plane x in front of plane y, an earlier run behind both."""
     for curve in row.curves:
-        height = _LINES + 0.1 * (curve.plane == 'x')
+        height = _LINES + 0.1 * (curve.plane == 'x') - 0.5 * (curve.role is EARLIER)
         draw_line(axes, curve.time, curve.values, curve.line, height)
     for limit in row.panel.limits:
         axes.axhline(limit, color=GRAY, linewidth=0.8, linestyle=':')
@@ -335,12 +337,14 @@ def draw_motion(
     segments: Iterable[Segment] = (),
     floor: FloorMap | OccupancyGrid | None = None,
     marked: Iterable[Interval] = (),
+    earlier: Trajectory | None = None,
 ) -> Figure:
     """Draw position, body pitch and duty against time, like the document's figures 8-2 and 8-3.
 
     With a map, or if the ball moves in both planes, the track is drawn next to them. The gyro
     calibration, up to `hold_time` [s], is shaded, and so are the segments of the sticks and the
-    `marked` intervals, such as pushes; all are named where there is room.
+    `marked` intervals, such as pushes; all are named where there is room. The curves of an
+    `earlier` run, of which it is a branch, are thin.
     """
     position = trajectory.position
     with_track = len(position) > 0 and (
@@ -352,9 +356,14 @@ def draw_motion(
         history, beside = np.asarray(figure.subfigures(1, 2, width_ratios=(8, 5)))
         track = beside.subplots()
         draw_floor(track, floor)
+        if earlier is not None:
+            before = track_columns(earlier.position)
+            line = Line(GRAY, EARLIER.width, EARLIER.dash, EARLIER.name)
+            draw_line(track, before['map_x_cm'], before['map_y_cm'], line)
         draw_track(track, track_columns(position), Line(BLUE))
         legend_above(track)
-    _draw_history(history, trajectory, _intervals(trajectory, hold_time, segments, marked))
+    shaded = _intervals(trajectory, hold_time, segments, marked)
+    _draw_history(history, trajectory, shaded, earlier)
     return figure
 
 
@@ -378,16 +387,25 @@ def _intervals(
     ]
 
 
-def _draw_history(
-    figure: Figure | SubFigure, trajectory: Trajectory, intervals: Sequence[Interval]
-) -> None:
-    table = {
+def _table(trajectory: Trajectory) -> Table:
+    return {
         'time_s': trajectory.time,
         **POSITION.columns(trajectory.position * 100.0),
         **PITCH.columns(np.degrees(trajectory.psi)),
         **DUTY.columns(trajectory.duty),
     }
-    rows = [quantity.panel.row(table) for quantity in (POSITION, PITCH, DUTY)]
+
+
+def _draw_history(
+    figure: Figure | SubFigure,
+    trajectory: Trajectory,
+    intervals: Sequence[Interval],
+    earlier: Trajectory | None,
+) -> None:
+    panels, table = tuple(each.panel for each in (POSITION, PITCH, DUTY)), _table(trajectory)
+    if earlier is not None:
+        panels, table = with_earlier(panels, table, _table(earlier))
+    rows = [panel.row(table) for panel in panels]
     lines = _stack(figure, rows, intervals, (3, 3, 2))
     name_intervals(lines[0], intervals)
     # Below the axes, on the right, next to the axis label.

@@ -332,3 +332,19 @@ def panel_of_planes(
         tuple(Curve(column.format(plane), role, plane) for role, column, plane in both),
         min_span,
     )
+
+
+def with_earlier(
+    panels: Iterable[Panel], table: Table, earlier: Table
+) -> tuple[tuple[Panel, ...], Table]:
+    """Return panels and their table with the same curves of an earlier run, by its table."""
+    columns, shown = dict(table), []
+    for panel in panels:
+        curves = list(panel.curves)
+        for own in panel.curves:
+            curves.append(replace(own, column=f'earlier_{own.column}', role=EARLIER))
+            columns[curves[-1].column] = np.interp(
+                table['time_s'], earlier['time_s'], earlier[own.column], right=np.nan
+            )
+        shown.append(replace(panel, curves=tuple(curves)))
+    return tuple(shown), columns

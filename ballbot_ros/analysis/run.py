@@ -14,8 +14,9 @@ from ballbot_ros.analysis.drawing import draw_motion
 from ballbot_ros.analysis.figure_parts import IntervalKind, png_of
 from ballbot_ros.analysis.metrics import Verdict, with_judgements
 from ballbot_ros.analysis.page import render_template
+from ballbot_ros.analysis.parent import Parent
 from ballbot_ros.analysis.report import banner, metric_text
-from ballbot_ros.analysis.run_data import RunData
+from ballbot_ros.analysis.run_data import RunData, read_run
 from ballbot_ros.analysis.signals import frame_of
 from ballbot_ros.engine.scenario.metrics import METRICS
 from ballbot_ros.engine.trajectory import Trajectory
@@ -42,11 +43,14 @@ class Run:
         What was read from its recording.
     recording : bytes or Path
         The recording: its content, or its file.
+    earlier : Run or None
+        The run of which it is a branch. None to look for it next to the file.
     """
 
-    def __init__(self, data: RunData, recording: bytes | Path) -> None:
+    def __init__(self, data: RunData, recording: bytes | Path, earlier: Run | None = None) -> None:
         self._data = data
         self._recording = recording
+        self._earlier = earlier
         self._assessment = assess(data)
         for array in vars(data.trajectory).values():
             array.flags.writeable = False
@@ -60,6 +64,15 @@ class Run:
     def name(self) -> str:
         """Name of the scenario or the recording."""
         return self._data.name
+
+    @property
+    def earlier(self) -> Run | None:
+        """The run of which this is a branch; None if it is none, or its file is not near."""
+        if self._earlier is None and isinstance(self._recording, Path):
+            parent = Parent.decode(self._data.attached.files)
+            if parent and (found := parent.find(self._recording)):
+                self._earlier = Run(read_run(found, parent.run), found)
+        return self._earlier
 
     @property
     def passed(self) -> bool:
@@ -136,7 +149,8 @@ class Run:
         """Return a figure of position, body pitch and duty against time.
 
         If the ball moves in both planes, or has a map, the track is next to them. A notebook shows
-        the figure; in a program, ``run.plot().savefig('run.png')`` writes it.
+        the figure; in a program, ``run.plot().savefig('run.png')`` writes it. The earlier run of a
+        branch has thin curves.
         """
         run, scenario = self._data, self._data.attached.scenario
         controller = run.attached.controller.rpartition(':')[2]
@@ -149,6 +163,7 @@ class Run:
             scenario.segments if scenario else (),
             run.floor,
             [each for each in run.marked if each.kind is not IntervalKind.STATE],
+            self.earlier.trajectory if self.earlier else None,
         )
 
     def save(self, path: str | os.PathLike[str]) -> Path:

@@ -30,7 +30,6 @@ from ballbot_ros.analysis.drawing import (
 from ballbot_ros.analysis.figure_parts import (
     BLUE,
     COMMANDED,
-    EARLIER,
     ECHO,
     ESTIMATED,
     GRAY,
@@ -49,6 +48,7 @@ from ballbot_ros.analysis.figure_parts import (
     panel_of_planes,
     png_of,
     track_columns,
+    with_earlier,
 )
 from ballbot_ros.analysis.figure_tables import (
     battery_table,
@@ -122,18 +122,8 @@ def _with_earlier(content: FigureContent, earlier: RunData) -> FigureContent:
     figure, table = content
     if figure.name not in ('motion', 'duty') or not earlier.series.keys() >= set(figure.needs):
         return content
-    before, columns, panels = figure.table(earlier), dict(table), []
-    for panel in figure.panels:
-        curves = [
-            replace(each, column=f'earlier_{each.column}', role=EARLIER) for each in panel.curves
-        ]
-        for curve, own in zip(curves, panel.curves, strict=True):
-            values = before[own.column]
-            columns[curve.column] = np.interp(
-                table['time_s'], before['time_s'], values, right=np.nan
-            )
-        panels.append(replace(panel, curves=(*panel.curves, *curves)))
-    return FigureContent(replace(figure, panels=tuple(panels)), columns)
+    panels, both = with_earlier(figure.panels, table, figure.table(earlier))
+    return FigureContent(replace(figure, panels=panels), both)
 
 
 def draw_figures(run: RunData, contents: Iterable[FigureContent]) -> list[RenderedFigure]:

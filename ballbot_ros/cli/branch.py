@@ -18,12 +18,10 @@ from ballbot_ros.run.node_process import ForkClient
 from ballbot_ros.run.requirements import Processes
 
 if TYPE_CHECKING:
-    from ballbot_ros.run.branch import Future, HeldSticks, Proof
+    from ballbot_ros.parameters import Value
+    from ballbot_ros.run.branch import Future, Proof
     from ballbot_ros.run.result import RunResult
     from ballbot_ros.run.spec import RunSpec
-
-DEFAULT_PUSH_S = 0.1
-"""How long a push lasts, unless it says something else."""
 
 
 @click.command('branch')
@@ -142,49 +140,33 @@ def given_future(
     BallbotError
         If one is not valid; the message is one line that names the option.
     """
-    from ballbot_ros.engine.scenario.reader import read_push
-    from ballbot_ros.parameters import CONTROLLER
-    from ballbot_ros.parameters.changes import checked_change
     from ballbot_ros.parameters.yaml_document import parse_value
-    from ballbot_ros.run.branch import Future
+    from ballbot_ros.run.branch import RECORDED, Future, future_push, future_sticks, future_values
 
-    found, changed = [], {}
+    found = []
     for text in pushes:
-        where = f'--push {text!r}'
         words = [word.partition('=') for word in text.split()]
         if not words or not all(value for _, _, value in words):
-            raise BallbotError(f'{where}: not words NAME=VALUE, such as force=0.8 direction=left')
+            raise BallbotError(
+                f'--push {text!r}: not words NAME=VALUE, such as force=0.8 direction=left'
+            )
         given = {name: parse_value(value) for name, _, value in words}
-        found.append(read_push({'time': at, 'duration': DEFAULT_PUSH_S, **given}, where))
+        found.append(future_push(given, at, f'--push {text!r}'))
+    changed: dict[str, Value] = {}
     for text in assignments:
         target, _, value = text.partition('=')
-        node, _, name = target.partition('.')
-        if node != CONTROLLER or not value:
-            raise BallbotError(
-                f'--set {text}: not of the form {CONTROLLER}.param=value; nothing else can change '
-                'during a run'
-            )
-        changed[name] = checked_change(name, parse_value(value), f'--set {text}: ')
-    return Future(at=at, pushes=tuple(found), values=changed, sticks=_given_sticks(sticks))
-
-
-def _given_sticks(text: str) -> HeldSticks:
-    from ballbot_ros.engine.scenario.reader import STICK_LIMIT
-    from ballbot_ros.run.branch import RECORDED
-
-    if text == RECORDED:
-        return RECORDED
-    vertical, _, horizontal = ('0,0' if text == 'neutral' else text).partition(',')
-    try:
-        held = int(vertical), int(horizontal)
-    except ValueError:
-        held = STICK_LIMIT + 1, 0
-    if max(map(abs, held)) > STICK_LIMIT:
-        raise BallbotError(
-            f'--sticks {text}: not {RECORDED}, neutral, or two whole numbers within '
-            f'-{STICK_LIMIT} … {STICK_LIMIT}, such as -100,0'
-        )
-    return held
+        if not value:
+            raise BallbotError(f'--set {text}: not of the form controller.param=value')
+        changed |= future_values({target: parse_value(value)}, f'--set {text}')
+    held: object = sticks
+    if sticks != RECORDED:
+        held = tuple(map(parse_value, ('0,0' if sticks == 'neutral' else sticks).split(',')))
+    return Future(
+        at=at,
+        pushes=tuple(found),
+        values=changed,
+        sticks=future_sticks(held, f'--sticks {sticks}'),
+    )
 
 
 def _print(

@@ -14,22 +14,24 @@ from ballbot_ros.analysis.recorded_runs import RobotRecording, robot_topics
 from ballbot_ros.analysis.recorded_scenario import read_attachments, scheduled_pushes
 from ballbot_ros.analysis.recording_replay import RecordingReplay
 from ballbot_ros.analysis.replay import STAMPED_TOPICS, RunInputs
+from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.controllers.codegen.implementation import compose_controller
-from ballbot_ros.engine.scenario.reader import load_scenario
+from ballbot_ros.engine.scenario.reader import STICK_LIMIT, load_scenario, read_push
 from ballbot_ros.engine.scenario.scenario import Scenario, ScheduledPush, Segment, StickSignal
 from ballbot_ros.engine.scenario.writer import scenario_data
-from ballbot_ros.errors import BallbotError
+from ballbot_ros.errors import BallbotError, ScenarioError
 from ballbot_ros.parameters import (
     CONTROLLER,
     GAMEPAD,
     PLANT,
     ControllerParameters,
+    ParameterError,
     ParameterSet,
     PlantParameters,
     Value,
     value_text,
 )
-from ballbot_ros.parameters.changes import TimedChange, changes_text, parse_changes
+from ballbot_ros.parameters.changes import TimedChange, changes_text, checked_change, parse_changes
 from ballbot_ros.parameters.timing import FIRST_TICK_NS, SECOND_NS, SLOW_PERIOD_NS, TICK_NS
 from ballbot_ros.parameters.yaml_document import yaml_text
 from ballbot_ros.recording.messages.topics import ACCEPTED_PUSH, GAMEPAD_JOY, PARAMETER_EVENTS
@@ -47,6 +49,9 @@ HeldSticks: TypeAlias = Sticks | Literal['recorded']
 
 HALF_PERIOD_S = 0.5 * SLOW_PERIOD_NS / SECOND_NS
 """Sticks step halfway between two samples."""
+
+DEFAULT_PUSH_S = 0.1
+"""How long a push lasts, unless it says something else."""
 
 _CAUSES = GAMEPAD_JOY, ACCEPTED_PUSH, PARAMETER_EVENTS
 _COMPARED = [topic for topic in STAMPED_TOPICS if topic not in _CAUSES]
@@ -93,6 +98,41 @@ class Future:
         if self.sticks != RECORDED:
             told.append(f'sticks {self.sticks[0]}, {self.sticks[1]}')
         return tuple(told)
+
+
+def future_push(values: Mapping[str, object], at: float, where: str) -> ScheduledPush:
+    """Return a push of values as in a scenario, by default at a time [s]; raises ScenarioError."""
+    return read_push({'time': at, 'duration': DEFAULT_PUSH_S, **values}, where)
+
+
+def future_values(given: Mapping[str, object], where: str) -> dict[str, Value]:
+    """Return new values of the controller's parameters, given by ``controller.param``.
+
+    It raises ParameterError if a parameter can't change during a run.
+    """
+    values: dict[str, Value] = {}
+    for target, value in given.items():
+        node, _, name = target.partition('.')
+        if node != CONTROLLER or not name:
+            raise ParameterError(
+                f'{where}: {target} is not of the form {CONTROLLER}.param; nothing else can change '
+                'during a run'
+            )
+        values[name] = checked_change(name, value, f'{where}: ')
+    return values
+
+
+def future_sticks(given: object, where: str) -> HeldSticks:
+    """Return the sticks of a branch; raises ScenarioError."""
+    if given == RECORDED:
+        return RECORDED
+    match given:
+        case (int(vertical), int(horizontal)) if max(abs(vertical), abs(horizontal)) <= STICK_LIMIT:
+            return vertical, horizontal
+    raise ScenarioError(
+        f'{where}: not {RECORDED}, neutral, or two whole numbers within -{STICK_LIMIT} … '
+        f'{STICK_LIMIT}, such as -100,0'
+    )
 
 
 class Past(NamedTuple):
@@ -212,11 +252,6 @@ def branch_spec(
     """
     if not 0.0 <= future.at <= past.end:
         raise BallbotError(f'--at {future.at:g}: not within the recorded run, 0 … {past.end:.3f} s')
-    for push in future.pushes:
-        if push.time < future.at:
-            raise BallbotError(
-                f'--push: begins at {push.time:g} s, before the branch at {future.at:g} s'
-            )
     parameters = ParameterSet()
     parameters.update(past.parameters)
     for node, values in _OF_A_RUN.items():
@@ -225,6 +260,12 @@ def branch_spec(
     if not past.parameters.of(PlantParameters).duration:
         ticks = (past.inputs.last_ns - past.inputs.run.start_ns) // TICK_NS + 1
         parameters.set(PLANT, 'duration', ticks * TICK_NS / SECOND_NS)
+    duration = parameters.of(PlantParameters).duration
+    for push in future.pushes:
+        if not future.at <= push.time < duration:
+            raise BallbotError(
+                f'--push: begins at {push.time:g} s, not within {future.at:g} … {duration:g} s'
+            )
     changes = changes_text(_changes(past, future))
     parameters.set(CONTROLLER, 'changes', changes)
     path = scratch / f'{past.path.stem}_branch.yaml'
@@ -236,7 +277,14 @@ def branch_spec(
     folder = output or Path('runs', 'new')
     parent = Parent.of(past.path, past.number, future.at, future.told, folder)
     return RunSpec(
-        scenario, parameters, processes, output, record, controller=controller, parent=parent
+        scenario,
+        parameters,
+        processes,
+        output,
+        record,
+        controller,
+        parent=parent,
+        earlier=read_run(past.path, past.number).trajectory if record else None,
     )
 
 
@@ -277,8 +325,8 @@ def _scenario_text(past: Past, future: Future, parameters: ParameterSet) -> str:
     ]
     scenario = replace(
         before,
-        vertical=_sticks(past, future, before.vertical, 0),
-        horizontal=_sticks(past, future, before.horizontal, 1),
+        vertical=_sticks(past, future, before.vertical, 0, duration),
+        horizontal=_sticks(past, future, before.horizontal, 1, duration),
         pushes=(*pushes, *future.pushes),
     )
     data, changes = scenario_data(scenario), parameters.of(ControllerParameters).changes
@@ -301,7 +349,9 @@ def _plain(value: Value) -> Any:
     return list(value) if isinstance(value, tuple) else value
 
 
-def _sticks(past: Past, future: Future, planned: StickSignal, number: int) -> StickSignal:
+def _sticks(
+    past: Past, future: Future, planned: StickSignal, number: int, duration: float
+) -> StickSignal:
     """Return a stick: as it was recorded up to the moment, then that of the future."""
     inputs, start_ns = past.inputs, past.inputs.run.start_ns
     stamps = range(start_ns, inputs.last_ns + 1, SLOW_PERIOD_NS)
@@ -322,9 +372,10 @@ def _sticks(past: Past, future: Future, planned: StickSignal, number: int) -> St
     ]
     segments = [*kept, *_steps(recorded, begun)]
     if future.sticks != RECORDED and (value := future.sticks[number]):
+        begun = segments[-1].end if segments else 0.0
         first = -(-round(future.at * SECOND_NS) // SLOW_PERIOD_NS) * SLOW_PERIOD_NS / SECOND_NS
         segments.append(Segment.step('branch', max(first - HALF_PERIOD_S, begun), math.inf, value))
-    return StickSignal(tuple(segments))
+    return StickSignal(tuple(each for each in segments if each.start < duration))
 
 
 def _steps(samples: Sequence[tuple[float, int]], begun: float) -> Iterator[Segment]:

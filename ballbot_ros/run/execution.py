@@ -213,6 +213,7 @@ def _with_figure(spec: RunSpec, world: World | None, result: RunResult, path: Pa
             scenario.segments,
             world.map if world else None,
             [push.interval for push in (*result.external_pushes, *scheduled_pushes(scenario))],
+            spec.earlier,
         )
         path.write_bytes(png_of(figure))
     except OSError as error:

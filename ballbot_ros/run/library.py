@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -35,7 +35,18 @@ from ballbot_ros.parameters.files import (
     plain_values,
     read_parameter_file,
 )
+from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.robot.plant.model import PhysicalParameters
+from ballbot_ros.run.branch import (
+    RECORDED,
+    Future,
+    branch_spec,
+    future_push,
+    future_sticks,
+    future_values,
+    prove,
+    read_past,
+)
 from ballbot_ros.run.observer import LogObserver
 from ballbot_ros.run.offline import run_offline
 from ballbot_ros.run.requirements import Processes
@@ -112,6 +123,73 @@ def simulate(
     if run is None:
         raise BallbotError(result.failure)
     return run
+
+
+def branch(
+    run: Run | str | os.PathLike[str],
+    at: float,
+    *,
+    pushes: Mapping[str, object] | Sequence[Mapping[str, object]] = (),
+    parameters: Mapping[str, object] | None = None,
+    sticks: tuple[int, int] | str = RECORDED,
+    number: int | None = None,
+) -> Run:
+    """Run a run again up to a moment, and then change something; in this process, without ROS.
+
+    Up to that moment, the run is proven to be the same, message by message. What happened later
+    (sticks, pushes, changes of parameters) happens again, unless it is changed.
+
+    Parameters
+    ----------
+    run : Run or path-like
+        The earlier run, or its recording.
+    at : float
+        When the branch begins, from the start of the run [s].
+    pushes : mapping or sequence of mapping
+        Further pushes, as in a scenario: ``{'force': 0.8, 'direction': 'left'}``. Without `time`
+        and `duration`, they begin at the branch and last 0.1 s.
+    parameters : mapping of str to object
+        New values of gains and thresholds of the controller, such as ``{'controller.k_i': -0.01}``.
+    sticks : tuple of int or str
+        The sticks (vertical, horizontal) from then on, or ``'recorded'``.
+    number : int or None
+        Number of the run in a recording of several, from 1.
+
+    Returns
+    -------
+    Run
+        The branch; its attribute `earlier` is the earlier run, which its figure shows, too.
+
+    Raises
+    ------
+    BallbotError
+        If an argument is not valid, or the run can't be branched; the message is one line.
+    """
+    with temporary_folder() as name:
+        folder = Path(name)
+        if isinstance(run, Run):
+            path = run.save(folder / f'{run.name}.mcap')
+        else:
+            path = Path(run).absolute()
+        given = [pushes] if isinstance(pushes, Mapping) else pushes
+        future = Future(
+            at=float(at),
+            pushes=tuple(future_push(plain_values(each), at, 'pushes') for each in given),
+            values=future_values(plain_values(parameters or {}), 'parameters'),
+            sticks=future_sticks(sticks, 'sticks'),
+        )
+        with RecordingReader(path) as reader:
+            past = read_past(reader, number, folder)
+            spec = branch_spec(past, future, folder, output=folder)
+            recording = folder / f'{spec.name}.mcap'
+            result = run_offline(spec, recording, LogObserver(), collects_data=True)
+            proof = prove(past, recording, future.at) if result.ticks else None
+        if result.outcome is Outcome.STOPPED:
+            signal.raise_signal(result.failure_status - 128)
+        if proof is None or proof.problem:
+            raise BallbotError(proof.problem if proof else result.failure)
+        earlier = run if isinstance(run, Run) else open(path, number)
+        return Run(result.data or read_run(recording), recording.read_bytes(), earlier)
 
 
 def open(path: str | os.PathLike[str], number: int | None = None) -> Run:  # noqa: A001

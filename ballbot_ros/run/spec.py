@@ -12,6 +12,7 @@ from ballbot_ros.controllers.loading import LoadedController
 from ballbot_ros.engine.devices import ALL_DEVICES
 from ballbot_ros.engine.scenario.reader import IDEAL, load_profile, load_scenario
 from ballbot_ros.engine.scenario.scenario import Scenario
+from ballbot_ros.engine.trajectory import Trajectory
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.parameters import (
     CONTROLLER,
@@ -100,6 +101,8 @@ class RunSpec:
         Roles that programs of the user take; the run starts no node for them.
     parent : Parent or None
         The recorded run that it is a branch of.
+    earlier : Trajectory or None
+        The motion of that run, for the figure.
     """
 
     scenario: Scenario
@@ -110,6 +113,7 @@ class RunSpec:
     controller: LoadedController | None = None
     external: tuple[str, ...] = ()
     parent: Parent | None = None
+    earlier: Trajectory | None = None
 
     @property
     def nodes(self) -> tuple[str, ...]:
