@@ -166,7 +166,7 @@ MISTAKES = [
     ('purpose: x\nduration: 0\n', 2, 'longer than 0 s'),
     ('purpose: x\nduration: -1\n', 2, '-1 is not within'),
     ('purpose: x\nduration: long\n', 2, "'long' is not a number"),
-    (HEAD + 'goal: 1\n', 3, "unknown key 'goal'; known: duration, "),
+    (HEAD + 'goal: 1\n', 3, "unknown key 'goal'; known: changes, "),
     (HEAD + 'seed: -1\n', 3, '-1 is not within'),
     (HEAD + 'seed: 1.5\n', 3, '1.5 is not a whole number'),
     (HEAD + 'profile: real\n', 3, "unknown profile 'real'"),
