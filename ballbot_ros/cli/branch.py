@@ -19,7 +19,7 @@ from ballbot_ros.run.requirements import Processes
 
 if TYPE_CHECKING:
     from ballbot_ros.parameters import Value
-    from ballbot_ros.run.branch import Future, Proof
+    from ballbot_ros.run.branch import Future, Past, Proof
     from ballbot_ros.run.result import RunResult
     from ballbot_ros.run.spec import RunSpec
 
@@ -56,6 +56,12 @@ if TYPE_CHECKING:
     '-100,0 (full ahead).',
 )
 @click.option(
+    '--drive',
+    'is_live',
+    is_flag=True,
+    help='Drive from then on, with the keys of the terminal, a gamepad, joy or cmd_vel, until q.',
+)
+@click.option(
     '--run',
     'number',
     type=click.IntRange(1),
@@ -85,6 +91,7 @@ def command(
     pushes: tuple[str, ...],
     assignments: tuple[str, ...],
     sticks: str,
+    is_live: bool,
     number: int | None,
     code: str | None,
     trust_attached_code: bool,
@@ -101,6 +108,8 @@ def command(
     Exit status: as of `ballbot run`; 1 also if the beginning is not the same, 2 if the run can't be
     branched.
     """
+    if is_live and (as_json or processes != Processes.SEPARATE.value):
+        raise click.UsageError('--drive: takes neither --json nor --processes')
     arrangement = Processes(processes)
     with ForkClient() if arrangement is Processes.SEPARATE else nullcontext() as client:
         with DeferredSignals():
@@ -111,7 +120,7 @@ def command(
             from ballbot_ros.run.branch import branch_spec, prove, read_past
             from ballbot_ros.run.execution import execute
 
-        future = given_future(at, pushes, assignments, sticks)
+        future = given_future(at, pushes, assignments, sticks, is_live=is_live)
         with RecordingReader(recording) as reader, temporary_folder() as folder:
             scratch = Path(folder)
             with stdout_to_stderr():  # a controller may print while its class is loaded
@@ -119,19 +128,23 @@ def command(
                     reader, number, scratch, code, trust_attached_code=trust_attached_code
                 )
                 spec = branch_spec(past, future, scratch, processes=arrangement, output=output)
+            if is_live:
+                return _drive(past, spec, at)
             with Progress(spec.name, spec.plant.duration) as progress, stdout_to_stderr():
                 result = execute(spec, progress, client=client)
                 progress.release(result.reason)
             proof = prove(past, result.recording, at) if result.recording else None
     _print(recording, spec, result, proof, as_json=as_json)
-    if proof and proof.problem:
-        click.echo(f'error: {proof.problem}', err=True)
-        return 1
-    return result.exit_status
+    return 1 if proof and proof.problem else result.exit_status
 
 
 def given_future(
-    at: float, pushes: Sequence[str], assignments: Sequence[str], sticks: str
+    at: float,
+    pushes: Sequence[str] = (),
+    assignments: Sequence[str] = (),
+    sticks: str = 'recorded',
+    *,
+    is_live: bool = False,
 ) -> Future:
     """Return the future that the options give.
 
@@ -158,6 +171,8 @@ def given_future(
         if not value:
             raise BallbotError(f'--set {text}: not of the form controller.param=value')
         changed |= future_values({target: parse_value(value)}, f'--set {text}')
+    if is_live and sticks == RECORDED:
+        sticks = 'neutral'
     held: object = sticks
     if sticks != RECORDED:
         held = tuple(map(parse_value, ('0,0' if sticks == 'neutral' else sticks).split(',')))
@@ -166,6 +181,7 @@ def given_future(
         pushes=tuple(found),
         values=changed,
         sticks=future_sticks(held, f'--sticks {sticks}'),
+        is_live=is_live,
     )
 
 
@@ -173,7 +189,6 @@ def _print(
     recording: Path, spec: RunSpec, result: RunResult, proof: Proof | None, *, as_json: bool
 ) -> None:
     from ballbot_ros.cli.result import print_table, result_json
-    from ballbot_ros.files import own_command
 
     difference = proof.difference if proof else None
     if as_json:
@@ -184,15 +199,44 @@ def _print(
         if proof and difference:
             place = {'topic': difference.topic, 'what': difference.what}
             content['first_difference'] = {'time_s': proof.at, **place}
+        content['problem'] = proof.problem if proof else ''
         click.echo(json.dumps(content, indent=2, allow_nan=False))
         return
     print_table(spec, result)
-    if proof and not proof.problem:
-        click.echo(f'both: {own_command("compare", recording, result.recording)}')
-        click.echo(f'branch of {spec.parent}')
-        if difference:
-            click.echo(
-                f'first difference at {proof.at:.3f} s, /{difference.topic}: {difference.what}'
-            )
-        else:
-            click.echo(f'no difference in {proof.messages} messages')
+    if proof and result.recording:
+        _print_proof(spec, proof, recording, result.recording)
+
+
+def _print_proof(spec: RunSpec, proof: Proof, recording: Path, branch: Path) -> None:
+    from ballbot_ros.files import own_command
+
+    if proof.problem:
+        click.echo(f'error: {proof.problem}', err=True)
+        return
+    click.echo(f'both  {own_command("compare", recording, branch)}')
+    click.echo(f'branch of {spec.parent}')
+    if difference := proof.difference:
+        click.echo(f'first difference at {proof.at:.3f} s, /{difference.topic}: {difference.what}')
+    else:
+        click.echo(f'no difference in {proof.messages} messages')
+
+
+def _drive(past: Past, spec: RunSpec, at: float) -> int:
+    """Drive from a time on [s]; return the exit status."""
+    from ballbot_ros.cli.progress import Progress
+    from ballbot_ros.files import next_steps
+    from ballbot_ros.nodes.teleop.terminal import keyboard_unavailable_reason
+    from ballbot_ros.run.branch import prove
+    from ballbot_ros.run.drive import NAME, drive
+    from ballbot_ros.run.requirements import require_rclpy
+
+    require_rclpy()
+    obstacle = keyboard_unavailable_reason()
+    with Progress(NAME, 0.0, bar=bool(obstacle)) as progress:
+        result = drive(spec, progress, no_keyboard=obstacle, starts_paused=not obstacle)
+    if result.recording is None:
+        return result.exit_status
+    click.echo('\n'.join([f'recording  {result.recording}', *next_steps(result.recording)]))
+    proof = prove(past, result.recording, at)
+    _print_proof(spec, proof, past.path, result.recording)
+    return 1 if proof.problem else result.exit_status

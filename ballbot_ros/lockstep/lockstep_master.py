@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Collection
 
+from ballbot_ros.engine.pacer import PauseControl
 from ballbot_ros.lockstep import run_actions as do
 from ballbot_ros.lockstep.lockstep import SampleHistory, SampleStatus
 from ballbot_ros.lockstep.participants import Objection
@@ -103,7 +104,7 @@ class LockstepMaster(RunMaster):
             return
         if self._is_held or self._recorder.lags(self._plant.time_ns):
             return
-        factor = self._parameters.real_time_factor
+        factor = self._pace()
         if not self.pause.is_paused and (delay_s := self._pacer.delay_s(factor, self._now_s)):
             self._wake_in(delay_s)
             return
@@ -112,6 +113,17 @@ class LockstepMaster(RunMaster):
         self._pacer.on_tick(factor, self._now_s)
         duty, self._duty = self._duty, None
         self._tick(duty)
+
+    def _pace(self) -> float:
+        """Return the pace of the next tick; the moment from which the run is live may pause it."""
+        elapsed_ns = self._plant.time_ns - self._run.start_ns
+        if elapsed_ns < round(self._parameters.live_from * SECOND_NS):
+            return 0.0
+        if self._pauses_when_live:
+            self._pauses_when_live = False
+            self.pause = PauseControl(starts_paused=True)
+            self._act(do.Report())
+        return self._parameters.real_time_factor
 
     def _continue(self) -> None:
         # Measure the silence from now on: the pause does not count.

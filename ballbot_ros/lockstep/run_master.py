@@ -125,7 +125,9 @@ class RunMaster(ABC):
         self._first_values: Mapping[tuple[str, str], Value] = {}
         self._is_warned = self._is_wake_pending = False
         self._prepare(FIRST_TICK_NS)
-        self.pause = PauseControl(starts_paused=self._parameters.start_paused)
+        starts_paused, is_live = self._parameters.start_paused, not self._parameters.live_from
+        self.pause = PauseControl(starts_paused=starts_paused and is_live)
+        self._pauses_when_live = starts_paused and not is_live
         self._participants = RunParticipants(
             graph,
             process_observer,

@@ -320,6 +320,8 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
     def _select(self, elapsed_s: float) -> Command:
         before = self._source_name()
         scenario = self._scenario.sticks_at(elapsed_s)
+        if elapsed_s < self.parameters.live_from:
+            return Command(SCENARIO, scenario)
         self._command = self._sources.select(time.monotonic(), scenario)
         if self._source_name() != before:
             self.get_logger().info(f'in command: {self._source_name()} (was {before})')

@@ -43,6 +43,13 @@ class ScenarioChoice:
     """The scenario that a node takes part in."""
 
     scenario: str = path('scenario (name or file) for stick signals and pushes; empty: none', '5.1')
+    live_from: float = quantity(
+        0.0,
+        's',
+        (0.0, 1e6),
+        'time of a run up to which it neither waits for the wall clock nor takes live sticks',
+        'project',
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -58,7 +58,12 @@ _COMPARED = [topic for topic in STAMPED_TOPICS if topic not in _CAUSES]
 """What must be the same: all effects. A sample of the sticks names another source in a branch."""
 
 _OF_A_RUN: Mapping[str, Mapping[str, Value]] = {
-    PLANT: {'real_time_factor': 0.0, 'start_paused': False, 'require_recorder': False},
+    PLANT: {
+        'real_time_factor': 0.0,
+        'start_paused': False,
+        'require_recorder': False,
+        'live_from': 0.0,
+    },
     GAMEPAD: {'device': '', 'keyboard': False, 'log_csv': ''},
 }
 """Parameters of a recorded run that its branch does not have."""
@@ -78,12 +83,15 @@ class Future:
         New values of the controller's parameters, by name.
     sticks : tuple of int or 'recorded'
         The sticks (vertical, horizontal) that are held, or those of the recorded run go on.
+    is_live : bool
+        Whether the user drives, in real time, until the run is stopped.
     """
 
     at: float
     pushes: tuple[ScheduledPush, ...] = ()
     values: Mapping[str, Value] = field(default_factory=dict)
     sticks: HeldSticks = RECORDED
+    is_live: bool = False
 
     @property
     def told(self) -> tuple[str, ...]:
@@ -95,8 +103,10 @@ class Future:
         told += [
             f'{CONTROLLER}.{name} = {value_text(value)}' for name, value in self.values.items()
         ]
-        if self.sticks != RECORDED:
+        if self.sticks != RECORDED and not self.is_live:
             told.append(f'sticks {self.sticks[0]}, {self.sticks[1]}')
+        if self.is_live:
+            told.append('driven by hand')
         return tuple(told)
 
 
@@ -272,6 +282,9 @@ def branch_spec(
     path.write_text(_scenario_text(past, future, parameters), encoding='utf-8')
     scenario = load_scenario(str(path))
     parameters.set(GAMEPAD, 'scenario', str(path))
+    if future.is_live:
+        for name, value in (('live_from', future.at), ('real_time_factor', 1.0), ('duration', 0.0)):
+            parameters.set(PLANT, name, value)
     controller = compose_controller(parameters)
     # Without an output folder, the run makes one there.
     folder = output or Path('runs', 'new')
