@@ -23,7 +23,7 @@ from robot_world import Brick
 from ballbot_ros.engine.plant import Plant
 from ballbot_ros.lockstep import run_actions as do
 from ballbot_ros.lockstep.liveness import Observation, ThreadTime
-from ballbot_ros.lockstep.lockstep import DEPTH, RunIdentity
+from ballbot_ros.lockstep.lockstep import DEPTH, GivenAnswers, RunIdentity
 from ballbot_ros.lockstep.lockstep_master import LockstepMaster
 from ballbot_ros.lockstep.participants import (
     Announcement,
@@ -36,7 +36,7 @@ from ballbot_ros.lockstep.participants import (
 from ballbot_ros.lockstep.recording_order import ArrivalOrder, Stream
 from ballbot_ros.lockstep.run_actions import RunSetup
 from ballbot_ros.lockstep.run_recording import RunRecording
-from ballbot_ros.nodes.teleop.sticks import Arbiter, GivenAnswers
+from ballbot_ros.nodes.teleop.sticks import Arbiter
 from ballbot_ros.parameters import (
     CONTROLLER,
     GAMEPAD,
@@ -218,7 +218,7 @@ class DriverNode(Node):
         messages = DRIVER_NODES[role]
         parameters = world.parameters.of(messages.device.parameters)
         self._read, self._encode = messages.device.make(parameters), messages.encoder(parameters)
-        self._source, self._topic = messages.source(parameters), messages.sample
+        self._source, self._topic = messages.source(parameters, 0), messages.sample
         self.is_mute = False
         self.readers[self._source.topic.name] = (self._on_truth, HISTORY, False)
 

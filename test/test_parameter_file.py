@@ -9,6 +9,7 @@ from ballbot_ros.files import share_directory
 from ballbot_ros.parameters import (
     ALL_NODES,
     CONTROLLER,
+    GAMEPAD,
     GYRO,
     NODES,
     PLANT,
@@ -80,7 +81,7 @@ def test_every_form_of_a_node_name_in_ros_is_accepted(read, key):
 
 def test_a_wildcard_parameter_reaches_all_nodes_that_have_it(read):
     parameters = read('/**: {ros__parameters: {seed: 42}}\n')
-    sharers = {PLANT, GYRO, 'encoder_driver', SONAR, CONTROLLER}
+    sharers = {PLANT, GYRO, 'encoder_driver', SONAR, CONTROLLER, GAMEPAD}
     assert {node for node, _, _ in parameters} == sharers
     assert {(name, value) for _, name, value in parameters} == {('seed', 42)}
 

@@ -202,7 +202,7 @@ def test_iteration_yields_the_set_parameters():
 @pytest.mark.parametrize(
     ('node', 'name', 'value', 'sharers'),
     [
-        (GYRO, 'seed', 9, (PLANT, GYRO, 'encoder_driver', SONAR, CONTROLLER)),
+        (GYRO, 'seed', 9, (PLANT, GYRO, 'encoder_driver', SONAR, CONTROLLER, GAMEPAD)),
         (GAMEPAD, 'scenario', 'x', (PLANT, GAMEPAD)),
         (
             CONTROLLER,

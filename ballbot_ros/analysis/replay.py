@@ -31,9 +31,9 @@ from ballbot_ros.engine.law_runs import FAULTS
 from ballbot_ros.engine.trajectory import Engine
 from ballbot_ros.engine.tuned_program import TunedProgram
 from ballbot_ros.errors import BallbotError, RecordingError
-from ballbot_ros.parameters import ControllerParameters, ParameterSet, Value
+from ballbot_ros.parameters import GAMEPAD, ControllerParameters, ParameterSet, Value
 from ballbot_ros.parameters.changes import PendingChanges
-from ballbot_ros.parameters.timing import FIRST_TICK_NS, MILLISECOND_NS, SLOW_PERIOD_NS, TICK_NS
+from ballbot_ros.parameters.timing import FIRST_TICK_NS, SLOW_PERIOD_NS, TICK_NS
 from ballbot_ros.recording.batch import RawMessage
 from ballbot_ros.recording.messages.conversions import (
     decode_real_duty,
@@ -330,7 +330,8 @@ def replay_controller(
 
     messages = ControllerMessages(lambda topic: partial(replayed, topic))
     retuned = _RetunedProgram(recording, inputs, parameters, messages)
-    program, tasks = retuned.program, BrickTasks(parameters.of(ControllerParameters))
+    program = retuned.program
+    tasks = BrickTasks(parameters.of(ControllerParameters), run.start_ns)
     now = run.start_ns
     for topic, raw in _messages(recording, inputs, STAMPED_TOPICS):
         comparator.add_recorded(topic, [raw.stamp_ns], [raw.data], run.epoch)
@@ -342,10 +343,9 @@ def replay_controller(
             now in samples[due] for due in INPUT_READERS if now % due.period_ns == 0
         ):
             readings = device_inputs(lambda each: samples[each].pop(now, None))  # noqa: B023
-            elapsed = now - run.start_ns
             retuned.repeat(now)
             with _RecordingErrorContext(reader, 'the inputs', now):
-                outputs = tasks.tick(program, now, elapsed // MILLISECOND_NS, readings)
+                outputs = tasks.tick(program, now, readings)
                 messages.tick(now, outputs, program)
             yield ReplayedTick(now, readings, outputs)
             now += TICK_NS
@@ -402,6 +402,10 @@ class _Robot:
         samples: Mapping[str, Mapping[int, object]],
     ) -> None:
         self._inputs = inputs
+        # The recorded sticks are those that have passed the gamepad's faults.
+        given, parameters = parameters, ParameterSet()
+        parameters.update(given)
+        parameters.set(GAMEPAD, 'faults', '')
         start_ns, epoch = inputs.run.start_ns, inputs.run.epoch
 
         def replayed(topic: Topic, stamp_ns: int, data: bytes) -> None:

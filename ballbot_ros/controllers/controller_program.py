@@ -272,13 +272,19 @@ class ControllerProgram:
         times.reset()
         self.tasks = loaded.tasks
         self._schedule = Schedule(loaded.tasks)
-        self._user = parameters
+        self._user, self._model = parameters, model
         self._glide = Glide(settings)
+        self._readings = NO_READINGS
+        self.restart()
+
+    def restart(self) -> None:
+        """Begin with a new controller, and with the newest samples."""
         self._start_ms: int | None = None
         self._task = ''
-        self._readings = NO_READINGS
+        loaded = self.loaded
         try:
-            self.controller: Controller[Any] = loaded.cls(parameters, model, settings)
+            settings = self._glide.parameters
+            self.controller: Controller[Any] = loaded.cls(self._user, self._model, settings)
             self._brick: Brick = self.controller._brick
             self._methods = {
                 name: getattr(self.controller, name) for name, _, _ in loaded.tasks if name != IDLE

@@ -89,6 +89,9 @@ class Program(Protocol):
             Those of the run, with other values for some.
         """
 
+    def restart(self) -> None:
+        """Forget all but the newest samples: STOP and RUN start the program anew."""
+
     def tick(self, elapsed_ms: int, systick_ms: int, inputs: DeviceInputs) -> DeviceOutputs:
         """Run the tasks due `elapsed_ms` after the start on the inputs of that time."""
 

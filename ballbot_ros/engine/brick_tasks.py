@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from copy import copy
 
 from ballbot_ros.controllers.document.axis import TASK_TS2
@@ -10,8 +10,17 @@ from ballbot_ros.controllers.document.program import DUTY_TASK, ControlProgram
 from ballbot_ros.controllers.interface import BUS_BUSY, SAME_TICK, Program
 from ballbot_ros.engine.devices import numbers_of, varied
 from ballbot_ros.parameters import ControllerParameters
-from ballbot_ros.parameters.timing import MILLISECOND_NS, TICK_NS
+from ballbot_ros.parameters.timing import FIRST_TICK_NS, MILLISECOND_NS, TICK_NS
 from ballbot_ros.robot.brick.brick import DeviceInputs, DeviceOutputs
+from ballbot_ros.robot.brick.fault_effects import (
+    OFF_NS,
+    SLOW,
+    active_amount,
+    fault_row,
+    program_changes,
+    program_start,
+)
+from ballbot_ros.robot.brick.faults import COMPONENTS, faults_of
 from ballbot_ros.robot.brick.job_times import is_timed, job_times, kernel_constants
 from ballbot_ros.robot.brick.kernel import (
     DUTY_X,
@@ -32,11 +41,21 @@ class BrickTasks:
     With a kernel or a link, a job computes when it begins, on the samples of the tick in which it
     does, and its duty is set when it ends. The kernel counts the alarms of the tasks by itself. A
     free-running controller has the time that it takes, and `is_timed` is false.
+
+    A fault can restart the program, and stop it before. Meanwhile no task runs, and the duty is 0.
+
+    Parameters
+    ----------
+    parameters : ControllerParameters
+    start_ns : int
+        Start of the run [ns].
     """
 
-    def __init__(self, parameters: ControllerParameters) -> None:
+    def __init__(self, parameters: ControllerParameters, start_ns: int = FIRST_TICK_NS) -> None:
         self._parameters = parameters
         self.is_timed = is_timed(parameters)
+        self._faults = fault_row(faults_of(parameters), start_ns)
+        self._start_ns = self._begun_ns = start_ns
         self._kernel: OsekKernel | None = None
         self._duties: dict[int, tuple[int, int]] = {}
         self._newest_duty = 0, 0
@@ -49,32 +68,56 @@ class BrickTasks:
             twin._duties = dict(self._duties)
         return twin
 
-    def tick(
-        self, program: Program, now_ns: int, elapsed_ms: int, inputs: DeviceInputs
-    ) -> DeviceOutputs:
-        """Run the tasks due `elapsed_ms` after the start of the run."""
+    @property
+    def changes(self) -> Mapping[int, bool]:
+        """Ticks [ns] at which the program starts anew (True) or stops (False)."""
+        return program_changes(self._faults, self._start_ns)
+
+    def tick(self, program: Program, now_ns: int, inputs: DeviceInputs) -> DeviceOutputs:
+        """Run the tasks that are due."""
+        if not self._is_on(program, now_ns):
+            return self._rest(program, now_ns, inputs)
         if self.is_timed:
             return self._tick(program, now_ns, inputs)
+        elapsed_ms = (now_ns - self._begun_ns) // MILLISECOND_NS
         return program.tick(elapsed_ms, now_ns // MILLISECOND_NS, inputs)
 
     def run(
         self, program: Program, now_ns: int, tasks: Sequence[str], inputs: DeviceInputs
     ) -> DeviceOutputs:
         """Run the tasks that have been released for a tick."""
+        if not self._is_on(program, now_ns):
+            return self._rest(program, now_ns, inputs)
         if self.is_timed:
             return self._tick(program, now_ns, inputs)
         return program.run(tasks, now_ns // MILLISECOND_NS, inputs)
 
     def restore_state(
-        self, program: ControlProgram, start_ns: int, kernel_state: Sequence[int]
+        self, program: ControlProgram, last_ns: int, kernel_state: Sequence[int]
     ) -> None:
-        """Continue a run that began at a time from a state of its program and its kernel."""
+        """Continue after a tick from a state of the program and the kernel."""
+        self._begun_ns = program_start(self._faults, self._start_ns, last_ns)
         if not self.is_timed:
             return
-        kernel = self._kernel or self._begin(program, start_ns)
+        kernel = self._kernel or self._begin(program, self._start_ns)
         kernel.state = list(kernel_state)
         self._newest_duty = program.state.duty_x, program.state.duty_y
         self._duties = {DUTY_TASK: self._newest_duty} if kernel.has_begun(DUTY_TASK) else {}
+
+    def _is_on(self, program: Program, now_ns: int) -> bool:
+        """Return whether the program runs at a tick; restart it if it starts anew."""
+        begun_ns, before_ns = program_start(self._faults, self._start_ns, now_ns), self._begun_ns
+        self._begun_ns = begun_ns
+        if begun_ns not in (before_ns, OFF_NS):
+            program.restart()
+            self._kernel, self._duties = None, {}
+        return begun_ns != OFF_NS
+
+    def _rest(self, program: Program, now_ns: int, inputs: DeviceInputs) -> DeviceOutputs:
+        """Return the outputs of a brick that is off; its registers have the newest samples."""
+        outputs = program.run((), now_ns // MILLISECOND_NS, inputs)
+        outputs.duty = 0, 0
+        return outputs
 
     def _tick(self, program: Program, now_ns: int, inputs: DeviceInputs) -> DeviceOutputs:
         kernel = self._kernel or self._begin(program, now_ns)
@@ -99,6 +142,9 @@ class BrickTasks:
                 if outputs.duty != before:
                     self._newest_duty = self._duties[task] = outputs.duty
                 time_us = program.job_time(names[0], outputs, self._times)
+                if names[0] in COMPONENTS:
+                    component = COMPONENTS.index(names[0])
+                    time_us += active_amount(self._faults, component, SLOW, now_ns)
                 kernel.take_time(task, varied(self._times, time_us, self._key, task, now_ns))
         effect_ns = 1000 * duty_effect(kernel.constants, kernel.state)
         outputs.duty = kernel.state[DUTY_X], kernel.state[DUTY_Y]

@@ -26,13 +26,14 @@ from ballbot_ros.parameters import (
 )
 from ballbot_ros.parameters.timing import (
     FIRST_TICK_NS,
-    MILLISECOND_NS,
     SECOND_NS,
     SLOW_PERIOD_NS,
     TICK_NS,
 )
 from ballbot_ros.robot.brick.bluetooth import NEUTRAL
 from ballbot_ros.robot.brick.brick import DeviceInputs, DeviceOutputs, from_numbers
+from ballbot_ros.robot.brick.fault_effects import fault_row, packet_time
+from ballbot_ros.robot.brick.faults import all_faults, late_steps
 from ballbot_ros.robot.plant.ground_truth import GroundTruth, Push
 from ballbot_ros.robot.world.sonar_beam import check_rays
 from ballbot_ros.robot.world.world import World
@@ -102,11 +103,13 @@ class ClosedLoop:
     ) -> None:
         self.start_ns = start_ns
         self.world = World.of(parameters.of(PlantParameters))
-        self.plant = Plant(parameters.of(PlantParameters), start_ns, self.world)
+        faults = all_faults(parameters.of)
+        row = fault_row(faults, start_ns)
+        self.plant = Plant(parameters.of(PlantParameters), start_ns, self.world, row)
         check_rays(parameters.of(SonarParameters))
         devices = (parameters.of(each) for each in DEVICES)
         self._constants = robot_constants(self.plant.constants, *map(numbers_of, devices))
-        self.plant.keep_steps(longest_age(self._constants))
+        self.plant.keep_steps(longest_age(self._constants) + late_steps(faults))
         self._recorded = {name: samples for name, samples in recorded.items() if samples}
         self._scenario = scenario or Scenario()
         self.pushes = self._scenario.pushes_from(start_ns)
@@ -114,15 +117,18 @@ class ClosedLoop:
             self.plant.push(push)
         settings = parameters.of(ControllerParameters)
         self.program = program or implementation_for(settings).make()
-        self.tasks = BrickTasks(settings)
+        self.tasks = BrickTasks(settings, start_ns)
 
     def sample(self) -> DeviceInputs:
         """Return the samples of the devices and sticks that are due now."""
         plant, now_ns, sticks = self.plant, self.plant.time_ns, NEUTRAL
         if now_ns % SLOW_PERIOD_NS == 0:
-            sticks = self._scenario.sticks_at((now_ns - self.start_ns) * 1e-9)
+            sent_ns = packet_time(plant.faults, now_ns, plant.constants.key)
+            sticks = self._scenario.sticks_at((sent_ns - self.start_ns) * 1e-9)
         inputs = from_numbers(
-            sample(self._constants, plant.state, *sticks, plant.kept_steps, plant.sides)
+            sample(
+                self._constants, plant.state, *sticks, plant.kept_steps, plant.sides, plant.faults
+            )
         )
         if self._recorded:
             inputs = inputs._replace(
@@ -146,7 +152,6 @@ class ClosedLoop:
         truth, wall_hit = self.plant.truth(), self.plant.wall_hit
         now_ns = truth.stamp_ns
         inputs = self.sample()
-        elapsed_ms = (now_ns - self.start_ns) // MILLISECOND_NS
-        outputs = self.tasks.tick(self.program, now_ns, elapsed_ms, inputs)
+        outputs = self.tasks.tick(self.program, now_ns, inputs)
         self.plant.tick(*outputs.duty, outputs.delay_ns)
         return Tick(truth, wall_hit, inputs, outputs)

@@ -56,8 +56,10 @@ from ballbot_ros.parameters import (
     PlantParameters,
     SonarParameters,
 )
-from ballbot_ros.parameters.timing import FIRST_TICK_NS
+from ballbot_ros.parameters.timing import FIRST_TICK_NS, TICK_NS
 from ballbot_ros.robot.brick.brick import Inputs
+from ballbot_ros.robot.brick.fault_effects import fault_row
+from ballbot_ros.robot.brick.faults import Fault, all_faults, late_steps
 from ballbot_ros.robot.brick.kernel import kernel_size
 from ballbot_ros.robot.brick.link import longest_analog_steps
 from ballbot_ros.robot.plant.ground_truth import STEP_VALUES, GroundTruth
@@ -220,7 +222,7 @@ class CompiledLoop:
             rows[SonarParameters], rows[ControllerParameters], programs,
             floor_of(loop.world), events_of([events]),
         )  # fmt: skip
-        self._rings = rings_of(rows, len(program.tasks))
+        self._rings = rings_of(rows, len(program.tasks), [all_faults(parameters.of)])
         self._robots = new_robots(1, state)
 
     def advance(self, ticks: int) -> RunLog:
@@ -267,13 +269,13 @@ class CompiledLoop:
                 state._replace(pushes=len(saved.push_times) // 2),
                 saved.push_times,
                 saved.push_forces,
-                *(tuple(each[0].tolist()) for each in self._rings[:3]),
+                *(tuple(each[0].tolist()) for each in (*self._rings[:3], self._rings.faults)),
             )
         )
         if isinstance(self.program, ControlProgram):
             self.program.state = state_of(ProgramState, robot['program'])
-            kernel = self._rings.kernel[0].tolist()
-            self._tasks.restore_state(self.program, FIRST_TICK_NS, kernel)
+            last_ns, kernel = state.time_ns - TICK_NS, self._rings.kernel[0].tolist()
+            self._tasks.restore_state(self.program, last_ns, kernel)
 
 
 def floor_of(world: World | None) -> FloorTables:
@@ -290,23 +292,32 @@ def are_timed(rows: RobotRows) -> bool:
     return bool((plants['kernel'] | plants['link']).any())
 
 
-def rings_of(rows: RobotRows, tasks: int) -> Rings:
-    """Return the empty rings of robots whose programs have a number of tasks."""
+def rings_of(rows: RobotRows, tasks: int, faults: Sequence[Sequence[Fault]] = ((),)) -> Rings:
+    """Return the empty rings of robots whose programs have a number of tasks.
+
+    The faults are those of all robots, or of each.
+    """
     plants, gyros = rows[PlantParameters], rows[GyroParameters]
     delays = plants['actuator_delay'] + plants['actuator_delay_jitter']
     is_timed = are_timed(rows)
-    waiting = waiting_count(int(delays.max(initial=0)), is_timed)
+    count, waiting = len(plants), waiting_count(int(delays.max(initial=0)), is_timed)
     ages = [rows[each]['delay'] + rows[each]['delay_jitter'] for each in DEVICES]
     longest_link = longest_analog_steps(True, float(gyros['converter_period'].max(initial=0.0)))
     ages[DEVICES.index(GyroParameters)] += np.where(gyros['link'], longest_link, 0)
     longest = max(int(each.max(initial=0)) for each in ages)
+    longest += max(map(late_steps, faults))
+    # What is missing begins and ends at time 0, before the run.
+    fault_rows = [fault_row(each, FIRST_TICK_NS) for each in faults]
+    size = max(map(len, fault_rows))
+    fault_table = np.zeros((count, size))
+    fault_table[:] = [each + [0.0] * (size - len(each)) for each in fault_rows]
     kept = STEP_VALUES * (longest + 1) if longest else 0
-    count = len(plants)
     return Rings(
         np.zeros((count, waiting), np.int64),
         np.zeros((count, 2 * waiting), np.int64),
         np.zeros((count, kept)),
         np.zeros((count, kernel_size(tasks) if is_timed else 0), np.int64),
+        fault_table,
     )
 
 

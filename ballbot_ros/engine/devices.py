@@ -31,7 +31,14 @@ from ballbot_ros.parameters import (
     NodeParameters,
     SonarParameters,
 )
-from ballbot_ros.parameters.timing import SLOW_PERIOD_NS, STEP_NS, TICK_NS
+from ballbot_ros.parameters.timing import FIRST_TICK_NS, SLOW_PERIOD_NS, STEP_NS, TICK_NS
+from ballbot_ros.robot.brick import fault_effects as components
+from ballbot_ros.robot.brick.fault_effects import (
+    active_amount,
+    after_faults,
+    fault_row,
+)
+from ballbot_ros.robot.brick.faults import faults_of, late_steps
 from ballbot_ros.robot.brick.job_times import JobTimes, whole_time
 from ballbot_ros.robot.brick.link import (
     NO_LINK,
@@ -321,6 +328,8 @@ class Device(Generic[P, Reading]):
     ----------
     field : str
         Field of :class:`~ballbot_ros.robot.brick.brick.DeviceInputs` that holds its readings.
+    components : tuple of int
+        Whose faults concern the measured quantity of planes x and y.
     measured : callable
         Returns the measured quantity of a true state, the present one or that of an earlier step.
     link_of : callable
@@ -333,6 +342,7 @@ class Device(Generic[P, Reading]):
 
     parameters: type[P]
     field: str
+    components: tuple[int, int]
     measured: Callable[[GroundTruth | MeasuredState], Pair]
     make: Callable[[P], Read[Reading]]
     link_of: Callable[[P], Link] = lambda parameters: NO_LINK
@@ -342,31 +352,61 @@ class Device(Generic[P, Reading]):
         """Sampling period in sim time [ns]."""
         return self.parameters.period_ns
 
-    def age_of(self, parameters: P) -> Callable[[int], tuple[int, float]]:
-        """Return the function that gives the age of the sample with a stamp [ns].
+    def reader(self, parameters: P, start_ns: int) -> Read[Any]:
+        """Return the function of `make`, with the faults of a run that begins at a time [ns]."""
+        read, faults = self.make(parameters), fault_row(faults_of(parameters), start_ns)
+        key, period_ns = noise_key(parameters.seed), self.period_ns
 
-        The age is that of the older one of two steps [steps], and the share of the later one.
+        def faulty(measured: Pair, stamp_ns: int) -> Any:
+            reading: Any = read(measured, stamp_ns)
+            values = (reading,) if isinstance(reading, int) else reading
+            left = tuple(
+                after_faults(faults, component, value, stamp_ns, period_ns, key)
+                for component, value in zip(self.components, values, strict=False)
+            )
+            return left[0] if isinstance(reading, int) else left
+
+        return faulty if faults else read
+
+    def age_of(
+        self, parameters: P, start_ns: int = FIRST_TICK_NS
+    ) -> Callable[[int], tuple[tuple[int, int], float]]:
+        """Return the function that gives the ages of the sample with a stamp [ns].
+
+        They are those of the older one of two steps [steps], for planes x and y, and the share of
+        the later one. `start_ns` is the start of the run.
         """
+        faults = fault_row(faults_of(parameters), start_ns)
         delay, jitter, key = parameters.delay, parameters.delay_jitter, noise_key(parameters.seed)
         number = delay_number(self.parameters.node.removesuffix('_driver'))
         link = self.link_of(parameters)
 
-        def age(stamp_ns: int) -> tuple[int, float]:
+        def age(stamp_ns: int) -> tuple[tuple[int, int], float]:
             age = sample_age(delay, jitter, key, number, self.period_ns, stamp_ns)
             older, share = analog_steps(link, stamp_ns)
-            return age + older, share
+            x, y = (
+                age + older + int(active_amount(faults, each, components.DELAYED, stamp_ns))
+                for each in self.components
+            )
+            return (x, y), share
 
         return age
 
-    def sampled(self, parameters: P) -> Callable[[GroundTruth], Pair]:
+    def sampled(
+        self, parameters: P, start_ns: int = FIRST_TICK_NS
+    ) -> Callable[[GroundTruth], Pair]:
         """Return the function that measures the quantity of the sample at a tick."""
-        age_of = self.age_of(parameters)
+        age_of = self.age_of(parameters, start_ns)
         if not self.longest_delay(parameters):
             return self.measured
         return lambda truth: self.measured_of(truth.steps, *age_of(truth.stamp_ns))
 
-    def measured_of(self, steps: tuple[float, ...], age: int, share: float) -> Pair:
-        """Return the quantity at an age as in :meth:`age_of`, of steps as in `GroundTruth`."""
+    def measured_of(self, steps: tuple[float, ...], ages: tuple[int, int], share: float) -> Pair:
+        """Return the quantity at ages as in :meth:`age_of`, of steps as in `GroundTruth`."""
+        x, y = self._measured_at(steps, ages[0], share)
+        return (x, y) if ages[0] == ages[1] else (x, self._measured_at(steps, ages[1], share)[1])
+
+    def _measured_at(self, steps: tuple[float, ...], age: int, share: float) -> Pair:
         x, y = self.measured(state_before(steps, age))
         if share:
             later_x, later_y = self.measured(state_before(steps, age - 1))
@@ -377,7 +417,8 @@ class Device(Generic[P, Reading]):
         """Return the longest dead time of the samples [steps]."""
         link = self.link_of(parameters)
         longest = longest_analog_steps(link.is_on, link.converter_ns / STEP_NS)
-        return parameters.delay + parameters.delay_jitter + longest
+        late = late_steps(faults_of(parameters))
+        return parameters.delay + parameters.delay_jitter + longest + late
 
 
 def analog_steps(link: Link, stamp_ns: int) -> tuple[int, float]:
@@ -412,9 +453,18 @@ def _sonar(parameters: SonarParameters) -> Read[int]:
     return lambda position, stamp_ns: read_sonar(constants, *position, sides, stamp_ns)
 
 
-GYRO_DEVICE = Device(GyroParameters, 'gyro', lambda truth: truth.psi_rate, _gyro, link_of)
-ENCODER_DEVICE = Device(EncoderParameters, 'revolutions', lambda truth: truth.motor_angle, _encoder)
-SONAR_DEVICE = Device(SonarParameters, 'sonar_cm', lambda truth: truth.position, _sonar)
+GYRO_DEVICE = Device(
+    GyroParameters, 'gyro', (components.GYRO_X, components.GYRO_Y),
+    lambda truth: truth.psi_rate, _gyro, link_of,
+)  # fmt: skip
+ENCODER_DEVICE = Device(
+    EncoderParameters, 'revolutions', (components.ENCODER_X, components.ENCODER_Y),
+    lambda truth: truth.motor_angle, _encoder,
+)  # fmt: skip
+SONAR_DEVICE = Device(
+    SonarParameters, 'sonar_cm', (components.SONAR, components.SONAR),
+    lambda truth: truth.position, _sonar,
+)  # fmt: skip
 
 AnyDevice: TypeAlias = Device[Any, Any]
 """A device of any kind."""

@@ -38,6 +38,7 @@ from ballbot_ros.errors import short_repr
 from ballbot_ros.parameters.timing import TICK_MS
 from ballbot_ros.robot.arithmetic import Ints
 from ballbot_ros.robot.brick.brick import NO_SAMPLE, Inputs
+from ballbot_ros.robot.brick.fault_effects import TICK_TASK
 from ballbot_ros.robot.brick.job_times import JobTimes
 from ballbot_ros.robot.brick.kernel import set_task
 from ballbot_ros.robot.compiler_hints import inlined, with_globals
@@ -77,6 +78,11 @@ def run_tasks(
         if not (-MAX_DUTY <= duty_x <= MAX_DUTY and -MAX_DUTY <= duty_y <= MAX_DUTY):
             raise ValueError('no duty')
     return LawState(duty_x, duty_y, readings, own)
+
+
+def restarted(state: LawState, initial: LawState) -> LawState:
+    """Return the state of a law that starts anew, with the newest samples."""
+    return LawState(0, 0, state.readings, initial.own)
 
 
 def set_tasks(kernel: Ints, timers: int) -> None:
@@ -186,10 +192,12 @@ class LawCode:
             'begin_program': with_globals(begin_program, {'read_constants': read_own}),
             'due_tasks': due_tasks,
             'run_tasks': with_globals(run_tasks, {'law': compiled(self._law)}),
+            'restarted': restarted,
             'set_tasks': set_tasks,
             'time_of_job': time_of_job,
             'DUTY_TASK': 0,
             'BUS_TASK': -1,
+            'FIRST_TASK': TICK_TASK,
             'read_program_state': read,
             'write_program_state': write,
         }

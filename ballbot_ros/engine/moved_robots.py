@@ -119,7 +119,7 @@ def move_robot(
     effects_ns, waiting_duties, steps, sides, walls_before : sequence
         As in :func:`~ballbot_ros.engine.plant_tick.plant_tick`.
     """
-    push_times, push_forces = effects_ns[:0], steps[:0]  # none, of the types of some
+    whole, real = effects_ns[:0], steps[:0]  # no pushes and no faults, of the types of some
     is_timed, key = constants.plant.has_late_duties, constants.plant.key
     delay_ns = 0
     if is_new and is_timed:
@@ -135,8 +135,8 @@ def move_robot(
                 set_x, set_y = kernel[DUTY_X], kernel[DUTY_Y]
                 delay_ns = max(duty_effect(kernel_law, kernel) * 1000 - now_ns, 0)
             state = plant_tick(
-                constants.plant, state, set_x, set_y, delay_ns, push_times, push_forces,
-                effects_ns, waiting_duties, steps, sides, walls_before,
+                constants.plant, state, set_x, set_y, delay_ns, whole, real,
+                effects_ns, waiting_duties, steps, sides, walls_before, real,
             )  # fmt: skip
         elapsed_ns = state.time_ns - FIRST_TICK_NS
         vertical = horizontal = 0
@@ -144,7 +144,7 @@ def move_robot(
             elapsed_s = elapsed_ns * 1e-9
             vertical = signal_value(vertical_times, vertical_values, elapsed_s)
             horizontal = signal_value(horizontal_times, horizontal_values, elapsed_s)
-        inputs = sample(constants, state, vertical, horizontal, steps, sides)
+        inputs = sample(constants, state, vertical, horizontal, steps, sides, real)
         observer = observer_tick(observer, inputs, elapsed_ns // MILLISECOND_NS >= time_start)
         if state.is_stopped:
             break

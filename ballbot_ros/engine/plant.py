@@ -18,6 +18,8 @@ from ballbot_ros.engine.plant_tick import (
 )
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.parameters.timing import STEP_NS
+from ballbot_ros.robot.brick.fault_effects import fault_row, voltage_drop
+from ballbot_ros.robot.brick.faults import faults_of
 from ballbot_ros.robot.plant.ground_truth import STEP_VALUES, GroundTruth, Push
 from ballbot_ros.robot.plant.laws import Floor, WallHit, motor_current
 
@@ -33,6 +35,7 @@ class SavedPlant(NamedTuple):
     effects_ns: tuple[int, ...]
     waiting_duties: tuple[int, ...]
     steps: tuple[float, ...]
+    faults: tuple[float, ...]
 
 
 class Plant:
@@ -44,6 +47,8 @@ class Plant:
         Sim time [ns] of the first tick.
     floor : Floor or None
         The walls; None for an unlimited floor.
+    faults : list of float or None
+        All faults of the run, if others of them act elsewhere; None for the plant's own.
 
     Attributes
     ----------
@@ -53,19 +58,26 @@ class Plant:
         Everything that changes with time, but for the buffers.
     kept_steps : list of float
         The ring of the newest steps.
+    faults : list of float
+        See :mod:`~ballbot_ros.robot.brick.fault_effects`.
     sides : array of int32
         Distances to walls, as in :class:`~ballbot_ros.robot.world.world.Footprint`; () for none.
     """
 
     def __init__(
-        self, parameters: PlantParameters, start_ns: int, floor: Floor | None = None
+        self,
+        parameters: PlantParameters,
+        start_ns: int,
+        floor: Floor | None = None,
+        faults: list[float] | None = None,
     ) -> None:
         c = self.constants = plant_constants(numbers_of(parameters), start_ns)
         self._torque_constant = parameters.torque_constant
         self._floor = floor
         walls: tuple[Any, Any] = floor.walls_as_numbers if floor else ((), ())
         self.sides, self._walls_before = walls
-        self.state = initial_state(c, start_ns)
+        self.faults = fault_row(faults_of(parameters), start_ns) if faults is None else faults
+        self.state = initial_state(c, start_ns, 0, voltage_drop(self.faults, start_ns))
         self._push_times: list[int] = []
         self._push_forces: list[float] = []
         waiting = waiting_count(c.actuator_delay + c.actuator_jitter, c.has_late_duties)
@@ -124,6 +136,7 @@ class Plant:
             self.constants, self.state, duty_x, duty_y, delay_ns,
             self._push_times, self._push_forces,
             self._effects_ns, self._waiting_duties, self.kept_steps, self.sides, self._walls_before,
+            self.faults,
         )  # fmt: skip
 
     @property
@@ -200,6 +213,7 @@ class Plant:
             tuple(self._effects_ns),
             tuple(self._waiting_duties),
             tuple(self.kept_steps),
+            tuple(self.faults),
         )
 
     def restore_state(self, saved: SavedPlant) -> None:
@@ -209,3 +223,4 @@ class Plant:
         self._effects_ns = list(saved.effects_ns)
         self._waiting_duties = list(saved.waiting_duties)
         self.kept_steps = list(saved.steps)
+        self.faults[:] = saved.faults

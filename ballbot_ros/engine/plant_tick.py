@@ -14,6 +14,12 @@ from ballbot_ros.parameters.timing import (
     TICK_NS,
 )
 from ballbot_ros.robot.arithmetic import Ints, Reals
+from ballbot_ros.robot.brick.fault_effects import (
+    MOTOR_X,
+    MOTOR_Y,
+    after_faults,
+    voltage_drop,
+)
 from ballbot_ros.robot.brick.link import link_of
 from ballbot_ros.robot.brick.sensors import drawn_delay
 from ballbot_ros.robot.compiler_hints import inlined
@@ -168,7 +174,7 @@ class PlantState(NamedTuple):
     voltage_x, voltage_y : float
         Motor voltages [V].
     charge, volts : float
-        Charge drawn from the battery [A·s], and its terminal voltage [V].
+        Charge drawn from the battery [A·s], and its terminal voltage without a fault [V].
     measured_volts : float
         The voltage that a sample now has [V].
     pushes : int
@@ -206,13 +212,15 @@ class PlantState(NamedTuple):
     tried_y: float
 
 
-def initial_state(constants: PlantConstants, start_ns: int, pushes: int = 0) -> PlantState:
-    """Return the state at the first tick, with a number of pushes."""
+def initial_state(
+    constants: PlantConstants, start_ns: int, pushes: int = 0, drop: float = 0.0
+) -> PlantState:
+    """Return the state at the first tick, with a number of pushes and a fall of the voltage [V]."""
     return PlantState(
         start_ns,
         (0.0, constants.start_psi_x, 0.0, 0.0),
         (0.0, constants.start_psi_y, 0.0, 0.0),
-        0.0, 0.0, 0.0, 0.0, 0.0, constants.full_volts, constants.full_volts,
+        0.0, 0.0, 0.0, 0.0, 0.0, constants.full_volts, max(0.0, constants.full_volts - drop),
         pushes, False, False, False, False, -1, 0.0, 0.0, 0.0, 0.0,
     )  # fmt: skip
 
@@ -231,6 +239,7 @@ def plant_tick(
     steps: Reals,
     sides: Cells,
     walls_before: Cells,
+    faults: Reals,
 ) -> PlantState:
     """Return the state 4 ms later, under duties [%] commanded now.
 
@@ -246,6 +255,8 @@ def plant_tick(
         The newest steps, STEP_VALUES each, in a ring that is changed; empty for none.
     sides, walls_before : array of int32
         As in :class:`~ballbot_ros.robot.world.world.Footprint`; without rows if there are no walls.
+    faults : sequence of float
+        As in :mod:`~ballbot_ros.robot.brick.fault_effects`; what they hold is changed.
     """
     (
         is_linear, transition, force_coefficients, rates, equations, alpha, mass,
@@ -267,6 +278,11 @@ def plant_tick(
     until_ns = time_ns + TICK_NS
     is_delayed = has_late_duties or actuator_delay + actuator_jitter > 0
     change_ns = NEVER_NS
+    drop = 0.0
+    if len(faults):
+        duty_x = after_faults(faults, MOTOR_X, duty_x, time_ns, TICK_NS, key)
+        duty_y = after_faults(faults, MOTOR_Y, duty_y, time_ns, TICK_NS, key)
+        drop = voltage_drop(faults, time_ns)
     if pushes:
         pushes = without_expired(push_times, push_forces, pushes, time_ns)
     if is_delayed:
@@ -281,8 +297,8 @@ def plant_tick(
         note_duty(effects_ns, waiting_duties, time_ns, delay_ns, duty_x, duty_y)
         change_ns = time_ns
     else:
-        voltage_x = motor_voltage(duty_x, volts, dead_zone, volt_slope, volt_offset)
-        voltage_y = motor_voltage(duty_y, volts, dead_zone, volt_slope, volt_offset)
+        voltage_x = motor_voltage(duty_x, volts - drop, dead_zone, volt_slope, volt_offset)
+        voltage_y = motor_voltage(duty_y, volts - drop, dead_zone, volt_slope, volt_offset)
     for _ in range(STEPS_PER_TICK):
         start_ns, end_ns = time_ns, time_ns + STEP_NS
         before_x, before_y = x, y
@@ -294,8 +310,8 @@ def plant_tick(
                     duty_x, duty_y, change_ns = duty_at(
                         effects_ns, waiting_duties, time_ns, until_ns
                     )
-                voltage_x = motor_voltage(duty_x, volts, dead_zone, volt_slope, volt_offset)
-                voltage_y = motor_voltage(duty_y, volts, dead_zone, volt_slope, volt_offset)
+                voltage_x = motor_voltage(duty_x, volts - drop, dead_zone, volt_slope, volt_offset)
+                voltage_y = motor_voltage(duty_y, volts - drop, dead_zone, volt_slope, volt_offset)
             part_end_ns = min(end_ns, change_ns)
             dt = (part_end_ns - time_ns) * 1e-9
             if is_draining:
@@ -356,7 +372,7 @@ def plant_tick(
                 shaft_x = shaft_angle(shaft_x, wheel_x, half_play)
                 shaft_y = shaft_angle(shaft_y, wheel_y, half_play)
         if battery_age_ns and (time_ns + battery_age_ns) % BATTERY_PERIOD_NS == 0:
-            measured_volts = volts
+            measured_volts = max(0.0, volts - drop)
         if kept:
             newest += 1
             at = newest % kept * STEP_VALUES
@@ -369,9 +385,11 @@ def plant_tick(
         if in_contact and stops_at_hit:
             is_stopped = True
             voltage_x = voltage_y = 0.0
+    if not battery_age_ns:
+        measured_volts = max(0.0, volts - voltage_drop(faults, time_ns))
     return PlantState(
         time_ns, x, y, shaft_x, shaft_y, voltage_x, voltage_y, charge, volts,
-        measured_volts if battery_age_ns else volts, pushes,
+        measured_volts, pushes,
         is_fallen, is_stopped, since_sample, in_contact, hit_ns, hit_x, hit_y, tried_x, tried_y,
     )  # fmt: skip
 

@@ -82,6 +82,22 @@ from ballbot_ros.parameters.timing import (
 )
 from ballbot_ros.robot.arithmetic import Floats, Ints, Reals
 from ballbot_ros.robot.brick.brick import NO_SAMPLE, UINT32_MASK, Inputs
+from ballbot_ros.robot.brick.fault_effects import (
+    ENCODER_X,
+    ENCODER_Y,
+    FIRST_TASK,
+    GYRO_X,
+    GYRO_Y,
+    OFF_NS,
+    SLOW,
+    SONAR,
+    active_amount,
+    after_faults,
+    late_ages,
+    packet_time,
+    program_start,
+    voltage_drop,
+)
 from ballbot_ros.robot.brick.job_times import JobTimes, bus_share, job_times, kernel_constants
 from ballbot_ros.robot.brick.kernel import (
     DUTY_X,
@@ -129,7 +145,7 @@ def robot_constants(
 
 
 def longest_age(constants: RobotConstants) -> int:
-    """Return the longest dead time of all samples [steps]."""
+    """Return the longest dead time of all samples without faults [steps]."""
     _, gyro, encoder, sonar = constants
     link = gyro.link
     of_gyro = longest_analog_steps(link.is_on, link.converter_ns / STEP_NS)
@@ -148,6 +164,7 @@ def sample(
     horizontal: int,
     steps: Reals,
     sides: Cells,
+    faults: Reals,
 ) -> Inputs:
     """Return the samples that are due in a state.
 
@@ -157,6 +174,8 @@ def sample(
         The sticks.
     steps, sides : sequence of float, array of int32
         As in :func:`~ballbot_ros.engine.plant_tick.plant_tick`.
+    faults : sequence of float
+        As in :mod:`~ballbot_ros.robot.brick.fault_effects`; what they hold is changed.
     """
     plant, gyro, encoder, sonar = constants
     now_ns = state.time_ns
@@ -165,17 +184,21 @@ def sample(
     if len(steps):
         age = sample_age(gyro.delay, gyro.jitter, gyro.key, GYRO_DELAY, TICK_NS, now_ns)
         older, share = analog_steps(gyro.link, now_ns)
-        at = place_of_step(age + older, now_ns, steps)
-        rate_x, rate_y = steps[at + 2], steps[at + 3]
-        if share:
-            at = place_of_step(age + older - 1, now_ns, steps)
-            rate_x = between(rate_x, steps[at + 2], share)
-            rate_y = between(rate_y, steps[at + 3], share)
+        late_x, late_y = late_ages(faults, age + older, GYRO_X, now_ns)
+        rate_x = kept_value(steps, late_x, share, now_ns, 2)
+        rate_y = kept_value(steps, late_y, share, now_ns, 3)
         age = sample_age(encoder.delay, encoder.jitter, encoder.key, ENCODER_DELAY, TICK_NS, now_ns)
-        at = place_of_step(age, now_ns, steps)
-        angle_x, angle_y = steps[at], steps[at + 1]
+        late_x, late_y = late_ages(faults, age, ENCODER_X, now_ns)
+        angle_x = kept_value(steps, late_x, 0.0, now_ns, 0)
+        angle_y = kept_value(steps, late_y, 0.0, now_ns, 1)
     gyro_x, gyro_y = read_gyro(gyro, rate_x, rate_y, now_ns)
     revolution_x, revolution_y = read_encoder(angle_x, angle_y)
+    if len(faults):
+        key = gyro.key
+        gyro_x = after_faults(faults, GYRO_X, gyro_x, now_ns, TICK_NS, key)
+        gyro_y = after_faults(faults, GYRO_Y, gyro_y, now_ns, TICK_NS, key)
+        revolution_x = after_faults(faults, ENCODER_X, revolution_x, now_ns, TICK_NS, key)
+        revolution_y = after_faults(faults, ENCODER_Y, revolution_y, now_ns, TICK_NS, key)
     sonar_cm = reading_mv = NO_SAMPLE
     if now_ns % SLOW_PERIOD_NS == 0:
         x, y = position(plant, state)
@@ -183,9 +206,11 @@ def sample(
             age = sample_age(
                 sonar.delay, sonar.jitter, sonar.key, SONAR_DELAY, SLOW_PERIOD_NS, now_ns
             )
+            age, _ = late_ages(faults, age, SONAR, now_ns)
             at = place_of_step(age, now_ns, steps)
             x, y = steps[at + 4], steps[at + 5]
         sonar_cm = read_sonar(sonar, x, y, sides, now_ns)
+        sonar_cm = after_faults(faults, SONAR, sonar_cm, now_ns, SLOW_PERIOD_NS, gyro.key)
     else:
         vertical = horizontal = NO_SAMPLE
     if now_ns % BATTERY_PERIOD_NS == 0:
@@ -199,6 +224,14 @@ def sample(
 def place_of_step(age: int, stamp_ns: int, steps: Reals) -> int:
     """Return where the step of some age is in the ring of the kept ones."""
     return (stamp_ns // STEP_NS - age) % (len(steps) // STEP_VALUES) * STEP_VALUES
+
+
+def kept_value(steps: Reals, age: int, share: float, stamp_ns: int, number: int) -> float:
+    """Return a number of a kept step, or after a share of the time to the next one."""
+    value = steps[place_of_step(age, stamp_ns, steps) + number]
+    if share:
+        value = between(value, steps[place_of_step(age - 1, stamp_ns, steps) + number], share)
+    return value
 
 
 def clear_rings(constants: PlantConstants, effects_ns: Ints, steps: Reals) -> None:
@@ -253,12 +286,14 @@ class Rings(NamedTuple):
     Their size suffices for the longest dead times of all runs; the arguments of
     :func:`~ballbot_ros.engine.plant_tick.plant_tick` with these names are a row. So are the states
     of the kernels, see :mod:`~ballbot_ros.robot.brick.kernel`; they are empty if none has one.
+    So are the faults, see :mod:`~ballbot_ros.robot.brick.fault_effects`.
     """
 
     effects_ns: NDArray[np.int64]
     waiting_duties: NDArray[np.int64]
     steps: Floats
     kernel: NDArray[np.int64]
+    faults: Floats
 
 
 class RunLog(NamedTuple):
@@ -292,16 +327,18 @@ def new_log(runs: int, ticks: int, *, is_timed: bool) -> RunLog:
 def new_robots(count: int, programs: Rows) -> Rows:
     """Return robots before their first tick as rows.
 
-    They have the number of ticks that each has made, and its state after them.
+    They have the number of ticks that each has made, its state after them, and the state in which
+    its program starts.
 
     Parameters
     ----------
     programs : rows
         The initial states of their programs, or one for all.
     """
-    columns = [('ticks', 'i8'), ('plant', row_type(PlantState)), ('program', programs.dtype)]
+    columns = [('ticks', 'i8'), ('plant', row_type(PlantState))]
+    columns += [('program', programs.dtype), ('initial', programs.dtype)]
     robots = np.zeros(count, columns)
-    robots['program'] = programs
+    robots['program'] = robots['initial'] = programs
     return robots
 
 
@@ -388,6 +425,11 @@ def run_tasks(
     return program_tick(law, state, inputs, tasks, systick_ms)
 
 
+def restarted(state: ProgramState, initial: ProgramState) -> ProgramState:
+    """Return the state of a program before it starts anew; task_init leaves nothing of it."""
+    return state
+
+
 def set_tasks(kernel: Ints, timers: TaskTimers) -> None:
     """Set the tasks of the program in a kernel."""
     periods = 0, TICK_MS, timers.ts2_period, timers.ts3_period, LCD_MS
@@ -444,6 +486,7 @@ def simulate_runs(
             floor.sides, floor.walls_before,
             events.push_times[own].copy(), events.push_forces[own].copy(),
             events.vertical[own], events.horizontal[own],
+            rings.faults[run],
             rings.effects_ns[run], rings.waiting_duties[run], rings.steps[run], rings.kernel[run],
             log.position[run], log.psi[run], log.duty[run], log.timing[run],
             traces[run], robots[run], most,
@@ -463,6 +506,7 @@ def simulate_run(
     push_forces: Reals,
     vertical_points: Any,
     horizontal_points: Any,
+    faults: Reals,
     effects_ns: Ints,
     waiting_duties: Ints,
     steps: Reals,
@@ -482,7 +526,10 @@ def simulate_run(
     constants = robot_constants(plant_constants(plant, start_ns), gyro, encoder, sonar)
     pushes = len(push_times) // 2
     first = robot.ticks
-    law, timers = begin_program(program, first * TICK_MS)
+    begun_ns = start_ns
+    if first:
+        begun_ns = program_start(faults, start_ns, start_ns + (first - 1) * TICK_NS)
+    law, timers = begin_program(program, first * TICK_MS - (begun_ns - start_ns) // MILLISECOND_NS)
     brick = read_program_state(robot.program)
     is_timed, key = constants.plant.has_late_duties, constants.plant.key
     times, kernel_law = job_times(controller), kernel_constants(controller)
@@ -490,7 +537,8 @@ def simulate_run(
         set_tasks(kernel, timers)
         start_kernel(kernel, start_ns // 1000, is_sending(constants.gyro.link, start_ns))
     if first == 0:
-        state = initial_state(constants.plant, start_ns, pushes)
+        drop = voltage_drop(faults, start_ns)
+        state = initial_state(constants.plant, start_ns, pushes, drop)
         clear_rings(constants.plant, effects_ns, steps)
     else:
         # All pushes are in their table again; the next tick removes those that have ended.
@@ -507,20 +555,33 @@ def simulate_run(
         positions[done, 0], positions[done, 1] = position(constants.plant, state)
         pitches[done, 0], pitches[done, 1] = state.x[1], state.y[1]
         if now_ns % SLOW_PERIOD_NS == 0:
-            elapsed_s = (now_ns - start_ns) * 1e-9
+            sent_ns = packet_time(faults, now_ns, key)
+            elapsed_s = (sent_ns - start_ns) * 1e-9
             vertical = signal_value(vertical_times, vertical_values, elapsed_s)
             horizontal = signal_value(horizontal_times, horizontal_values, elapsed_s)
-        inputs = sample(constants, state, vertical, horizontal, steps, sides)
-        elapsed_ms = (now_ns - start_ns) // MILLISECOND_NS
+        inputs = sample(constants, state, vertical, horizontal, steps, sides, faults)
+        if len(faults):
+            before_ns = begun_ns
+            begun_ns = program_start(faults, start_ns, now_ns)
+            if begun_ns not in (before_ns, OFF_NS):
+                law, timers = begin_program(program, 0)
+                brick = restarted(brick, read_program_state(robot.initial))
+                if is_timed:
+                    set_tasks(kernel, timers)
+                    start_kernel(kernel, now_ns // 1000, is_sending(constants.gyro.link, now_ns))
+        is_off = begun_ns == OFF_NS
+        elapsed_ms = (now_ns - begun_ns) // MILLISECOND_NS
         systick_ms = now_ns // MILLISECOND_NS & UINT32_MASK
-        tasks, timers = due_tasks(timers, elapsed_ms)
+        tasks = 0
+        if not is_off:
+            tasks, timers = due_tasks(timers, elapsed_ms)
         is_same_tick, jobs = False, 0
         if is_timed:
             before_x, before_y, jobs_us, lost = kernel[DUTY_X], kernel[DUTY_Y], 0, 0
             response_us, duty_start_us = NOT_YET, 0
         while True:
             task = -1
-            if is_timed:
+            if is_timed and not is_off:
                 event = next_event(kernel_law, kernel, (now_ns + TICK_NS) // 1000)
                 if event < 0:
                     if is_same_tick:
@@ -546,16 +607,20 @@ def simulate_run(
                     if task == BUS_TASK and is_bus_busy(kernel, times.sonar):
                         tasks |= BUS_BUSY
             brick = run_tasks(law, brick, inputs, tasks, elapsed_ms, systick_ms)
-            if not is_timed:
+            if not is_timed or is_off:
                 break
             is_same_tick = True
             if task >= 0:
                 time_us = time_of_job(times, task, brick)
+                time_us += active_amount(faults, FIRST_TASK + task, SLOW, now_ns)
                 take_time(kernel, task, varied(times, time_us, key, task, now_ns))
         duty_x, duty_y = brick.duty_x, brick.duty_y
         if is_timed:
             duty_x, duty_y = kernel[DUTY_X], kernel[DUTY_Y]
             delay_ns = max(duty_effect(kernel_law, kernel) * 1000 - now_ns, 0)
+        if is_off:
+            duty_x = duty_y = delay_ns = 0
+        if is_timed:
             now_us, task = now_ns // 1000, next_lost(kernel)
             while task >= 0:
                 if is_traced:
@@ -578,7 +643,7 @@ def simulate_run(
         state = plant_tick(
             constants.plant, state, duty_x, duty_y, delay_ns,
             push_times, push_forces,
-            effects_ns, waiting_duties, steps, sides, walls_before,
+            effects_ns, waiting_duties, steps, sides, walls_before, faults,
         )  # fmt: skip
     robot.ticks = first + done
     write_plant_state(robot.plant, state)

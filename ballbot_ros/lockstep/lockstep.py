@@ -6,13 +6,17 @@ A tick runs when every input due at its time has arrived and every due task has 
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum, auto
-from typing import Any, NamedTuple
+from types import MappingProxyType
+from typing import Any, Generic, NamedTuple, TypeVar
 
-from ballbot_ros.parameters.timing import MILLISECOND_NS
+from ballbot_ros.parameters.timing import MAX_LEAD_TICKS, MILLISECOND_NS
 from ballbot_ros.robot.brick.schedule import Schedule, TaskTiming
+
+Answer = TypeVar('Answer')
+"""What a node publishes for a tick."""
 
 
 class DueTick(NamedTuple):
@@ -146,6 +150,26 @@ class SampleHistory:
         return SampleStatus.OLD
 
 
+class GivenAnswers(Generic[Answer]):
+    """Repeats the answer of a tick that the plant asks for again.
+
+    It may ask for any tick that the recorder lacks, and meanwhile live inputs or what a fault holds
+    have changed.
+    """
+
+    def __init__(self) -> None:
+        self._answers: dict[int, Answer] = {}
+
+    def at(self, stamp_ns: int, select: Callable[[], Answer]) -> Answer:
+        """Return the answer given at a stamp [ns]; select it if there is none."""
+        answer = self._answers.get(stamp_ns)
+        if answer is None:
+            answer = self._answers[stamp_ns] = select()
+            if len(self._answers) > MAX_LEAD_TICKS + 1:
+                del self._answers[next(iter(self._answers))]
+        return answer
+
+
 class InputGate:
     """Holds the newest sample of each input, and shows whether all that are due have arrived.
 
@@ -254,6 +278,7 @@ class LockstepTicks:
         self.releases = TaskReleases()
         self._first, self._every_tick, self._tick_ns = first, every_tick, tick_ns
         self._histories = {name: SampleHistory(is_same[name]) for name in periods_ns}
+        self._tasks_from: dict[int, Sequence[TaskTiming]] = {}
         self._start_ns: int | None = None
         self._next_ns: int | None = None
         self._answered_ns: int | None = None
@@ -261,12 +286,24 @@ class LockstepTicks:
         self._received_ns: dict[str, int] = {}
         self._later: dict[str, tuple[int, bytes, Any]] = {}
 
-    def begin(self, start_ns: int, tasks: Iterable[TaskTiming]) -> None:
-        """Wait for the first tick of a run, at `start_ns` [ns]; ignore all other runs."""
+    def begin(
+        self,
+        start_ns: int,
+        tasks: Sequence[TaskTiming],
+        changes: Mapping[int, bool] = MappingProxyType({}),
+    ) -> None:
+        """Wait for the first tick of a run, at `start_ns` [ns]; ignore all other runs.
+
+        Parameters
+        ----------
+        changes : mapping of int to bool
+            Ticks [ns] at which the tasks begin anew, like at the start, or end.
+        """
+        self._tasks_from = {tick: tasks if is_on else () for tick, is_on in changes.items()}
         self.gate.clear()
         for history in self._histories.values():
             history.clear()
-        self.releases.begin(start_ns, tasks)
+        self.releases.begin(start_ns, self._tasks_from.get(start_ns, tasks))
         self._start_ns, self._next_ns, self._is_open = start_ns, None, False
         self._answered_ns = None
         self._received_ns.clear()
@@ -371,4 +408,7 @@ class LockstepTicks:
             return None
         self._answered_ns, self._next_ns = now, now + self._tick_ns
         self._received_ns.clear()
-        return self.releases.take(now)
+        tick = self.releases.take(now)
+        if self._next_ns in self._tasks_from:
+            self.releases.begin(self._next_ns, self._tasks_from[self._next_ns])
+        return tick

@@ -90,6 +90,13 @@ class Participant:
             row = parameters_of(GYRO)['converter_period']
             period = row.check(self.parameters.get(row.name, row.default), f'{self} announces ')
             longest += longest_analog_steps(True, cast(float, period))
+        if text := self.parameters.get('faults'):
+            # Likewise.
+            from ballbot_ros.robot.brick.faults import late_steps, parse_faults
+
+            declared = parameters_of(self.role)['faults']
+            text = cast(str, declared.check(text, f'{self} announces '))
+            longest += late_steps(parse_faults(text))
         return longest
 
     def __str__(self) -> str:

@@ -73,8 +73,8 @@ class Roster:
 
     Parameters
     ----------
-    shared : collection of str
-        Parameters that must have the same value in all participants that have them.
+    shared : mapping of str to collection of str
+        Parameters that must have the same value in all participants with these roles.
     stateless : collection of str
         Roles whose participant may be replaced in mid-run by an equal one; a successor in any other
         role starts from its initial state.
@@ -85,14 +85,14 @@ class Roster:
     def __init__(
         self,
         *,
-        shared: Collection[str],
+        shared: Mapping[str, Collection[str]],
         stateless: Collection[str],
         owners: Mapping[str, Collection[str]],
     ) -> None:
         self._plant: Participant | None = None
         self._required: tuple[str, ...] = ()
         self._fatal: frozenset[str] = frozenset()
-        self._shared = tuple(shared)
+        self._shared = shared
         self._stateless = frozenset(stateless)
         self._owners = owners
         self._strangers = Strangers(owners)
@@ -293,8 +293,9 @@ class Roster:
 
     def _disagreement(self) -> str:
         """Return the parameter on which two participants disagree, or ''."""
-        for name in self._shared:
-            tellers = [each for each in self._run.members.values() if name in each.parameters]
+        for name, roles in self._shared.items():
+            members = self._run.members.values()
+            tellers = [each for each in members if each.role in roles and name in each.parameters]
             tellers.sort(key=lambda each: each.node)
             for other in tellers[1:]:
                 values = tellers[0].parameters[name], other.parameters[name]

@@ -105,7 +105,9 @@ class RunParticipants:
     ) -> None:
         self._graph, self._topics, self._is_lockstep, self._act = graph, topics, is_lockstep, act
         self.roster = Roster(
-            shared=(*SHARED_PARAMETERS, MAP_HASH), stateless=DRIVERS, owners=dict(topics.owners)
+            shared={**SHARED_PARAMETERS, MAP_HASH: NODES},
+            stateless=DRIVERS,
+            owners=dict(topics.owners),
         )
         self.liveness = LivenessMonitor(self.roster, process_observer, host)
         self._process_observer = process_observer

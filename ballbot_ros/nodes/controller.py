@@ -257,13 +257,16 @@ class ControllerNode(BallbotNode[ControllerParameters]):
 
     def _on_run(self, run: RunIdentity) -> None:
         self._program = self._implementation.make()
-        self._tasks = BrickTasks(self.parameters)
+        self._tasks = BrickTasks(self.parameters, run.start_ns)
         self._program_parameters = self.parameters
         self._changes = PendingChanges.of(self.parameters, run.start_ns)
         self._is_running = True
         self._messages.begin()
-        ticks = self._lockstep_ticks if self._lockstep else self._free_ticks
-        ticks.begin(run.start_ns, self._implementation.tasks)
+        tasks = self._implementation.tasks
+        if self._lockstep:
+            self._lockstep_ticks.begin(run.start_ns, tasks, self._tasks.changes)
+        else:
+            self._free_ticks.begin(run.start_ns, tasks)
         self._task_timers.stop()
 
     def _take(self, name: str, stamp: int, data: bytes, reading: object) -> None:

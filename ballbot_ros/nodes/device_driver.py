@@ -6,9 +6,11 @@ import sys
 from functools import partial
 
 from ballbot_ros.engine.devices import P
+from ballbot_ros.lockstep.lockstep import GivenAnswers
 from ballbot_ros.nodes.base import NO_SAMPLE, BallbotNode, run_node
 from ballbot_ros.nodes.participation import Participation
 from ballbot_ros.parameters import DeviceParameters
+from ballbot_ros.parameters.timing import FIRST_TICK_NS
 from ballbot_ros.recording.messages.devices import DEVICE_MESSAGES, AnyDeviceMessages
 from ballbot_ros.recording.messages.raw import stamp_of
 from ballbot_ros.recording.messages.topics import HISTORY, Topic
@@ -23,9 +25,9 @@ class DeviceDriver(BallbotNode[P]):
         self._device = self._messages.device
         self._period_ns = self._device.period_ns
         self._output = self.output(self._messages.sample)
-        self._participation = Participation(self, lambda run: self._set_up())
+        self._participation = Participation(self, lambda run: self._set_up(run.start_ns))
         self._subscribed: set[Topic] = set()
-        self._set_up()
+        self._set_up(FIRST_TICK_NS)
 
     @property
     def program(self) -> str:
@@ -34,12 +36,13 @@ class DeviceDriver(BallbotNode[P]):
 
     def check(self, parameters: P) -> None:
         """Check that the device can be created with these parameters."""
-        self._device.make(parameters)
+        self._device.reader(parameters, FIRST_TICK_NS)
 
-    def _set_up(self) -> None:
-        self._read = self._device.make(self.parameters)
+    def _set_up(self, start_ns: int) -> None:
+        self._read = self._device.reader(self.parameters, start_ns)
+        self._answers = GivenAnswers[object]()
         self._encode = self._messages.encoder(self.parameters)
-        self._source = self._messages.source(self.parameters)
+        self._source = self._messages.source(self.parameters, start_ns)
         topic = self._source.topic
         if topic not in self._subscribed:
             self._subscribed.add(topic)
@@ -53,7 +56,9 @@ class DeviceDriver(BallbotNode[P]):
             now_ns = stamp_of(truth)
             if now_ns % self._period_ns or not self._participation.includes(now_ns):
                 return
-            reading = self._read(self._source.measured(truth, now_ns), now_ns)
+            reading = self._answers.at(
+                now_ns, lambda: self._read(self._source.measured(truth, now_ns), now_ns)
+            )
         except NO_SAMPLE as error:
             self.warn_malformed(topic, error)
             return

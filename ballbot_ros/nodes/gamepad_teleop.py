@@ -13,7 +13,7 @@ from rclpy.subscription import Subscription
 
 from ballbot_ros.engine.scenario.reader import scenario_of
 from ballbot_ros.errors import BallbotError, TeleopError, one_line
-from ballbot_ros.lockstep.lockstep import RunIdentity
+from ballbot_ros.lockstep.lockstep import GivenAnswers, RunIdentity
 from ballbot_ros.nodes.base import BallbotNode, run_node
 from ballbot_ros.nodes.participation import Participation
 from ballbot_ros.nodes.teleop import sticks as arbiter
@@ -28,7 +28,6 @@ from ballbot_ros.nodes.teleop.gamepad import (
 from ballbot_ros.nodes.teleop.sticks import (
     Arbiter,
     Command,
-    GivenAnswers,
     JoyMapping,
     VelocityMapping,
 )
@@ -51,6 +50,9 @@ from ballbot_ros.recording.messages.topics import (
     Topic,
 )
 from ballbot_ros.robot.brick.bluetooth import NEUTRAL, PacketError, Sticks
+from ballbot_ros.robot.brick.fault_effects import fault_row, packet_time
+from ballbot_ros.robot.brick.faults import faults_of
+from ballbot_ros.robot.random_numbers import noise_key
 
 if TYPE_CHECKING:
     from ballbot_ros.nodes.teleop_terminal import TeleopTerminal
@@ -231,7 +233,9 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
         super().__init__(GamepadParameters, parameters)
         self._scenario = scenario_of(self.parameters.scenario)
         self._start_ns = 0
-        self._answers = GivenAnswers()
+        self._answers = GivenAnswers[Command]()
+        self._sent: dict[int, Command] = {}
+        self._faults = fault_row(faults_of(self.parameters), 0)
         self._command = Command(SCENARIO, NEUTRAL)
         self._output = self.output(GAMEPAD_JOY)
         self._sources = Arbiter()
@@ -250,6 +254,7 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
     def check(self, parameters: GamepadParameters) -> None:
         """Check that scenario, terminal and gamepad are available, and that the log file is new."""
         scenario_of(parameters.scenario)
+        faults_of(parameters)
         path = parameters.log_csv
         if path and path != self.parameters.log_csv and Path(path).exists():
             raise TeleopError(f'{path}: already exists; choose another file')
@@ -298,7 +303,9 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
 
     def _on_run(self, run: RunIdentity) -> None:
         self._start_ns = run.start_ns
-        self._answers = GivenAnswers()
+        self._answers = GivenAnswers[Command]()
+        self._sent = {}
+        self._faults = fault_row(faults_of(self.parameters), run.start_ns)
         if self._log:
             self._log.begin_run(run.start_ns // MILLISECOND_NS)
 
@@ -313,9 +320,18 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
 
     def _answer(self, now_ns: int) -> None:
         elapsed_s = (now_ns - self._start_ns) * 1e-9
-        answer = self._answers.at(now_ns, lambda: self._select(elapsed_s))
+        answer = self._answers.at(now_ns, lambda: self._arrived(now_ns, self._select(elapsed_s)))
         self._output.publish(encode_sticks(now_ns, answer.sticks, answer.source))
         self.count_answer(now_ns)
+
+    def _arrived(self, now_ns: int, command: Command) -> Command:
+        """Return what has reached the brick, which faults of the link make older."""
+        self._sent[now_ns] = command
+        newest_ns = packet_time(self._faults, now_ns, noise_key(self.parameters.seed))
+        known = [stamp for stamp in self._sent if stamp <= newest_ns]
+        for stamp in known[:-1]:
+            del self._sent[stamp]  # never needed again
+        return self._sent[known[-1]] if known else Command(SCENARIO, NEUTRAL)
 
     def _select(self, elapsed_s: float) -> Command:
         before = self._source_name()

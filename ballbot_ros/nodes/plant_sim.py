@@ -79,6 +79,7 @@ from ballbot_ros.recording.messages.topics import (
     WALL_HIT,
     Topic,
 )
+from ballbot_ros.robot.brick.faults import faults_of
 from ballbot_ros.robot.world.world import World
 
 
@@ -327,6 +328,7 @@ class PlantSim(BallbotNode[PlantParameters]):
     def check(self, parameters: PlantParameters) -> None:
         """Check that the scenario and the map exist, and that the robot can start there."""
         scenario_of(parameters.scenario)
+        faults_of(parameters)
         World.of(parameters)
 
     def on_parameters_changed(self) -> None:

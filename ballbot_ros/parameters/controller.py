@@ -7,7 +7,13 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
 from ballbot_ros.parameters.brick_time import KernelChoice, LinkParameters, TaskCosts
-from ballbot_ros.parameters.nodes import DeviceSeed, LockstepChoice, Radii, StickScale
+from ballbot_ros.parameters.nodes import (
+    BrickFaults,
+    DeviceSeed,
+    LockstepChoice,
+    Radii,
+    StickScale,
+)
 from ballbot_ros.parameters.parameter import NodeParameters, Value, live, quantity, setting
 
 Gains = tuple[float, float, float, float]
@@ -33,6 +39,7 @@ class ControllerParameters(
     StickScale,
     LockstepChoice,
     DeviceSeed,
+    BrickFaults,
     KernelChoice,
     LinkParameters,
     TaskCosts,

@@ -12,6 +12,7 @@ from ballbot_ros.parameters.parameter import (
     Subset,
     TakesEffect,
     dead_time,
+    fault_list,
     live,
     path,
     quantity,
@@ -50,6 +51,13 @@ class ScenarioChoice:
         'time of a run up to which it neither waits for the wall clock nor takes live sticks',
         'project',
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class BrickFaults:
+    """The faults of what is part of the brick, which concern its program, too."""
+
+    faults: str = fault_list('motor_x, motor_y, battery, brick and tasks')
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,11 +129,13 @@ class Masses:
 class DeviceParameters(DeviceSeed, DriverParameters):
     """The parameters that the driver of each device has.
 
-    Each driver declares its own dead time: declared here, it would be one value for all of them.
+    Each driver declares its own dead time and faults: declared here, they would be one value for
+    all of them.
     """
 
     delay: int
     delay_jitter: int
+    faults: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,6 +147,7 @@ class GyroParameters(DeviceParameters, LinkParameters):
 
     delay: int = dead_time('age of the samples')
     delay_jitter: int = dead_time('largest random addition to the delay')
+    faults: str = fault_list('gyro_x and gyro_y')
     zero_rate_offset_x: float = quantity(
         600.0, 'deg/s', (0.0, 1023.0), 'reading at rest, gyro S1 (x)', 'facts'
     )
@@ -162,6 +173,7 @@ class EncoderParameters(DeviceParameters):
 
     delay: int = dead_time('age of the samples')
     delay_jitter: int = dead_time('largest random addition to the delay')
+    faults: str = fault_list('encoder_x and encoder_y')
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -173,6 +185,7 @@ class SonarParameters(DeviceParameters, MapChoice, BodyDepth):
 
     delay: int = dead_time('age of the samples')
     delay_jitter: int = dead_time('largest random addition to the delay')
+    faults: str = fault_list('sonar')
     noise_cm: float = quantity(0.0, 'cm', (0.0, 50.0), 'largest error of a distance', 'facts')
     dropout_probability: float = quantity(
         0.0, '1', (0.0, 1.0), 'share of missed echoes (255)', 'facts'
@@ -202,7 +215,9 @@ SHARE = (0.0, 1.0)
 
 
 @dataclass(frozen=True, kw_only=True)
-class GamepadParameters(BallRadius, StickScale, ScenarioChoice, LockstepChoice, DriverParameters):
+class GamepadParameters(
+    BallRadius, StickScale, ScenarioChoice, LockstepChoice, DeviceSeed, DriverParameters
+):
     """The parameters of ``gamepad_teleop``."""
 
     node: ClassVar[str] = 'gamepad_teleop'
@@ -217,6 +232,7 @@ class GamepadParameters(BallRadius, StickScale, ScenarioChoice, LockstepChoice, 
     log_csv: str = path(
         'CSV file for the data log, a new one after each reset; empty: none', 'facts'
     )
+    faults: str = fault_list('gamepad')
     require_enable_button: bool = setting(
         False,
         'true: the sticks of joy and gamepad only work while the enable button is pressed',

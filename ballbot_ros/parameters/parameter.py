@@ -241,6 +241,11 @@ def dead_time(description: str) -> int:
     return quantity(0, 'ms', (0, MAX_DELAY_MS), description, 'project')
 
 
+def fault_list(components: str) -> str:
+    """Declare the faults of some components."""
+    return setting('', f'faults of {components}, see docs/scenarios.md; empty: none', 'project')
+
+
 def setting(
     default: _Value,
     description: str,

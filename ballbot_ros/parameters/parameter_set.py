@@ -102,11 +102,13 @@ TABLE = table(PARTICIPANTS + OPTIONAL_CLASSES)
 PATHS = frozenset(row.name for row in TABLE if row.is_path)
 """Parameters that are, or may be, paths of files or folders."""
 
-SHARED_PARAMETERS = tuple(
-    row.name for row in TABLE if len(set(row.nodes) & set(NODES)) > 1 and row.name != 'scenario'
-)
-"""Parameters on which the participants of a run must agree. A scenario is not among them: it may be
-given only to the plant, for its pushes, or only to the gamepad, for its sticks."""
+SHARED_PARAMETERS = {
+    row.name: row.nodes
+    for row in TABLE
+    if len(set(row.nodes) & set(NODES)) > 1 and row.name != 'scenario'
+}
+"""Parameters on which participants of a run must agree, and their roles. A scenario is not among
+them: it may be given only to the plant, for its pushes, or only to the gamepad, for its sticks."""
 
 _BY_NODE: dict[str, dict[str, Parameter]] = {
     node: {row.name: row for row in TABLE if node in row.nodes} for node in ALL_NODES

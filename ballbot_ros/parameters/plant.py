@@ -8,6 +8,7 @@ from typing import ClassVar, Literal
 
 from ballbot_ros.parameters.brick_time import KernelChoice, LinkParameters
 from ballbot_ros.parameters.nodes import (
+    BrickFaults,
     DeviceSeed,
     Dimensions,
     LockstepChoice,
@@ -34,6 +35,7 @@ class PlantParameters(
     ScenarioChoice,
     LockstepChoice,
     DeviceSeed,
+    BrickFaults,
     KernelChoice,
     LinkParameters,
     NodeParameters,

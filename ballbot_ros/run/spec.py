@@ -32,6 +32,7 @@ from ballbot_ros.parameters import (
 )
 from ballbot_ros.parameters.files import assign, assign_values, read_parameter_file
 from ballbot_ros.parameters.timing import TICK_S
+from ballbot_ros.robot.brick.faults import all_faults
 from ballbot_ros.robot.world.floor_map import is_file_name
 from ballbot_ros.robot.world.world import World
 from ballbot_ros.run.requirements import Processes
@@ -189,6 +190,7 @@ class RunSpec:
         external = _external_roles(options)
         given = options.controller if isinstance(options.controller, LoadedController) else None
         controller = None if CONTROLLER in external else compose_controller(parameters, given)
+        all_faults(parameters.of)
         resolve_map(parameters)
         return cls(
             scenario,

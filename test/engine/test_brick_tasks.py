@@ -133,7 +133,7 @@ def test_the_sonar_is_read_when_its_bus_is_free():
         read[name] = []
         for tick in range(40):
             inputs = DeviceInputs((600, 600), (0, 0), sonar_cm=100 + tick, battery_mv=8000)
-            tasks.tick(program, FIRST_TICK_NS + tick * TICK_NS, 4 * tick, inputs)
+            tasks.tick(program, FIRST_TICK_NS + tick * TICK_NS, inputs)
             read[name].append(program.state.sonar_cm)
     assert read['ideal'] == [0, *range(100, 139)]
     assert read['timed'] == [0, 0, *np.repeat(range(100, 138, 2), 2).tolist()]
@@ -195,7 +195,7 @@ def test_a_free_running_controller_has_the_time_that_it_takes():
     parameters = parameters_with({**TIMED, 'controller.lockstep': False})
     loop = make_loop({})
     tasks = BrickTasks(parameters.of(ControllerParameters))
-    outputs = tasks.tick(loop.program, FIRST_TICK_NS + TICK_NS, 4, loop.sample())
+    outputs = tasks.tick(loop.program, FIRST_TICK_NS + TICK_NS, loop.sample())
     assert (outputs.delay_ns, outputs.jobs) == (0, [])
 
 

@@ -11,11 +11,11 @@ import pytest
 from protocol_trials import FAULTS, Trial, Violation
 
 from ballbot_ros.lockstep.liveness import LivenessMonitor
+from ballbot_ros.lockstep.lockstep import GivenAnswers
 from ballbot_ros.lockstep.lockstep_master import LockstepMaster
 from ballbot_ros.lockstep.recording_order import RecorderFlow, RecordingGate, Stream
 from ballbot_ros.lockstep.roster import Roster
 from ballbot_ros.lockstep.run_participants import RunParticipants
-from ballbot_ros.nodes.teleop.sticks import GivenAnswers
 from ballbot_ros.parameters.timing import TICK_NS
 
 SEED = 1

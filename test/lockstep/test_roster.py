@@ -58,7 +58,9 @@ class World:
     """Nodes around a roster: living ones answer each roll call, dead ones stay in the graph."""
 
     def __init__(self, required=ROLES):
-        self.roster = Roster(shared=('radius', 'seed'), stateless=ROLES[:2], owners=OWNERS)
+        self.roster = Roster(
+            shared=dict.fromkeys(('radius', 'seed'), ROLES), stateless=ROLES[:2], owners=OWNERS
+        )
         self.living, self.graph, self.now_s = {}, {}, 0.0
         self.now_ns = START_NS
         self.roster.gather(RUN, PLANT, required)

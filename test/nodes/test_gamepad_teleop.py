@@ -13,12 +13,12 @@ from rclpy.serialization import serialize_message
 from stubs import bare
 
 from ballbot_ros.errors import TeleopError
-from ballbot_ros.lockstep.lockstep import RunIdentity
+from ballbot_ros.lockstep.lockstep import GivenAnswers, RunIdentity
 from ballbot_ros.nodes import gamepad_teleop, teleop_terminal
 from ballbot_ros.nodes.base import BallbotNode
 from ballbot_ros.nodes.gamepad_teleop import GamepadTeleop
 from ballbot_ros.nodes.teleop.gamepad import InputErrors
-from ballbot_ros.nodes.teleop.sticks import KEYBOARD, Arbiter, Command, GivenAnswers
+from ballbot_ros.nodes.teleop.sticks import KEYBOARD, Arbiter, Command
 from ballbot_ros.nodes.teleop_terminal import TeleopTerminal
 from ballbot_ros.parameters import GamepadParameters
 from ballbot_ros.parameters.timing import FIRST_TICK_NS, SLOW_PERIOD_NS

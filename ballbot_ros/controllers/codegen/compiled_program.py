@@ -200,6 +200,9 @@ class CompiledProgram:
             'can)'
         )
 
+    def restart(self) -> None:
+        """Do nothing: task_init, which runs first, leaves nothing of what was before."""
+
     def tick(self, elapsed_ms: int, systick_ms: int, inputs: DeviceInputs) -> DeviceOutputs:
         """Run the tasks due `elapsed_ms` after the start; see :meth:`run`."""
         return self.run(self._schedule.due(elapsed_ms), systick_ms, inputs)

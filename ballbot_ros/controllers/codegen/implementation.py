@@ -18,7 +18,7 @@ from ballbot_ros.controllers.controller_program import (
     user_parameters,
 )
 from ballbot_ros.controllers.document.axis import task_timings
-from ballbot_ros.controllers.document.program import ControlProgram, task_load
+from ballbot_ros.controllers.document.program import TASK_NUMBERS, ControlProgram, task_load
 from ballbot_ros.controllers.interface import Program
 from ballbot_ros.controllers.loading import (
     LoadedController,
@@ -40,6 +40,7 @@ from ballbot_ros.parameters import (
     suggest,
 )
 from ballbot_ros.parameters.changes import parse_changes
+from ballbot_ros.robot.brick.faults import faults_of
 from ballbot_ros.robot.brick.job_times import interrupt_load, load_of
 from ballbot_ros.robot.brick.schedule import TaskTiming
 
@@ -182,6 +183,7 @@ def compose_controller(
         parameters.declare_own(reference, ())
         settings = parameters.of(ControllerParameters)
         check_load(settings)
+        faults_of(settings, TASK_NUMBERS)
         check_times_of(settings, None)
         _check_changes(settings, None)
         return None
@@ -276,6 +278,7 @@ def implementation_for(
         return _controller(parameters, loaded or load_controller(parameters.implementation))
     tasks = task_timings(parameters.ts2_period, parameters.ts3_period)
     check_load(parameters)
+    faults_of(parameters, TASK_NUMBERS)
     if parameters.implementation == 'python':
         return Implementation(parameters, tasks, lambda: ControlProgram(parameters))
     return Implementation(parameters, tasks, _compiled(parameters))
@@ -286,6 +289,7 @@ def _controller(parameters: ControllerParameters, loaded: LoadedController) -> I
         raise ParameterError(f'{CONTROLLER}.{missing[0]}: {NOT_DESIGNED}')
     user, model = user_parameters(loaded, parameters), design_model(parameters)
     check_load(parameters, loaded.tasks)
+    faults_of(parameters, [each.name for each in loaded.tasks])
     times = TickTimes()
     return Implementation(
         parameters,

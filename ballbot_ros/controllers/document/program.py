@@ -498,6 +498,9 @@ class ControlProgram:
         """Take over gains and thresholds from the next tick on."""
         self._glide.move_to(parameters)
 
+    def restart(self) -> None:
+        """Do nothing: task_init, which runs first, leaves nothing of what was before."""
+
     def tick(self, elapsed_ms: int, systick_ms: int, inputs: DeviceInputs) -> DeviceOutputs:
         """Run the tasks due `elapsed_ms` after the start on the inputs of that time."""
         tasks = tasks_due(elapsed_ms, self._p.ts2_period, self._p.ts3_period)

@@ -7,7 +7,7 @@ import reprlib
 from collections.abc import Callable, Collection, Hashable, Mapping
 from itertools import pairwise
 from pathlib import Path
-from typing import ClassVar, TypeVar, cast
+from typing import Any, ClassVar, TypeVar, cast
 
 from ballbot_ros.controllers.loading import resolve_reference
 from ballbot_ros.engine.scenario.metrics import METRICS
@@ -27,6 +27,7 @@ from ballbot_ros.parameters import (
     CONTROLLER,
     GYRO,
     PLANT,
+    ParameterError,
     ParameterSet,
     PlantParameters,
     Value,
@@ -35,6 +36,7 @@ from ballbot_ros.parameters import (
 from ballbot_ros.parameters.changes import TimedChange, changes_text, checked_change
 from ballbot_ros.parameters.files import leaves, read_parameter_file
 from ballbot_ros.parameters.yaml_document import YamlDocument, yaml_text
+from ballbot_ros.robot.brick.faults import Fault, fault_texts
 from ballbot_ros.robot.plant.ground_truth import FORCE_LIMIT
 from ballbot_ros.robot.world.floor_map import is_file_name, load_map
 from ballbot_ros.robot.world.world import World
@@ -181,7 +183,7 @@ _START = {
     'position_y': 'start_position_y',
 }
 SCENARIO_KEYS = {
-    'purpose', *_PARAMETERS, 'profile', 'map', 'start', 'sticks', 'pushes', 'changes',
+    'purpose', *_PARAMETERS, 'profile', 'map', 'start', 'sticks', 'pushes', 'changes', 'faults',
     'parameters', 'expectations',
 }  # fmt: skip
 
@@ -229,6 +231,7 @@ class ScenarioReader(ExpectationReader):
                 sticks.get('horizontal', []), ('sticks', 'horizontal'), duration
             ),
             pushes=tuple(self._pushes(data.get('pushes', []), duration)),
+            faults=self._faults(data, duration),
             expectations=tuple(self._expectations(data.get('expectations', {}), plant)),
             text=self._text(data, profile),
         )
@@ -258,6 +261,10 @@ class ScenarioReader(ExpectationReader):
             if '_deg' in key:
                 number = self._radians(number, _START[key], ('start', key))
             self._set(parameters, PLANT, _START[key], number, ('start', key))
+        if 'faults' in data:
+            faults = self._faults(data, parameters.of(PlantParameters).duration)
+            for node, text in fault_texts(faults).items():
+                self._set(parameters, node, 'faults', text, ('faults',))
         for node, values in self._mapping(data.get('parameters', {}), ('parameters',)).items():
             for inner, name, value in leaves(self._mapping(values, ('parameters', node))):
                 keys = ('parameters', node, *inner)
@@ -418,6 +425,24 @@ class ScenarioReader(ExpectationReader):
         if not checked:
             raise self._error(keys, 'a change needs a value, such as controller.k_thetadot: 300')
         return TimedChange(time, checked)
+
+    def _faults(self, data: Mapping[str, object], duration: float) -> tuple[Fault, ...]:
+        faults = self._each(data.get('faults', []), ('faults',), self._fault)
+        for index, each in enumerate(faults):
+            if each.time >= duration:
+                raise self._error(('faults', index), 'a fault begins after the end of the run')
+        return tuple(faults)
+
+    def _fault(self, data: object, keys: Keys) -> Fault:
+        names = ('component', 'type', 'time', 'duration', 'amount')
+        values: Mapping[str, Any] = self._mapping(data, keys, names)
+        for required in names[:2]:
+            if required not in values:
+                raise self._error(keys, f'a fault needs a {required}')
+        try:
+            return Fault(**values)
+        except ParameterError as error:
+            raise self._error(keys, str(error)) from None
 
     def _direction(self, value: object, keys: Keys) -> str | float:
         if not isinstance(value, str):

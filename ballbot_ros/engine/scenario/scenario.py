@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ballbot_ros.parameters import ParameterSet
 from ballbot_ros.robot.arithmetic import sine_cosine
+from ballbot_ros.robot.brick.faults import Fault
 from ballbot_ros.robot.brick.sensors import quantise
 from ballbot_ros.robot.plant.ground_truth import Pair, Push
 
@@ -229,6 +230,8 @@ class Scenario:
         The values that the scenario sets, including duration and start state.
     vertical, horizontal : StickSignal
         The sticks in packet units: -100 is up, forward; +100 is right.
+    faults : tuple of Fault
+        Those of the key `faults`; the run has those of its parameters.
     text : str
         Text of the file, for the recording.
     """
@@ -240,6 +243,7 @@ class Scenario:
     vertical: StickSignal = field(default_factory=StickSignal)
     horizontal: StickSignal = field(default_factory=StickSignal)
     pushes: tuple[ScheduledPush, ...] = ()
+    faults: tuple[Fault, ...] = ()
     expectations: tuple[Expectation, ...] = ()
     text: str = ''
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
+from dataclasses import asdict
 from typing import Any, cast
 
 from ballbot_ros.engine.scenario.scenario import (
@@ -21,6 +22,7 @@ from ballbot_ros.parameters import (
     PlantParameters,
 )
 from ballbot_ros.parameters.yaml_document import parse_value
+from ballbot_ros.robot.brick.faults import Fault
 
 _EVERY_NODE = '/**'
 _OF_THE_GRAPH = ('scenario', 'real_time_factor', 'trajectory_file', 'lockstep')
@@ -29,9 +31,9 @@ _OF_THE_GRAPH = ('scenario', 'real_time_factor', 'trajectory_file', 'lockstep')
 def scenario_data(scenario: Scenario, plant: PlantParameters | None = None) -> dict[str, Any]:
     """Return the content of a file that describes a scenario.
 
-    Everything but sticks, pushes and expectations is that of the scenario's text. The paths of
-    files are absolute, so that the file may be in any folder. Read again, the sticks and pushes are
-    the same to the bit.
+    Everything but sticks, pushes, faults and expectations is that of the scenario's text. The paths
+    of files are absolute, so that the file may be in any folder. Read again, the sticks and pushes
+    are the same to the bit.
 
     Parameters
     ----------
@@ -53,6 +55,7 @@ def scenario_data(scenario: Scenario, plant: PlantParameters | None = None) -> d
     for key, content in (
         ('sticks', {stick: _signal(each) for stick, each in sticks.items() if each.segments}),
         ('pushes', [_push(each) for each in scenario.pushes]),
+        ('faults', [_fault(each) for each in scenario.faults]),
         ('expectations', _expectations(scenario.expectations)),
     ):
         data.pop(key, None)
@@ -100,6 +103,10 @@ def _push(push: ScheduledPush) -> dict[str, object]:
     if isinstance(push.force, tuple):
         return {**content, 'force': list(push.force), 'torque': list(push.torque)}
     return {**content, 'force': push.force, 'direction': push.direction}
+
+
+def _fault(fault: Fault) -> dict[str, object]:
+    return {name: value for name, value in asdict(fault).items() if value is not None}
 
 
 def _expectations(expectations: Iterable[Expectation]) -> dict[str, list[dict[str, float]]]:

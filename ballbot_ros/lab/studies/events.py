@@ -1,10 +1,10 @@
-"""Pushes and sticks that vary from run to run of a study."""
+"""Pushes, sticks and faults that vary from run to run of a study."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any, cast
 
 import numpy as np
@@ -20,10 +20,11 @@ from ballbot_ros.engine.scenario.scenario import (
     segment_fault,
 )
 from ballbot_ros.errors import StudyError
-from ballbot_ros.parameters import Parameter
+from ballbot_ros.parameters import Parameter, ParameterError
+from ballbot_ros.robot.brick.faults import Fault, fault_texts
 from ballbot_ros.robot.plant.ground_truth import FORCE_LIMIT
 
-PUSH, STICK = 'push', 'stick'
+PUSH, STICK, FAULT = 'push', 'stick', 'fault'
 STICKS = ('vertical', 'horizontal')
 
 _TIMES = (0.0, TIME_LIMIT)
@@ -66,12 +67,21 @@ class SegmentPart:
     field: str
 
 
-EventPart = PushPart | SegmentPart
+@dataclass(frozen=True)
+class FaultPart:
+    """A value of a fault: `field` of that with this index, from 0, and what it may be."""
+
+    index: int
+    field: str
+    parameter: Parameter
+
+
+EventPart = PushPart | SegmentPart | FaultPart
 
 
 def is_event(name: str) -> bool:
-    """Return whether a variable's name is that of a push or a stick."""
-    return name.partition('.')[0] in (PUSH, STICK)
+    """Return whether a variable's name is that of a push, a stick or a fault."""
+    return name.partition('.')[0] in (PUSH, STICK, FAULT)
 
 
 def event_part(name: str, scenario: Scenario) -> EventPart:
@@ -82,23 +92,24 @@ def event_part(name: str, scenario: Scenario) -> EventPart:
     StudyError
         If the scenario has none of this name; the message is one line without a place.
     """
-    if name.partition('.')[0] == PUSH:
-        return _push_part(name, scenario)
-    return _segment_part(name, scenario)
-
-
-def _push_part(name: str, scenario: Scenario) -> PushPart:
-    _, _, rest = name.partition('.')
+    kind, _, rest = name.partition('.')
+    if kind == STICK:
+        return _segment_part(name, scenario)
     number, _, field = rest.partition('.')
-    numbers = [str(each) for each in range(1, len(scenario.pushes) + 1)]
+    several, events = ('pushes', scenario.pushes) if kind == PUSH else ('faults', scenario.faults)
+    numbers = [str(each) for each in range(1, len(events) + 1)]
     if number not in numbers:
-        known = f'its pushes are 1 … {len(numbers)}' if numbers else 'it has no pushes'
-        raise StudyError(f'{name}: the scenario has no push {number!r}; {known}')
-    _check_field(name, field, _PUSH_FIELDS, f'{PUSH}.{number}')
-    is_of_planes = isinstance(scenario.pushes[int(number) - 1].force, tuple)
-    if is_of_planes and field in ('force', 'direction'):
-        raise StudyError(f'{name}: that push has forces on both planes, not one with a direction')
-    return PushPart(int(number) - 1, field)
+        known = f'its {several} are 1 … {len(numbers)}' if numbers else f'it has no {several}'
+        raise StudyError(f'{name}: the scenario has no {kind} {number!r}; {known}')
+    index = int(number) - 1
+    if kind == PUSH:
+        _check_field(name, field, _PUSH_FIELDS, f'{kind}.{number}')
+        if isinstance(scenario.pushes[index].force, tuple) and field in ('force', 'direction'):
+            raise StudyError(f'{name}: that push has forces on both planes, without a direction')
+        return PushPart(index, field)
+    rows = scenario.faults[index].rows
+    _check_field(name, field, rows, f'{kind}.{number}')
+    return FaultPart(index, field, rows[field])
 
 
 def _segment_part(name: str, scenario: Scenario) -> SegmentPart:
@@ -133,6 +144,8 @@ def _check_field(name: str, field: str, known: Mapping[str, object], owner: str)
 
 def event_parameter(name: str, part: EventPart) -> Parameter:
     """Return the bounds and the unit of a part, as those of a parameter."""
+    if isinstance(part, FaultPart):
+        return replace(part.parameter, name=name)
     known = _PUSH_FIELDS if isinstance(part, PushPart) else _SEGMENT_FIELDS
     unit, bounds = known[part.field]
     return Parameter((), name, 0.0, '', unit=unit, bounds=bounds)
@@ -200,8 +213,11 @@ def _scenario(
 ) -> Scenario:
     pushes = list(scenario.pushes)
     sticks = {stick: list(getattr(scenario, stick).segments) for stick in STICKS}
+    faults = [asdict(each) for each in scenario.faults]
     for part, value in values:
-        if isinstance(part, PushPart):
+        if isinstance(part, FaultPart):
+            faults[part.index][part.field] = value
+        elif isinstance(part, PushPart):
             pushes[part.index] = replace(pushes[part.index], **cast(Any, {part.field: value}))
             if pushes[part.index].duration <= 0.0:
                 raise StudyError(f'{part.label}: must last longer than 0 s ({which})')
@@ -213,10 +229,28 @@ def _scenario(
         if isinstance(part, PushPart):
             if fault := push_fault([pushes[part.index]], duration):
                 raise StudyError(f'{part.label}: {fault[1]} ({which})')
+        elif isinstance(part, FaultPart):
+            if faults[part.index]['time'] >= duration:
+                raise StudyError(
+                    f'{FAULT}.{part.index + 1}: a fault begins after the end of the run ({which})'
+                )
         else:
             _check_segment(part, sticks[part.stick], duration, which)
     vertical, horizontal = (StickSignal(tuple(sticks[stick])) for stick in STICKS)
-    return replace(scenario, pushes=tuple(pushes), vertical=vertical, horizontal=horizontal)
+    try:
+        failing = tuple(Fault(**each) for each in faults)
+    except ParameterError as error:
+        raise StudyError(f'{error} ({which})') from None
+    return replace(
+        scenario, pushes=tuple(pushes), vertical=vertical, horizontal=horizontal, faults=failing
+    )
+
+
+def fault_values(scenario: Scenario, given: Scenario) -> dict[str, object]:
+    """Return the parameters ``faults`` of a run whose scenario has other ones than the given."""
+    if scenario.faults == given.faults:
+        return {}
+    return {f'{node}.faults': text for node, text in fault_texts(scenario.faults).items()}
 
 
 def _with_field(segment: Segment, field: str, value: float) -> Segment:

@@ -11,7 +11,7 @@ from ballbot_ros.engine.scenario.reader import load_scenario
 from ballbot_ros.engine.scenario.scenario import Scenario
 from ballbot_ros.engine.scenario.writer import scenario_data
 from ballbot_ros.errors import StudyError, short_text
-from ballbot_ros.lab.studies.events import event_part, is_event, scenarios_of
+from ballbot_ros.lab.studies.events import event_part, fault_values, is_event, scenarios_of
 from ballbot_ros.lab.studies.manifest import StudyRecord
 from ballbot_ros.lab.studies.programs import with_values
 from ballbot_ros.lab.studies.study_data import RunResults, StudyData
@@ -134,9 +134,12 @@ def rerun_spec(
     )
     try:
         folder.mkdir(parents=True)
-        changed = with_values(study_parameters(record, path, controller), _values(row))
+        parameters = study_parameters(record, path, controller)
+        scenario = _scenario(path, row)
+        values = {**_values(row), **fault_values(scenario, load_scenario(str(path)))}
+        changed = with_values(parameters, values)
         parameter_file.write_text(parameter_text(changed), encoding='utf-8')
-        text = yaml_text(scenario_data(_scenario(path, row), changed.of(PlantParameters)))
+        text = yaml_text(scenario_data(scenario, changed.of(PlantParameters)))
         path.write_text(text, encoding='utf-8')
     except OSError as error:
         raise StudyError(f'{folder}: {error.strerror}; choose another --output') from None
@@ -150,7 +153,7 @@ def _values(row: RunResults) -> dict[str, object]:
 
 
 def _scenario(path: Path, row: RunResults) -> Scenario:
-    """Return the study's scenario, in a file, with the pushes and sticks of a run."""
+    """Return the study's scenario, in a file, with the pushes, sticks and faults of a run."""
     scenario = load_scenario(str(path))
     events = {name: np.array([value]) for name, value in row.varied.items() if is_event(name)}
     if not events:

@@ -23,19 +23,20 @@ from ballbot_ros.engine.compilation import (
 from ballbot_ros.engine.compiled_loop import are_timed, events_of, floor_of, rings_of
 from ballbot_ros.engine.law_runs import FAULTS
 from ballbot_ros.engine.rows import Column, RobotRows, Rows, are_finite
-from ballbot_ros.engine.run import Events, RunLog, new_log, new_robots, tick_type
+from ballbot_ros.engine.run import Events, Rings, RunLog, new_log, new_robots, tick_type
 from ballbot_ros.engine.scenario.metrics import METRICS, wall_clearance_m
 from ballbot_ros.engine.scenario.scenario import Measure, Scenario
 from ballbot_ros.engine.scenario.task_timing import COUNT
 from ballbot_ros.engine.trajectory import TrajectoryLog
 from ballbot_ros.errors import ControllerError, StudyError, WorldError
 from ballbot_ros.lab.studies.columns import measure_runs
-from ballbot_ros.lab.studies.events import event_part, scenarios_of
+from ballbot_ros.lab.studies.events import event_part, fault_values, scenarios_of
 from ballbot_ros.lab.studies.programs import Programs, programs_of, with_values
 from ballbot_ros.lab.studies.variables import DURATION
 from ballbot_ros.parameters import DEVICES, PLANT, ControllerParameters, PlantParameters
 from ballbot_ros.parameters.timing import FIRST_TICK_NS, SECOND_NS, TICK_NS
 from ballbot_ros.robot.arithmetic import Floats
+from ballbot_ros.robot.brick.faults import Fault, all_faults
 from ballbot_ros.robot.world.clearance import NO_WALLS, Walls, walls_around
 from ballbot_ros.robot.world.world import World, half_cells, is_blocked
 from ballbot_ros.run.spec import RunSpec
@@ -161,8 +162,11 @@ class OrdinarySimulator:
         """Write the results of runs, with the same errors."""
         scenarios = scenarios_of_runs(self._spec, samples)
         for run in range(samples.count):
-            values = {name: column[run] for name, column in samples.values.items()}
+            values: dict[str, object] = {
+                name: column[run] for name, column in samples.values.items()
+            }
             scenario = scenarios[run] if scenarios else self._spec.scenario
+            values |= fault_values(scenario, self._spec.scenario)
             self._simulate(run, values, scenario, results)
             advance(1)
 
@@ -258,6 +262,7 @@ class CompiledSimulator:
         programs, states = self._programs.rows(rows, samples.values, samples.count)
         scenarios = scenarios_of_runs(self._spec, samples)
         events = events_of(scenarios or [self._spec.scenario])
+        faults = faults_of_runs(self._spec, scenarios)
         for first in range(0, samples.count, together):
             runs = slice(first, min(first + together, samples.count))
             part = Events(*(each[runs] for each in events)) if scenarios else events
@@ -266,7 +271,12 @@ class CompiledSimulator:
             )
             done = results.part(runs)
             try:
-                self._simulate(rows.part(runs), programs[runs], part, log, time, robots, done)
+                rings = rings_of(
+                    rows.part(runs), self._programs.tasks, faults[runs] if faults[1:] else faults
+                )
+                self._simulate(
+                    rows.part(runs), programs[runs], part, rings, log, time, robots, done
+                )
                 doubtful = ~are_finite(robots['program'])
             except FAULTS:
                 doubtful = np.ones(len(robots), np.bool_)
@@ -313,6 +323,7 @@ class CompiledSimulator:
         rows: RobotRows,
         programs: Rows,
         events: Events,
+        rings: Rings,
         log: RunLog,
         time: Floats,
         ends: Rows,
@@ -323,7 +334,7 @@ class CompiledSimulator:
         nothing = np.zeros((runs, 0), tick_type(ends.dtype['program']))
         self._run(
             plants, *(rows[each] for each in DEVICES), rows[ControllerParameters], programs,
-            self._floor, events, rings_of(rows, self._programs.tasks), log, nothing, ends, ticks,
+            self._floor, events, rings, log, nothing, ends, ticks,
         )  # fmt: skip
         results.ticks[:] = ends['ticks']
         results.failed[:] = ends['plant']['is_stopped']
@@ -381,6 +392,18 @@ def scenarios_of_runs(spec: RunSpec, samples: Samples) -> Sequence[Scenario]:
     parts = {name: event_part(name, spec.scenario) for name in samples.events}
     durations = samples.values.get(DURATION, np.full(samples.count, spec.plant.duration))
     return scenarios_of(spec.scenario, parts, samples.events, durations, samples.first)
+
+
+def faults_of_runs(spec: RunSpec, scenarios: Sequence[Scenario]) -> list[tuple[Fault, ...]]:
+    """Return the faults of each run, or one item for all; the errors are those of a run's."""
+    kinds = {
+        tuple((fault.component, fault.type) for fault in each.faults): each for each in scenarios
+    }
+    for each in kinds.values():
+        all_faults(with_values(spec.parameters, fault_values(each, spec.scenario)).of)
+    own = all_faults(spec.parameters.of)
+    given = spec.scenario.faults
+    return [own if each.faults == given else each.faults for each in scenarios] or [own]
 
 
 def time_of(ticks: int) -> Floats:

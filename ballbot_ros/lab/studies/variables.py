@@ -15,7 +15,13 @@ from ballbot_ros.controllers.controller_program import own_rows
 from ballbot_ros.engine.rows import Column, robot_parameter
 from ballbot_ros.engine.scenario.reader import ExpectationReader, Keys
 from ballbot_ros.errors import StudyError
-from ballbot_ros.lab.studies.events import EventPart, event_parameter, event_part, is_event
+from ballbot_ros.lab.studies.events import (
+    EventPart,
+    FaultPart,
+    event_parameter,
+    event_part,
+    is_event,
+)
 from ballbot_ros.parameters import (
     CONTROLLER,
     PLANT,
@@ -28,6 +34,7 @@ from ballbot_ros.parameters import (
     suggest,
 )
 from ballbot_ros.robot.arithmetic import Floats
+from ballbot_ros.robot.brick.faults import all_faults
 from ballbot_ros.run.spec import RunSpec
 
 MAX_LEVELS = 100_000
@@ -304,7 +311,8 @@ class Variable:
     Attributes
     ----------
     name : str
-        ``node.param``, ``push.NUMBER.field`` or ``stick.STICK.SEGMENT.field``.
+        ``node.param``, ``push.NUMBER.field``, ``fault.NUMBER.field`` or
+        ``stick.STICK.SEGMENT.field``.
     parameter : Parameter
         Its type, unit and bounds; it has the variable's name.
     part : EventPart or None
@@ -329,6 +337,10 @@ def find_variable(name: str, spec: RunSpec) -> tuple[Parameter, EventPart | None
     """
     if is_event(name):
         part = event_part(name, spec.scenario)
+        if isinstance(part, FaultPart) and set(all_faults(spec.parameters.of)) != set(
+            spec.scenario.faults
+        ):
+            raise StudyError(f"{name} cannot vary: the scenario's faults are set as parameters")
         return event_parameter(name, part), part
     node, _, rest = name.partition('.')
     if node == CONTROLLER and is_own(rest):

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from threading import Lock
 from typing import NamedTuple
 
 from ballbot_ros.errors import TeleopError
 from ballbot_ros.parameters import Subset
-from ballbot_ros.parameters.timing import MAX_LEAD_TICKS, SLOW_PERIOD_NS, TICK_NS
 from ballbot_ros.recording.messages.topics import SCENARIO
 from ballbot_ros.robot.brick.bluetooth import NEUTRAL, Sticks, sticks_of
 
@@ -31,9 +30,6 @@ SILENCE_S = 0.5
 
 TAKEOVER_DELAY_S = 0.5
 """Time for which the sticks are neutral before a source of lower priority takes over."""
-
-MAX_KEPT_ANSWERS = MAX_LEAD_TICKS * TICK_NS // SLOW_PERIOD_NS + 1
-"""Number of answers kept: the plant may ask again for any tick that the recorder lacks."""
 
 _RANK = {source: rank for rank, source in enumerate((*LIVE_SOURCES, SCENARIO))}
 
@@ -90,22 +86,6 @@ class Arbiter:
     def _sticks(self, source: str, now_s: float) -> Sticks:
         sticks, at = self._reports.get(source, (NEUTRAL, now_s))
         return NEUTRAL if now_s - at > SILENCE_S else sticks
-
-
-class GivenAnswers:
-    """Repeats the answer of a tick that the plant asks for again, whatever the live inputs are."""
-
-    def __init__(self) -> None:
-        self._answers: dict[int, Command] = {}
-
-    def at(self, stamp_ns: int, select: Callable[[], Command]) -> Command:
-        """Return the answer given at a stamp [ns]; select it if there is none."""
-        answer = self._answers.get(stamp_ns)
-        if answer is None:
-            answer = self._answers[stamp_ns] = select()
-            if len(self._answers) > MAX_KEPT_ANSWERS:
-                del self._answers[next(iter(self._answers))]
-        return answer
 
 
 @dataclass(frozen=True)

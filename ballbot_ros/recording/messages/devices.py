@@ -174,15 +174,15 @@ class DeviceMessages(Generic[P, Reading]):
     encoder: Callable[[P], Callable[[int, Reading], bytes]]
     reading: Callable[[bytes], Reading]
 
-    def source(self, parameters: P) -> AnsweredTopic:
-        """Return what a driver with these parameters answers."""
+    def source(self, parameters: P, start_ns: int) -> AnsweredTopic:
+        """Return what a driver answers in a run that begins at a time [ns]."""
         if not self.device.longest_delay(parameters):
             return AnsweredTopic(self.truth, lambda data, stamp_ns: self.measured(data))
-        age_of = self.device.age_of(parameters)
+        age_of = self.device.age_of(parameters, start_ns)
 
         def measured(data: bytes, stamp_ns: int) -> Pair:
-            age, share = age_of(stamp_ns)
-            return self.device.measured_of(decode_steps(data, age + 1), age, share)
+            ages, share = age_of(stamp_ns)
+            return self.device.measured_of(decode_steps(data, max(ages) + 1), ages, share)
 
         return AnsweredTopic(PLANT_STEPS, measured)
 

@@ -15,7 +15,7 @@ from ballbot_ros.engine.brick_tasks import BrickTasks
 from ballbot_ros.engine.compiled_loop import TickColumns
 from ballbot_ros.engine.rows import columns_of, state_of
 from ballbot_ros.parameters import ControllerParameters, ParameterSet
-from ballbot_ros.parameters.timing import BATTERY_PERIOD_NS, FIRST_TICK_NS, MILLISECOND_NS, TICK_NS
+from ballbot_ros.parameters.timing import BATTERY_PERIOD_NS, TICK_NS
 from ballbot_ros.recording.messages.conversions import (
     encode_battery,
     encode_body,
@@ -124,9 +124,7 @@ class RunColumns:
     def _repeat(self, columns: Inputs, stamps: Stamps, program: Program) -> None:
         rows = zip(*(np.asarray(each).tolist() for each in columns), strict=True)
         for now_ns, row in zip(stamps.tolist(), rows, strict=True):
-            elapsed_ms = (now_ns - FIRST_TICK_NS) // MILLISECOND_NS
-            inputs = from_numbers(Inputs(*row))
-            outputs = self._tasks.tick(program, now_ns, elapsed_ms, inputs)
+            outputs = self._tasks.tick(program, now_ns, from_numbers(Inputs(*row)))
             self._controller.tick(now_ns, outputs, program)
 
     def _outputs(self, columns: TickColumns, stamps: Stamps, program: ControlProgram) -> None:
