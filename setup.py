@@ -128,6 +128,7 @@ EXTRAS = {
         'polars>=1.0',
         'pyarrow>=15',
         'pyte>=0.8',
+        'rtamt>=0.4.10',
         'SALib>=1.5',
         'types-PyYAML>=6.0',
         'yourdfpy>=0.0.56',

@@ -72,6 +72,7 @@ ROSDEP_TEST_KEYS = {
     'polars': None,
     'pyarrow': None,
     'pyte': None,
+    'rtamt': None,
     'pytest': 'python3-pytest',
     'pytest-timeout': 'python3-pytest-timeout',
     'pytest-xdist': 'python3-pytest-xdist',

@@ -5,12 +5,15 @@ from __future__ import annotations
 import math
 import reprlib
 from collections.abc import Callable, Collection, Hashable, Mapping
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar, cast
 
 from ballbot_ros.controllers.loading import resolve_reference
 from ballbot_ros.engine.scenario.metrics import METRICS
+from ballbot_ros.engine.scenario.properties import Events, Property
+from ballbot_ros.engine.scenario.property_language import parse_property
 from ballbot_ros.engine.scenario.scenario import (
     PUSH_DIRECTIONS,
     Expectation,
@@ -110,7 +113,7 @@ class DocumentReader:
 
 
 class ExpectationReader(DocumentReader):
-    """Reads documents with expectations."""
+    """Reads documents with expectations and properties."""
 
     def _expectations(self, data: object, plant: PlantParameters) -> list[Expectation]:
         expectations: list[Expectation] = []
@@ -132,6 +135,24 @@ class ExpectationReader(DocumentReader):
             else:
                 expectations.append(read(bounds, keys))
         return expectations
+
+    def _properties(
+        self, data: object, plant: PlantParameters, events: Events
+    ) -> tuple[Property, ...]:
+        found: list[Property] = []
+        for name, text in self._mapping(data, ('properties',)).items():
+            keys: Keys = ('properties', name)
+            if not isinstance(name, str) or not name.isprintable() or name in METRICS:
+                raise self._error(keys, f'{name!r} is no name for a property')
+            if not isinstance(text, str):
+                raise self._error(keys, f'{name!r}: {text!r} is not a text')
+            try:
+                found.append(parse_property(name, ' '.join(text.split())))
+            except ScenarioError as error:
+                raise self._error(keys, f'{name!r}: {error}') from None
+            if fault := found[-1].fault(events, has_map=bool(plant.map)):
+                raise self._error(keys, f'{name!r}: {fault}')
+        return tuple(found)
 
     def _expectation(self, keys: Keys, data: object, plant: PlantParameters) -> Expectation:
         metric = str(keys[1])
@@ -184,7 +205,7 @@ _START = {
 }
 SCENARIO_KEYS = {
     'purpose', *_PARAMETERS, 'profile', 'map', 'start', 'sticks', 'pushes', 'changes', 'faults',
-    'parameters', 'expectations',
+    'parameters', 'expectations', 'properties',
 }  # fmt: skip
 
 
@@ -221,7 +242,7 @@ class ScenarioReader(ExpectationReader):
         plant = parameters.of(PlantParameters)
         duration = plant.duration
         sticks = self._mapping(data.get('sticks', {}), ('sticks',), ('vertical', 'horizontal'))
-        return Scenario(
+        scenario = Scenario(
             name=self._document.path.stem,
             purpose=str(data['purpose']),
             profile=_own_profile(data) if profile is None else profile,
@@ -235,6 +256,8 @@ class ScenarioReader(ExpectationReader):
             expectations=tuple(self._expectations(data.get('expectations', {}), plant)),
             text=self._text(data, profile),
         )
+        properties = self._properties(data.get('properties', {}), plant, scenario.events)
+        return replace(scenario, properties=properties)
 
     def _text(self, data: Mapping[str, object], profile: str | None) -> str:
         """Return the file's text; if `profile` is given, it replaces the one in the file."""

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple, overload
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot_ros.engine.scenario.properties import Events, Property
 from ballbot_ros.parameters import ParameterSet
 from ballbot_ros.robot.arithmetic import sine_cosine
 from ballbot_ros.robot.brick.faults import Fault
@@ -245,12 +246,18 @@ class Scenario:
     pushes: tuple[ScheduledPush, ...] = ()
     faults: tuple[Fault, ...] = ()
     expectations: tuple[Expectation, ...] = ()
+    properties: tuple[Property, ...] = ()
     text: str = ''
 
     @property
     def segments(self) -> tuple[Segment, ...]:
         """The segments of both stick signals."""
         return (*self.vertical.segments, *self.horizontal.segments)
+
+    @property
+    def events(self) -> Events:
+        """What happens in its runs, for properties."""
+        return {'push': sorted((each.time, each.time + each.duration) for each in self.pushes)}
 
     def sticks_at(self, time: float) -> tuple[int, int]:
         """Return the sticks (vertical, horizontal) at `time` [s] from the start of the run."""

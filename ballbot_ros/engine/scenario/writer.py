@@ -31,9 +31,9 @@ _OF_THE_GRAPH = ('scenario', 'real_time_factor', 'trajectory_file', 'lockstep')
 def scenario_data(scenario: Scenario, plant: PlantParameters | None = None) -> dict[str, Any]:
     """Return the content of a file that describes a scenario.
 
-    Everything but sticks, pushes, faults and expectations is that of the scenario's text. The paths
-    of files are absolute, so that the file may be in any folder. Read again, the sticks and pushes
-    are the same to the bit.
+    Everything but sticks, pushes, faults, expectations and properties is that of the scenario's
+    text. The paths of files are absolute, so that the file may be in any folder. Read again, the
+    sticks and pushes are the same to the bit.
 
     Parameters
     ----------
@@ -57,6 +57,7 @@ def scenario_data(scenario: Scenario, plant: PlantParameters | None = None) -> d
         ('pushes', [_push(each) for each in scenario.pushes]),
         ('faults', [_fault(each) for each in scenario.faults]),
         ('expectations', _expectations(scenario.expectations)),
+        ('properties', {each.name: each.text for each in scenario.properties}),
     ):
         data.pop(key, None)
         if content:

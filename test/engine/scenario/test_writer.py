@@ -42,6 +42,7 @@ def parts(scenario):
         *([(each.name, each.points) for each in signal.segments] for signal in sticks(scenario)),
         scenario.pushes,
         scenario.expectations,
+        scenario.properties,
     )
 
 
