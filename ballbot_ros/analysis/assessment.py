@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,16 +11,20 @@ from ballbot_ros.analysis.metrics import (
     HALF_TICK_S,
     ExpectationVerdict,
     Judgement,
+    PropertyJudgement,
     Verdict,
     judge,
+    judge_properties,
     measure,
     number,
 )
 from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.analysis.run_metrics import RUN_METRICS
+from ballbot_ros.analysis.signals import motion_signals
 from ballbot_ros.engine.scenario.metrics import lacks_times
+from ballbot_ros.engine.scenario.properties import Course
 from ballbot_ros.lockstep.run_actions import changes_text
-from ballbot_ros.parameters import GyroParameters, PlantParameters
+from ballbot_ros.parameters import ControllerParameters, GyroParameters, PlantParameters
 from ballbot_ros.robot.world.clearance import NO_WALLS, Walls
 from ballbot_ros.robot.world.floor_map import CELL_M, floor_map_of
 from ballbot_ros.robot.world.world import World
@@ -31,6 +35,14 @@ class ExpectationResult:
     """An expectation, its measured value and its verdict."""
 
     judgement: Judgement
+    verdict: ExpectationVerdict
+
+
+@dataclass(frozen=True)
+class PropertyResult:
+    """A property, its robustness and its verdict."""
+
+    judgement: PropertyJudgement
     verdict: ExpectationVerdict
 
 
@@ -50,6 +62,7 @@ class Assessment:
     run: RunData
     metrics: dict[str, float]
     expectations: tuple[ExpectationResult, ...]
+    properties: tuple[PropertyResult, ...]
     outcome: Verdict
     reason: str
 
@@ -78,6 +91,10 @@ class Assessment:
                 {**each.judgement.as_json(), 'verdict': each.verdict.value}
                 for each in self.expectations
             ],
+            'properties': [
+                {**each.judgement.as_json(), 'verdict': each.verdict.value}
+                for each in self.properties
+            ],
             'topics': [
                 {
                     'topic': each.topic,
@@ -101,11 +118,32 @@ def assess(run: RunData) -> Assessment:
     expectations = scenario.expectations if scenario else ()
     judgements = judge(expectations, run.trajectory, run.plant, walls)
     judged = tuple(ExpectationResult(each, _verdict(run, each)) for each in judgements)
-    outcome, reason = _outcome(run, judged)
+    properties = judge_recorded_properties(run, walls)
+    decided = tuple(PropertyResult(each, _verdict_on(run, each)) for each in properties)
+    outcome, reason = _outcome(run, (*judged, *decided))
     if run.outside_changes and outcome is Verdict.PASSED:
         outcome = Verdict.CHANGED
     reason = '; '.join(filter(None, (reason, changes_text(run.outside_changes))))
-    return Assessment(run, metrics, judged, outcome, reason)
+    run = replace(run, decisions=tuple(mark for each in properties for mark in each.marks))
+    return Assessment(run, metrics, judged, decided, outcome, reason)
+
+
+def judge_recorded_properties(run: RunData, walls: Walls | None = None) -> list[PropertyJudgement]:
+    """Evaluate the properties of a run's scenario; `walls` are those of its map, if known."""
+    scenario = run.attached.scenario
+    if not scenario or not scenario.properties or not run.intact:
+        return []
+    pushes = sorted((each.start, each.end) for each in run.pushes)
+    mode = run.attached.parameters.of(ControllerParameters).mode
+    signals = motion_signals(run.trajectory, _walls(run) if walls is None else walls, lambda: run)
+    course = Course({**scenario.events, 'push': pushes}, mode)
+    return judge_properties(scenario.properties, signals, run.plant, course)
+
+
+def _verdict_on(run: RunData, judgement: PropertyJudgement) -> ExpectationVerdict:
+    if not run.complete or judgement.lack:
+        return ExpectationVerdict.NOT_JUDGED
+    return ExpectationVerdict.MET if judgement.holds else ExpectationVerdict.NOT_MET
 
 
 def _walls(run: RunData) -> Walls:
@@ -142,7 +180,9 @@ def _verdict(run: RunData, judgement: Judgement) -> ExpectationVerdict:
     return ExpectationVerdict.MET if judgement.holds else ExpectationVerdict.NOT_MET
 
 
-def _outcome(run: RunData, judged: tuple[ExpectationResult, ...]) -> tuple[Verdict, str]:
+def _outcome(
+    run: RunData, judged: tuple[ExpectationResult | PropertyResult, ...]
+) -> tuple[Verdict, str]:
     if failure := _failure(run):
         return Verdict.FAILED, failure
     missed = [each.judgement for each in judged if each.verdict is ExpectationVerdict.NOT_MET]
@@ -153,9 +193,7 @@ def _outcome(run: RunData, judged: tuple[ExpectationResult, ...]) -> tuple[Verdi
     if run.attached.scenario is None:
         return Verdict.NOT_JUDGED, 'no scenario is attached'
     unknown = [
-        each.judgement.expectation.metric
-        for each in judged
-        if each.verdict is ExpectationVerdict.NOT_JUDGED
+        each.judgement.name for each in judged if each.verdict is ExpectationVerdict.NOT_JUDGED
     ]
     if unknown:
         return Verdict.NOT_JUDGED, f'{", ".join(unknown)} cannot be computed from this recording'

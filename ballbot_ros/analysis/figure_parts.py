@@ -104,6 +104,7 @@ class IntervalKind(TextEnum):
     STICKS = 'sticks'
     PUSH = 'push'
     WALL_HIT = 'wall hit'
+    PROPERTY = 'property'
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot_ros.analysis.figure_parts import Interval, IntervalKind
 from ballbot_ros.engine.scenario.metrics import METRICS, Motion
+from ballbot_ros.engine.scenario.properties import (
+    Course,
+    MissingSignalError,
+    MotionSignals,
+    Property,
+)
 from ballbot_ros.engine.scenario.scenario import Expectation, Measure
 from ballbot_ros.engine.trajectory import Trajectory
 from ballbot_ros.parameters import PlantParameters
@@ -54,6 +61,11 @@ class Judgement:
     value: float
 
     @property
+    def name(self) -> str:
+        """The metric."""
+        return self.expectation.metric
+
+    @property
     def holds(self) -> bool:
         """Whether the value is within the bounds."""
         return self.expectation.holds(self.value)
@@ -73,6 +85,69 @@ class Judgement:
             'min': self.expectation.minimum,
             'max': self.expectation.maximum,
             'value': number(self.value),
+        }
+
+
+@dataclass(frozen=True)
+class PropertyJudgement:
+    """A property, and its robustness in a run.
+
+    Attributes
+    ----------
+    robustness : float
+        Infinite if the run has no time for which it is, NaN if it is undecided.
+    moment : float
+        When a signal decided it [s]; NaN if none did.
+    lack : str
+        Why it is undecided; otherwise ''.
+    """
+
+    of: Property
+    robustness: float
+    moment: float = math.nan
+    lack: str = ''
+
+    @property
+    def name(self) -> str:
+        """Name of the property."""
+        return self.of.name
+
+    @property
+    def holds(self) -> bool:
+        """Whether it holds."""
+        return self.robustness >= 0.0
+
+    @property
+    def outcome(self) -> str:
+        """What decided it, as text."""
+        if self.lack:
+            return f'undecided: {self.lack}'
+        if math.isnan(self.moment):
+            return 'no time to judge' if self.holds else 'beyond the end'
+        return 'from violation ' * self.holds + f'at {self.moment:.3f} s'
+
+    @property
+    def marks(self) -> tuple[Interval, ...]:
+        """The moment, for figures."""
+        if math.isnan(self.moment):
+            return ()
+        end, name = self.moment + TICK_S, self.of.name
+        return (Interval(self.moment, end, name, IntervalKind.PROPERTY, str(self)),)
+
+    def __str__(self) -> str:
+        """Return name, robustness and what decided it."""
+        value = f' {self.robustness:.4g} {self.of.unit}' * math.isfinite(self.robustness)
+        return f'{self.of.name}{value.rstrip()} {self.outcome}'
+
+    def as_json(self) -> dict[str, object]:
+        """Return name, text, robustness, unit, moment and lack; a missing number is None."""
+        return {
+            'name': self.of.name,
+            'text': self.of.text,
+            'robustness': number(self.robustness),
+            'unit': self.of.unit,
+            'moment_s': number(self.moment),
+            'undecided': self.lack,
         }
 
 
@@ -107,6 +182,29 @@ def judge(
         Judgement(each, measure_one(each.measure, trajectory, plant, walls))
         for each in expectations
     ]
+
+
+def judge_properties(
+    properties: Iterable[Property], signals: MotionSignals, plant: PlantParameters, course: Course
+) -> list[PropertyJudgement]:
+    """Evaluate properties in a single run."""
+    return [_judge_property(each, signals, plant, course) for each in properties]
+
+
+def _judge_property(
+    each: Property, signals: MotionSignals, plant: PlantParameters, course: Course
+) -> PropertyJudgement:
+    parts = each.parts(plant, len(signals.time), course)
+    try:
+        robustness = float(each.robustness(signals, parts)[0])
+        tick = each.decision(signals, parts)
+    except MissingSignalError as error:
+        return PropertyJudgement(each, math.nan, lack=str(error))
+    lack = ''
+    if math.isnan(robustness):
+        lack = each.shortage(parts) or f'no value of {" or ".join(each.signals)}'
+    moment = math.nan if tick is None else float(signals.time[tick])
+    return PropertyJudgement(each, robustness, moment, lack)
 
 
 def measure_one(

@@ -9,7 +9,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from ballbot_ros.analysis.assessment import Assessment, ExpectationResult, shown_metrics
+from ballbot_ros.analysis.assessment import (
+    Assessment,
+    ExpectationResult,
+    PropertyResult,
+    shown_metrics,
+)
 from ballbot_ros.analysis.extraction import Status
 from ballbot_ros.analysis.figure_parts import csv_text
 from ballbot_ros.analysis.interactive import MISSING, InteractiveFigures, interactive_figures
@@ -147,6 +152,7 @@ def report_page(
         facts=_facts(run),
         extent='' if run.complete else f'Only ticks up to {run.end:.3f} s count.',
         expectations=[_expectation(each) for each in assessment.expectations],
+        properties=[_property(each) for each in assessment.properties],
         metrics=[
             (metric_text(name, value), MEANINGS[name])
             for name, value in shown_metrics(assessment).items()
@@ -246,6 +252,18 @@ def _expectation(judged: ExpectationResult) -> dict[str, str]:
         'window': expectation.window or 'whole run',
         'bounds': str(expectation).replace('-', '−'),
         'verdict': f'{mark}{judged.verdict}',
+    }
+
+
+def _property(judged: PropertyResult) -> dict[str, str]:
+    judgement = judged.judgement
+    return {
+        'name': judgement.name,
+        'verdict': f'{_MARKS[judged.verdict]}{judged.verdict}',
+        'value': number_text(judgement.robustness),
+        'unit': judgement.of.unit,
+        'outcome': judgement.outcome,
+        'text': judgement.of.text,
     }
 
 

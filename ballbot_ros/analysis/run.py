@@ -9,7 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ballbot_ros.analysis.assessment import ExpectationResult, assess
+from ballbot_ros.analysis.assessment import ExpectationResult, PropertyResult, assess
 from ballbot_ros.analysis.drawing import draw_motion
 from ballbot_ros.analysis.figure_parts import IntervalKind, png_of
 from ballbot_ros.analysis.metrics import Verdict, with_judgements
@@ -48,10 +48,10 @@ class Run:
     """
 
     def __init__(self, data: RunData, recording: bytes | Path, earlier: Run | None = None) -> None:
-        self._data = data
+        self._assessment = assess(data)
+        self._data = self._assessment.run
         self._recording = recording
         self._earlier = earlier
-        self._assessment = assess(data)
         for array in vars(data.trajectory).values():
             array.flags.writeable = False
 
@@ -76,7 +76,7 @@ class Run:
 
     @property
     def passed(self) -> bool:
-        """Whether the run is complete and all expectations of its scenario are met."""
+        """Whether the run is complete, and all expectations and properties are met."""
         return self.verdict is Verdict.PASSED
 
     @property
@@ -101,6 +101,11 @@ class Run:
     def expectations(self) -> tuple[ExpectationResult, ...]:
         """The expectations of the scenario, with the measured values and verdicts."""
         return self._assessment.expectations
+
+    @property
+    def properties(self) -> tuple[PropertyResult, ...]:
+        """The properties of the scenario, with their robustness and verdicts."""
+        return self._assessment.properties
 
     @property
     def trajectory(self) -> Trajectory:

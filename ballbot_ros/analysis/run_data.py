@@ -120,6 +120,8 @@ class RunData:
         Time [s] and tone.
     jobs : Jobs or None
         Those of the brick's tasks; None if the tasks took no time.
+    decisions : tuple of Interval
+        The moments that decide the properties of the scenario, once it is assessed.
     parameter_changes : tuple of ParameterChange
         Changes of the controller's parameters during the run.
     topic_statistics : tuple of TopicStatistics
@@ -161,6 +163,7 @@ class RunData:
     pushes: tuple[RecordedPush, ...] = ()
     wall_hits: tuple[Interval, ...] = ()
     jobs: Jobs | None = None
+    decisions: tuple[Interval, ...] = ()
 
     @property
     def name(self) -> str:
@@ -185,11 +188,12 @@ class RunData:
 
     @property
     def marked(self) -> tuple[Interval, ...]:
-        """What figures shade: calibration, pushes and wall hits."""
+        """What figures shade: calibration, pushes, wall hits and moments of properties."""
         calibration = (each for each in self.states if each.name == OperatingState.CALIBRATION)
         # Those from outside first: where names have no room, theirs stay.
         pushes = sorted(self.pushes, key=lambda push: not push.is_external)
-        return (*calibration, *(push.interval for push in pushes), *self.wall_hits)
+        shaded = (*calibration, *(push.interval for push in pushes), *self.wall_hits)
+        return (*shaded, *self.decisions)
 
     @property
     def outside_changes(self) -> tuple[ParameterChange, ...]:

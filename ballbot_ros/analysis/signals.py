@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,6 +20,8 @@ from ballbot_ros.analysis.run_metrics import (
     reference_position,
     reference_speed,
 )
+from ballbot_ros.engine.scenario.properties import MissingSignalError, MotionSignals
+from ballbot_ros.engine.trajectory import Trajectory
 from ballbot_ros.errors import importing
 from ballbot_ros.parameters.timing import SECOND_NS
 from ballbot_ros.recording.messages.topics import (
@@ -35,6 +38,7 @@ from ballbot_ros.recording.messages.topics import (
     Topic,
 )
 from ballbot_ros.robot.arithmetic import Floats
+from ballbot_ros.robot.world.clearance import Walls
 
 if TYPE_CHECKING:
     import pandas
@@ -77,6 +81,30 @@ class Signal:
 def signals_of(run: RunData) -> list[Signal]:
     """Return the signals for which the run has the topics, in the order of :data:`SIGNALS`."""
     return [signal for signal in SIGNALS if run.series.keys() >= set(signal.needs)]
+
+
+def motion_signals(
+    trajectory: Trajectory, walls: Walls, read: Callable[[], RunData | None]
+) -> MotionSignals:
+    """Return the signals of a single run for properties.
+
+    `read` returns what was recorded of it, or None. It is called only for signals that the
+    trajectory lacks.
+    """
+    known = cache(read)
+
+    def other(name: str) -> Floats:
+        run = known()
+        if run is None:
+            raise MissingSignalError(f'{name} needs a recording')
+        stamps = run.start_ns + np.rint(trajectory.time * SECOND_NS).astype(np.int64)
+        for signal in signals_of(run):
+            if name in signal.columns:
+                return signal.table(run, stamps)[name][None]
+        raise MissingSignalError(f'{name} was not recorded')
+
+    position, psi, duty = trajectory.position, trajectory.psi, trajectory.duty
+    return MotionSignals(trajectory.time, position[None], psi[None], duty[None], other, walls)
 
 
 def _held(series: Series, stamps: Integers) -> Floats:

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Column, Table
 from rich.text import Text
 
-from ballbot_ros.analysis.metrics import Judgement, number, with_judgements
+from ballbot_ros.analysis.metrics import Judgement, PropertyJudgement, number, with_judgements
 from ballbot_ros.analysis.recorded_controller import ControllerIdentity
 from ballbot_ros.analysis.recorded_scenario import RecordedPush, outside_pushes
 from ballbot_ros.cli.progress import Progress
@@ -53,6 +53,10 @@ def result_json(spec: RunSpec, result: RunResult) -> dict[str, object]:
             {**each.as_json(), 'holds': each.holds if result.is_complete else None}
             for each in result.judgements
         ],
+        'properties': [
+            {**each.as_json(), 'holds': each.holds if result.is_complete else None}
+            for each in result.properties
+        ],
     }
 
 
@@ -87,6 +91,7 @@ def print_table(spec: RunSpec, result: RunResult) -> None:
             never_stands = is_driven and name == 'settling_time_s'
             if judgement or not (never_stands or lacks_times(name, value)):
                 _add_metric(table, name, value, judgement, marked=result.is_complete)
+    _add_properties(table, result.properties, marked=result.is_complete)
     _add_pushes(table, result.external_pushes)
     table.add_section()
     if result.real_time_factor:
@@ -126,6 +131,20 @@ def _add_pushes(table: Table, pushes: Sequence[RecordedPush]) -> None:
         table.add_row(words, push.strength, '', '')
 
 
+def _mark(judgement: Judgement | PropertyJudgement) -> Text:
+    return Text('✓', 'green') if judgement.holds else Text('✗', 'red')
+
+
+def _add_properties(table: Table, judged: Sequence[PropertyJudgement], *, marked: bool) -> None:
+    if judged:
+        table.add_section()
+    for each in judged:
+        space = '' if each.of.unit in ('', '°') else ' '
+        value = f'{each.robustness:.3f}{space}{each.of.unit}'
+        shown = value if math.isfinite(each.robustness) else '–'
+        table.add_row(each.of.name, shown, each.outcome, _mark(each) if marked else '')
+
+
 def _add_metric(
     table: Table, name: str, value: float, judgement: Judgement | None, *, marked: bool
 ) -> None:
@@ -137,7 +156,7 @@ def _add_metric(
     if judgement:
         expected = str(judgement.expectation)
         if marked:
-            mark = Text('✓', 'green') if judgement.holds else Text('✗', 'red')
+            mark = _mark(judgement)
         if judgement.expectation.window:
             words = f'{words}, {judgement.expectation.window}'
     table.add_row(words, shown, expected, mark)

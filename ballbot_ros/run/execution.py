@@ -11,9 +11,11 @@ from typing import NamedTuple
 
 from ballbot_ros.analysis.drawing import draw_motion
 from ballbot_ros.analysis.figure_parts import png_of
-from ballbot_ros.analysis.metrics import judge, measure
+from ballbot_ros.analysis.metrics import judge, judge_properties, measure
 from ballbot_ros.analysis.recorded_scenario import scheduled_pushes
-from ballbot_ros.analysis.run_data import read_run
+from ballbot_ros.analysis.run_data import RunData, read_run
+from ballbot_ros.analysis.signals import motion_signals
+from ballbot_ros.engine.scenario.properties import Course
 from ballbot_ros.errors import BallbotError, RecordingError
 from ballbot_ros.files import make_folder, temporary_folder
 from ballbot_ros.lockstep.run_actions import Outcome
@@ -133,7 +135,8 @@ def execute(
             client,
             starts_paused=starts_paused,
         )
-        result = _with_metrics(spec, world, _with_timing(spec, result, files.recording))
+        timed = _with_timing(spec, result, files.recording)
+        result = _with_metrics(spec, world, timed, files.recording)
         with suppress(OSError):
             if files.recording and files.recording.exists():
                 result = replace(result, recording=files.recording)
@@ -187,15 +190,31 @@ def _with_timing(spec: RunSpec, result: RunResult, recording: Path | None) -> Ru
     return result
 
 
-def _with_metrics(spec: RunSpec, world: World | None, result: RunResult) -> RunResult:
-    """Return the result with metrics and judged expectations."""
+def _with_metrics(
+    spec: RunSpec, world: World | None, result: RunResult, recording: Path | None
+) -> RunResult:
+    """Return the result with metrics, judged expectations and properties."""
     if result.trajectory is None:
         return result
     walls = world.walls if world else NO_WALLS
+
+    def read() -> RunData | None:
+        with suppress(RecordingError):
+            return read_run(recording) if recording else None
+        return None
+
+    scenario = spec.scenario
+    outside = [(each.start, each.end) for each in result.external_pushes]
+    pushes = sorted([*scenario.events['push'], *outside])
+    course = Course(
+        {**scenario.events, 'push': pushes}, spec.parameters.of(ControllerParameters).mode
+    )
+    signals = motion_signals(result.trajectory, walls, read)
     return replace(
         result,
         metrics=measure(result.trajectory, spec.plant, walls),
-        judgements=judge(spec.scenario.expectations, result.trajectory, spec.plant, walls),
+        judgements=judge(scenario.expectations, result.trajectory, spec.plant, walls),
+        properties=judge_properties(scenario.properties, signals, spec.plant, course),
     )
 
 
@@ -212,7 +231,10 @@ def _with_figure(spec: RunSpec, world: World | None, result: RunResult, path: Pa
             spec.plant.hold_time,
             scenario.segments,
             world.map if world else None,
-            [push.interval for push in (*result.external_pushes, *scheduled_pushes(scenario))],
+            [
+                *(push.interval for push in (*result.external_pushes, *scheduled_pushes(scenario))),
+                *(mark for each in result.properties for mark in each.marks),
+            ],
             spec.earlier,
         )
         path.write_bytes(png_of(figure))

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ballbot_ros.analysis.metrics import Judgement, Verdict
+from ballbot_ros.analysis.metrics import Judgement, PropertyJudgement, Verdict
 from ballbot_ros.analysis.recorded_scenario import RecordedPush, external_push
 from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.engine.trajectory import Engine, Trajectory
@@ -29,7 +29,7 @@ class RunResult:
     Attributes
     ----------
     outcome : Outcome
-        How the run ended, regardless of its expectations.
+        How the run ended, regardless of its expectations and properties.
     failure : str
         Why it failed; otherwise ''.
     failure_status : int
@@ -51,6 +51,8 @@ class RunResult:
         By name; NaN if there are no data.
     judgements : sequence of Judgement
         The scenario's expectations with the measured values.
+    properties : sequence of PropertyJudgement
+        Its properties with their robustness.
     recording, figure : Path or None
         The files, if written.
     figure_failure : str
@@ -78,6 +80,7 @@ class RunResult:
     trajectory: Trajectory | None = None
     metrics: Mapping[str, float] = field(default_factory=dict)
     judgements: Sequence[Judgement] = ()
+    properties: Sequence[PropertyJudgement] = ()
     recording: Path | None = None
     figure: Path | None = None
     figure_failure: str = ''
@@ -144,5 +147,6 @@ class RunResult:
         return status or int(bool(self.figure_failure))
 
     @property
-    def _missed(self) -> list[Judgement]:
-        return [each for each in self.judgements if not each.holds]
+    def _missed(self) -> list[Judgement | PropertyJudgement]:
+        judged: list[Judgement | PropertyJudgement] = [*self.judgements, *self.properties]
+        return [each for each in judged if not each.holds]

@@ -131,6 +131,7 @@ class MarkKind(str, Enum):
     PUSH = 'push'
     HIT = 'hit'
     TONE = 'tone'
+    PROPERTY = 'property'
 
 
 @dataclass(frozen=True)

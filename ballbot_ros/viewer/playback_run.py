@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot_ros.analysis.assessment import judge_recorded_properties
 from ballbot_ros.analysis.recorded_scenario import RecordedPush
 from ballbot_ros.analysis.run_data import RunData, Series, read_run
 from ballbot_ros.analysis.signals import signals_of
@@ -33,7 +34,7 @@ _MARKS_PER_LINE = 200
 
 
 def run_marks(run: RunData) -> tuple[Mark, ...]:
-    """Return state changes, pushes, wall hits and tones, in this order.
+    """Return state changes, pushes, wall hits, tones and moments of properties, in this order.
 
     Events of a kind that would lie upon each other share a mark.
     """
@@ -49,8 +50,14 @@ def run_marks(run: RunData) -> tuple[Mark, ...]:
         Mark(time, MarkKind.TONE, f'tone of {tone.frequency_hz} Hz, {tone.duration_ms} ms')
         for time, tone in run.tones
     )
+    decisions = (
+        Mark(each.start, MarkKind.PROPERTY, each.detail)
+        for judgement in judge_recorded_properties(run)
+        for each in judgement.marks
+    )
+    kinds = states, pushes, hits, tones, sorted(decisions, key=lambda mark: mark.time)
     apart = run.end / _MARKS_PER_LINE
-    return tuple(mark for kind in (states, pushes, hits, tones) for mark in _merged(kind, apart))
+    return tuple(mark for kind in kinds for mark in _merged(kind, apart))
 
 
 def _merged(marks: Iterable[Mark], apart: float) -> Iterator[Mark]:
