@@ -26,10 +26,9 @@ from ballbot_ros.controllers.loading import (
 from ballbot_ros.errors import ControllerError, one_line, printable
 from ballbot_ros.files import OUR_PACKAGE, write_temporary
 from ballbot_ros.lockstep.participants import SOURCE_HASH, Participant
-from ballbot_ros.parameters import DOCUMENTS_PROGRAM
+from ballbot_ros.parameters import CONTROLLER, DOCUMENTS_PROGRAM
 from ballbot_ros.parameters.yaml_document import parse_data, yaml_text
 from ballbot_ros.recording.reader import AttachedFile
-from ballbot_ros.recording.rosbag2 import CONTROLLER_INFO, CONTROLLER_SOURCES
 
 SHOWN_HASH = 12
 _HASH = re.compile('[0-9a-f]{64}')
@@ -92,18 +91,25 @@ class ControllerIdentity:
         )
 
 
-def encode_controller(loaded: LoadedController) -> dict[str, bytes]:
+SUCCESSOR = 'successor'
+"""Name of the files of a controller that takes over during a run."""
+
+
+def encode_controller(loaded: LoadedController, name: str = CONTROLLER) -> dict[str, bytes]:
     """Return the attachments of a controller, by file name."""
     identity, source = asdict(ControllerIdentity.of(loaded)), loaded.code.source
     return {
-        CONTROLLER_INFO: yaml_text(identity).encode(),
-        f'controller{source.suffix}': source.data,
+        f'{name}.yaml': yaml_text(identity).encode(),
+        f'{name}{source.suffix}': source.data,
     }
 
 
-def decode_controller(files: Mapping[str, AttachedFile]) -> ControllerIdentity | None:
+def decode_controller(
+    files: Mapping[str, AttachedFile], name: str = CONTROLLER
+) -> ControllerIdentity | None:
     """Return the attached identity of a controller; None if there is none that can be read."""
-    content = parse_data(files[CONTROLLER_INFO].data) if CONTROLLER_INFO in files else None
+    info = files.get(f'{name}.yaml')
+    content = parse_data(info.data) if info else None
     kinds = {each.name: type(each.default) for each in fields(ControllerIdentity)}
     values: dict[str, Any] = (
         {name: content.get(name) for name in kinds} if isinstance(content, dict) else {}
@@ -195,7 +201,11 @@ def _find_copy(identity: ControllerIdentity, requested: str | None) -> Controlle
 
 
 def load_attached(
-    identity: ControllerIdentity, recording: Path, files: Mapping[str, AttachedFile], scratch: Path
+    identity: ControllerIdentity,
+    recording: Path,
+    files: Mapping[str, AttachedFile],
+    scratch: Path,
+    role: str = CONTROLLER,
 ) -> LoadedController:
     """Execute the code attached to a recording, which the user has said to trust.
 
@@ -204,13 +214,13 @@ def load_attached(
     ControllerError
         If none is attached, or that of another run.
     """
-    for name in CONTROLLER_SOURCES:
+    for name in (f'{role}.py', f'{role}.zip'):
         if name in files and hashlib.sha256(files[name].data).hexdigest() == identity.sha256:
             break
     else:
         raise ControllerError(f'{recording}: the code of {identity} is not attached')
     if name.endswith('.zip'):
-        folder = scratch / 'controller'
+        folder = scratch / role
         try:
             with zipfile.ZipFile(io.BytesIO(files[name].data)) as archive:
                 archive.extractall(folder)

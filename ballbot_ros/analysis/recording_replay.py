@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 from ballbot_ros.analysis.message_comparison import Divergence, MessageComparator, MessageDifference
 from ballbot_ros.analysis.recorded_controller import (
+    SUCCESSOR,
     ControllerIdentity,
     ReplayedController,
     choose_controller,
@@ -28,7 +29,12 @@ from ballbot_ros.analysis.replay import (
     replay_controller,
     replay_run,
 )
-from ballbot_ros.controllers.codegen.implementation import missing_tool_for, require_implementation
+from ballbot_ros.controllers.codegen.implementation import (
+    missing_tool_for,
+    require_implementation,
+    successor_of,
+    with_successor,
+)
 from ballbot_ros.controllers.controller_program import own_rows
 from ballbot_ros.controllers.loading import public_reference
 from ballbot_ros.engine.compiled_loop import compile_for_the_next_time
@@ -196,7 +202,33 @@ class RecordingReplay:
         return parameters
 
     def _choose(self, job: RunToRepeat, requested: str | None) -> ReplayedController:
-        """Choose the controller of a run, and set it in the run's parameters."""
+        """Choose the controllers of a run, and set them in the run's parameters."""
+        after = successor_of(job.parameters.of(ControllerParameters))
+        if after and after[1].implementation not in DOCUMENTS_PROGRAM:
+            name = self._choose_successor(job, requested)
+            if requested and requested.endswith(f':{name}'):
+                requested = None
+        return self._choose_first(job, requested)
+
+    def _choose_successor(self, job: RunToRepeat, requested: str | None) -> str:
+        """Set the controller that takes over during a run; return the name of its class."""
+        reader = self._recording.reader
+        files = reader.attachments()
+        identity = decode_controller(files, SUCCESSOR)
+        if identity is None:
+            raise RecordingError(f'{reader.path}: {SUCCESSOR}.yaml is missing or cannot be read')
+        if self._trusts_code:
+            loaded = load_attached(identity, reader.path, files, self._scratch, SUCCESSOR)
+        else:
+            is_its = requested and requested.endswith(f':{identity.class_name}')
+            loaded = find_recorded(identity, reader.path, requested if is_its else None)
+        self._are_functions &= loaded.code.is_ours and has_law(loaded.cls)
+        changes = job.parameters.of(ControllerParameters).changes
+        changes = with_successor(changes, lambda recorded: loaded.code.reference)
+        job.parameters.set(CONTROLLER, 'changes', changes)
+        return identity.class_name
+
+    def _choose_first(self, job: RunToRepeat, requested: str | None) -> ReplayedController:
         participant = self._announced.participant(job.inputs.run.name, CONTROLLER)
         if identity := self._identity(job, participant):
             return self._choose_class(job, identity, requested)

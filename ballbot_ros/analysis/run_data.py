@@ -6,6 +6,7 @@ import hashlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -37,9 +38,10 @@ from ballbot_ros.parameters import (
     CONTROLLER,
     DOCUMENTS_PROGRAM,
     ControllerParameters,
+    ParameterSet,
     PlantParameters,
 )
-from ballbot_ros.parameters.changes import scheduled_at
+from ballbot_ros.parameters.changes import IMPLEMENTATION, parse_succession, scheduled_at
 from ballbot_ros.parameters.timing import SECOND_NS, TICK_NS, TICK_S
 from ballbot_ros.process import ProgressCallback
 from ballbot_ros.recording.messages.conversions import map_grid
@@ -283,6 +285,18 @@ def read_run(
     return run_data(Path(path), extraction, attached, number, damage=damage, failure=failure)
 
 
+def _changes(
+    extraction: Extraction, run: RecordedRun, parameters: ParameterSet
+) -> Iterator[ParameterChange]:
+    """Yield what changed in the controller during a run, and the controller that took over."""
+    changes = list(_events(extraction.retunings, run))
+    if after := parse_succession(parameters.of(ControllerParameters).changes):
+        changes.append((after.time, {IMPLEMENTATION: after.values[IMPLEMENTATION]}))
+    for time, values in sorted(changes, key=itemgetter(0)):
+        for name, value in values.items():
+            yield ParameterChange(time, CONTROLLER, name, value)
+
+
 def run_data(
     path: Path,
     extraction: Extraction,
@@ -338,11 +352,7 @@ def run_data(
         statuses=_events(extraction.statuses, run),
         pages=_events(extraction.pages, run),
         tones=_events(extraction.tones, run),
-        parameter_changes=tuple(
-            ParameterChange(time, CONTROLLER, name, value)
-            for time, values in _events(extraction.retunings, run)
-            for name, value in values.items()
-        ),
+        parameter_changes=tuple(_changes(extraction, run, attached.parameters)),
         topic_statistics=tuple(extraction.topic_statistics.values()),
         attached=attached,
         damage=damage,

@@ -41,11 +41,25 @@ if TYPE_CHECKING:
     'repeated.',
 )
 @click.option(
+    '--fault',
+    'faults',
+    multiple=True,
+    metavar="'COMPONENT TYPE'",
+    help='A fault as in a scenario, such as gyro_x stuck; with duration=S, amount=A, time=S if not '
+    'at once. Can be repeated.',
+)
+@click.option(
     '--set',
     'assignments',
     multiple=True,
     metavar='controller.PARAM=VALUE',
     help='Change a gain or threshold of the controller; can be repeated.',
+)
+@click.option(
+    '--controller',
+    metavar='CONTROLLER',
+    help='Another controller takes over, which has run along from the start: a name, '
+    'package.module:Class or FILE.py:Class.',
 )
 @click.option(
     '--sticks',
@@ -89,7 +103,9 @@ def command(
     recording: Path,
     at: float,
     pushes: tuple[str, ...],
+    faults: tuple[str, ...],
     assignments: tuple[str, ...],
+    controller: str | None,
     sticks: str,
     is_live: bool,
     number: int | None,
@@ -120,7 +136,9 @@ def command(
             from ballbot_ros.run.branch import branch_spec, prove, read_past
             from ballbot_ros.run.execution import execute
 
-        future = given_future(at, pushes, assignments, sticks, is_live=is_live)
+        future = given_future(
+            at, pushes, faults, assignments, sticks, controller=controller, is_live=is_live
+        )
         with RecordingReader(recording) as reader, temporary_folder() as folder:
             scratch = Path(folder)
             with stdout_to_stderr():  # a controller may print while its class is loaded
@@ -140,10 +158,12 @@ def command(
 
 def given_future(
     at: float,
-    pushes: Sequence[str] = (),
-    assignments: Sequence[str] = (),
-    sticks: str = 'recorded',
+    pushes: Sequence[str],
+    faults: Sequence[str],
+    assignments: Sequence[str],
+    sticks: str,
     *,
+    controller: str | None = None,
     is_live: bool = False,
 ) -> Future:
     """Return the future that the options give.
@@ -153,8 +173,16 @@ def given_future(
     BallbotError
         If one is not valid; the message is one line that names the option.
     """
+    from ballbot_ros.controllers.loading import resolve_reference
     from ballbot_ros.parameters.yaml_document import parse_value
-    from ballbot_ros.run.branch import RECORDED, Future, future_push, future_sticks, future_values
+    from ballbot_ros.run.branch import (
+        RECORDED,
+        Future,
+        future_faults,
+        future_push,
+        future_sticks,
+        future_values,
+    )
 
     found = []
     for text in pushes:
@@ -179,8 +207,12 @@ def given_future(
     return Future(
         at=at,
         pushes=tuple(found),
+        faults=tuple(
+            fault for text in faults for fault in future_faults(text, at, f'--fault {text!r}')
+        ),
         values=changed,
         sticks=future_sticks(held, f'--sticks {sticks}'),
+        controller=controller and resolve_reference(controller, Path.cwd()),
         is_live=is_live,
     )
 

@@ -20,6 +20,7 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 from std_msgs.msg import Header as HeaderMessage
 
 from ballbot_ros import __version__
+from ballbot_ros.controllers.codegen.implementation import public_changes
 from ballbot_ros.controllers.loading import public_reference
 from ballbot_ros.lockstep.lockstep import RunIdentity
 from ballbot_ros.lockstep.participants import (
@@ -197,6 +198,8 @@ def with_parameters(
 def _public(name: str, value: Value) -> Value:
     if name == 'implementation':
         return public_reference(str(value))
+    if name == 'changes':
+        return public_changes(str(value))
     return Path(str(value)).name if name in PATHS else value
 
 

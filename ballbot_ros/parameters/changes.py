@@ -25,13 +25,40 @@ def parse_changes(text: str) -> tuple[TimedChange, ...]:
     """Return the changes in a text such as ``3.2 k_thetadot=300; 5 k_i=-0.008``.
 
     They are in order of time. Values of parameters that only the controller's class has are not
-    checked yet.
+    checked yet. What belongs to another controller is left out, see :func:`parse_succession`.
 
     Raises
     ------
     ParameterError
         If it is malformed, or a parameter can't change during a run.
     """
+    found, after = _entries(text), parse_succession(text)
+    times = (time for time in sorted(found) if not after or time != after.time)
+    return tuple(TimedChange(time, found[time]) for time in times)
+
+
+def parse_succession(text: str) -> TimedChange | None:
+    """Return when another controller takes over, as in ``3.2 implementation=lqg``, if one does.
+
+    The values are its `implementation`, and those of the parameters that only its class has.
+    """
+    times = [time for time, values in _entries(text).items() if IMPLEMENTATION in values]
+    if not times:
+        return None
+    values = _entries(text)[times[0]]
+    if len(times) > 1 or not all(name == IMPLEMENTATION or is_own(name) for name in values):
+        raise ParameterError(
+            f'{CONTROLLER}.changes: {text!r}: only one other {IMPLEMENTATION} can take over, and '
+            'nothing else can change at that time'
+        )
+    return TimedChange(times[0], values)
+
+
+IMPLEMENTATION = 'implementation'
+
+
+def _entries(text: str) -> dict[float, dict[str, Value]]:
+    """Return values by name, by the time at which they change [s]."""
     found: dict[float, dict[str, Value]] = {}
     for entry in filter(None, map(str.strip, text.split(';'))):
         time, _, assignment = entry.partition(' ')
@@ -47,17 +74,17 @@ def parse_changes(text: str) -> tuple[TimedChange, ...]:
             )
         where = f'{CONTROLLER}.changes: '
         found.setdefault(at, {})[name] = checked_change(name, parse_value(value), where)
-    return tuple(TimedChange(time, found[time]) for time in sorted(found))
+    return found
 
 
 def scheduled_at(text: object, time: float) -> list[tuple[str, Value]]:
     """Return names and values that change at a tick [s] by such a text; nothing if it is none."""
     try:
-        changes = parse_changes(str(text))
+        entries = _entries(str(text))
     except ParameterError:  # as a controller of another package may announce
         return []
-    due = [each for each in changes if -TICK_S < each.time - time - _ROUNDING <= 0.0]
-    return [item for each in due for item in each.values.items()]
+    due = [values for at, values in entries.items() if -TICK_S < at - time - _ROUNDING <= 0.0]
+    return [item for values in due for item in values.items()]
 
 
 _ROUNDING = 1e-6
@@ -68,6 +95,8 @@ def checked_change(name: str, value: object, where: str) -> Value:
 
     It raises ParameterError, whose message begins with `where`, if it may not.
     """
+    if name == IMPLEMENTATION and isinstance(value, str):
+        return value
     if is_own(name):
         return tuple(value) if isinstance(value, list) else value  # type: ignore[return-value]
     rows = {row.name: row for row in parameters_of(CONTROLLER).values() if row.is_live}

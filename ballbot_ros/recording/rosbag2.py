@@ -74,9 +74,6 @@ CONTROLLER_INFO = 'controller.yaml'
 PARENT = 'parent.yaml'
 """Name of the file that identifies the run that a recording has branched off."""
 
-CONTROLLER_SOURCES = ('controller.py', 'controller.zip')
-"""Possible names of the attached code of a controller."""
-
 _MEDIA_TYPES = {
     '.yaml': 'application/yaml', '.png': 'image/png', '.bmp': 'image/bmp',
     '.py': 'text/x-python', '.zip': 'application/zip',

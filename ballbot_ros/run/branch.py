@@ -15,7 +15,8 @@ from ballbot_ros.analysis.recorded_scenario import read_attachments, scheduled_p
 from ballbot_ros.analysis.recording_replay import RecordingReplay
 from ballbot_ros.analysis.replay import STAMPED_TOPICS, RunInputs
 from ballbot_ros.analysis.run_data import read_run
-from ballbot_ros.controllers.codegen.implementation import compose_controller
+from ballbot_ros.controllers.codegen.implementation import compose_controller, public_changes
+from ballbot_ros.controllers.loading import public_reference
 from ballbot_ros.engine.scenario.reader import STICK_LIMIT, load_scenario, read_push
 from ballbot_ros.engine.scenario.scenario import Scenario, ScheduledPush, Segment, StickSignal
 from ballbot_ros.engine.scenario.writer import scenario_data
@@ -31,12 +32,20 @@ from ballbot_ros.parameters import (
     Value,
     value_text,
 )
-from ballbot_ros.parameters.changes import TimedChange, changes_text, checked_change, parse_changes
+from ballbot_ros.parameters.changes import (
+    IMPLEMENTATION,
+    TimedChange,
+    changes_text,
+    checked_change,
+    parse_changes,
+    parse_succession,
+)
 from ballbot_ros.parameters.timing import FIRST_TICK_NS, SECOND_NS, SLOW_PERIOD_NS, TICK_NS
 from ballbot_ros.parameters.yaml_document import yaml_text
 from ballbot_ros.recording.messages.topics import ACCEPTED_PUSH, GAMEPAD_JOY, PARAMETER_EVENTS
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.robot.brick.bluetooth import NEUTRAL, Sticks
+from ballbot_ros.robot.brick.faults import Fault, all_faults, fault_texts, parse_faults
 from ballbot_ros.robot.world.floor_map import is_file_name
 from ballbot_ros.run.requirements import Processes
 from ballbot_ros.run.spec import RunSpec
@@ -79,18 +88,25 @@ class Future:
         From when on, in seconds from the start of the run.
     pushes : tuple of ScheduledPush
         Further pushes.
+    faults : tuple of Fault
+        Further faults.
     values : mapping of str to Value
         New values of the controller's parameters, by name.
     sticks : tuple of int or 'recorded'
         The sticks (vertical, horizontal) that are held, or those of the recorded run go on.
+    controller : str or None
+        Reference to the controller that takes over; it has run along from the start, so that it
+        knows the robot.
     is_live : bool
         Whether the user drives, in real time, until the run is stopped.
     """
 
     at: float
     pushes: tuple[ScheduledPush, ...] = ()
+    faults: tuple[Fault, ...] = ()
     values: Mapping[str, Value] = field(default_factory=dict)
     sticks: HeldSticks = RECORDED
+    controller: str | None = None
     is_live: bool = False
 
     @property
@@ -100,11 +116,14 @@ class Future:
             f'push {each.strength}, {each.start:.3f} s to {each.end:.3f} s'
             for each in scheduled_pushes(Scenario(pushes=self.pushes))
         ]
+        told += [f'fault {each}' for each in self.faults]
         told += [
             f'{CONTROLLER}.{name} = {value_text(value)}' for name, value in self.values.items()
         ]
         if self.sticks != RECORDED and not self.is_live:
             told.append(f'sticks {self.sticks[0]}, {self.sticks[1]}')
+        if self.controller:
+            told.append(f'{public_reference(self.controller)} takes over')
         if self.is_live:
             told.append('driven by hand')
         return tuple(told)
@@ -113,6 +132,18 @@ class Future:
 def future_push(values: Mapping[str, object], at: float, where: str) -> ScheduledPush:
     """Return a push of values as in a scenario, by default at a time [s]; raises ScenarioError."""
     return read_push({'time': at, 'duration': DEFAULT_PUSH_S, **values}, where)
+
+
+def future_faults(text: str, at: float, where: str) -> tuple[Fault, ...]:
+    """Return the faults of a text, by default at a time [s]; an error's message names `where`."""
+    try:
+        return tuple(
+            fault if 'time=' in entry else replace(fault, time=at)
+            for entry in text.split(';')
+            for fault in parse_faults(entry)
+        )
+    except ParameterError as error:
+        raise ParameterError(f'{where}: {error}') from None
 
 
 def future_values(given: Mapping[str, object], where: str) -> dict[str, Value]:
@@ -271,15 +302,22 @@ def branch_spec(
         ticks = (past.inputs.last_ns - past.inputs.run.start_ns) // TICK_NS + 1
         parameters.set(PLANT, 'duration', ticks * TICK_NS / SECOND_NS)
     duration = parameters.of(PlantParameters).duration
-    for push in future.pushes:
-        if not future.at <= push.time < duration:
-            raise BallbotError(
-                f'--push: begins at {push.time:g} s, not within {future.at:g} … {duration:g} s'
-            )
+    if future.controller and future.values:
+        raise BallbotError('--set: another controller takes over at that time')
+    for option, events in (('--push', future.pushes), ('--fault', future.faults)):
+        for each in events:
+            if not future.at <= each.time < duration:
+                raise BallbotError(
+                    f'{option}: begins at {each.time:g} s, not within {future.at:g} … '
+                    f'{duration:g} s'
+                )
     changes = changes_text(_changes(past, future))
     parameters.set(CONTROLLER, 'changes', changes)
+    faults = (*_faults(past), *future.faults)
+    for node, text in fault_texts(faults).items():
+        parameters.set(node, 'faults', text)
     path = scratch / f'{past.path.stem}_branch.yaml'
-    path.write_text(_scenario_text(past, future, parameters), encoding='utf-8')
+    path.write_text(_scenario_text(past, future, faults, parameters), encoding='utf-8')
     scenario = load_scenario(str(path))
     parameters.set(GAMEPAD, 'scenario', str(path))
     if future.is_live:
@@ -304,7 +342,8 @@ def branch_spec(
 def _changes(past: Past, future: Future) -> Iterator[TimedChange]:
     """Yield the changes of parameters: those that happened, and those of the future."""
     start_ns = past.inputs.run.start_ns
-    scheduled = parse_changes(past.parameters.of(ControllerParameters).changes)
+    scheduled_text = past.parameters.of(ControllerParameters).changes
+    scheduled = parse_changes(scheduled_text)
     happened = [
         TimedChange((stamp_ns - start_ns) / SECOND_NS, values)
         for stamp_ns, values in sorted(past.inputs.retunings.items())
@@ -313,12 +352,34 @@ def _changes(past: Past, future: Future) -> Iterator[TimedChange]:
     later = [each for each in scheduled if each.time > past.end]
     for time, values in (*happened, *later):
         if time >= future.at:
-            values = {name: each for name, each in values.items() if name not in future.values}
+            # Another controller does not have the parameters that changed.
+            values = {
+                name: each
+                for name, each in values.items()
+                if name not in future.values and not future.controller
+            }
         yield TimedChange(time, values)
     yield TimedChange(future.at, future.values)
+    if future.controller:
+        yield TimedChange(future.at, {IMPLEMENTATION: future.controller})
+    elif after := parse_succession(scheduled_text):
+        yield after
 
 
-def _scenario_text(past: Past, future: Future, parameters: ParameterSet) -> str:
+def _faults(past: Past) -> list[Fault]:
+    """Return the recorded faults, without those that recorded sticks have passed."""
+    planned = past.scenario or Scenario()
+    are_planned = all(
+        _is_planned(past, signal, number)
+        for number, signal in enumerate((planned.vertical, planned.horizontal))
+    )
+    faults = all_faults(past.parameters.of)
+    return [each for each in faults if are_planned or each.component != 'gamepad']
+
+
+def _scenario_text(
+    past: Past, future: Future, faults: tuple[Fault, ...], parameters: ParameterSet
+) -> str:
     """Return the text of the branch's scenario."""
     duration = parameters.of(PlantParameters).duration
     before = past.scenario
@@ -341,6 +402,7 @@ def _scenario_text(past: Past, future: Future, parameters: ParameterSet) -> str:
         vertical=_sticks(past, future, before.vertical, 0, duration),
         horizontal=_sticks(past, future, before.horizontal, 1, duration),
         pushes=(*pushes, *future.pushes),
+        faults=faults,
     )
     data, changes = scenario_data(scenario), parameters.of(ControllerParameters).changes
     data.pop('changes', None)
@@ -352,6 +414,10 @@ def _scenario_text(past: Past, future: Future, parameters: ParameterSet) -> str:
             }
             for time, values in parse_changes(changes)
         ]
+    if after := parse_succession(public_changes(changes)):
+        data.setdefault('changes', []).append(
+            {'time': after.time, f'{CONTROLLER}.{IMPLEMENTATION}': after.values[IMPLEMENTATION]}
+        )
     data['duration'] = duration
     if 'map' in data and is_file_name(parameters.of(PlantParameters).map):
         data['map'] = Path(parameters.of(PlantParameters).map).name
@@ -362,15 +428,24 @@ def _plain(value: Value) -> Any:
     return list(value) if isinstance(value, tuple) else value
 
 
+def _samples(past: Past, number: int) -> Iterator[tuple[float, int]]:
+    """Yield the recorded samples of a stick: time [s] and value."""
+    start_ns = past.inputs.run.start_ns
+    for stamp_ns in range(start_ns, past.inputs.last_ns + 1, SLOW_PERIOD_NS):
+        value = past.inputs.sticks.get(stamp_ns, NEUTRAL)[number]
+        yield (stamp_ns - start_ns) / SECOND_NS, value
+
+
+def _is_planned(past: Past, planned: StickSignal, number: int) -> bool:
+    """Return whether a stick was that of the scenario."""
+    return all(planned.at(time) == value for time, value in _samples(past, number))
+
+
 def _sticks(
     past: Past, future: Future, planned: StickSignal, number: int, duration: float
 ) -> StickSignal:
     """Return a stick: as it was recorded up to the moment, then that of the future."""
-    inputs, start_ns = past.inputs, past.inputs.run.start_ns
-    stamps = range(start_ns, inputs.last_ns + 1, SLOW_PERIOD_NS)
-    samples = [inputs.sticks.get(each, NEUTRAL)[number] for each in stamps]
-    times = [(each - start_ns) / SECOND_NS for each in stamps]
-    is_planned = all(planned.at(time) == value for time, value in zip(times, samples, strict=True))
+    is_planned = _is_planned(past, planned, number)
     if is_planned and future.sticks == RECORDED:
         return planned
     kept: list[Segment] = []
@@ -378,11 +453,8 @@ def _sticks(
         kept = [each for each in planned.segments if each.end <= future.at]
     begun = kept[-1].end if kept else 0.0
     past_end = math.inf if future.sticks == RECORDED else future.at
-    recorded = [
-        (time, value)
-        for time, value in zip(times, samples, strict=True)
-        if begun <= time < past_end
-    ]
+    samples = _samples(past, number)
+    recorded = [(time, value) for time, value in samples if begun <= time < past_end]
     segments = [*kept, *_steps(recorded, begun)]
     if future.sticks != RECORDED and (value := future.sticks[number]):
         begun = segments[-1].end if segments else 0.0

@@ -9,11 +9,20 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from ballbot_ros import __version__
-from ballbot_ros.analysis.recorded_controller import encode_controller
-from ballbot_ros.controllers.loading import public_reference
+from ballbot_ros.analysis.recorded_controller import SUCCESSOR, encode_controller
+from ballbot_ros.controllers.codegen.implementation import public_changes, successor_of
+from ballbot_ros.controllers.loading import load_controller, public_reference
 from ballbot_ros.files import write_temporary
 from ballbot_ros.nodes.middleware import DOMAIN, ros_domain
-from ballbot_ros.parameters import CONTROLLER, GAMEPAD, PLANT, RECORDER, ParameterSet
+from ballbot_ros.parameters import (
+    CONTROLLER,
+    DOCUMENTS_PROGRAM,
+    GAMEPAD,
+    PLANT,
+    RECORDER,
+    ControllerParameters,
+    ParameterSet,
+)
 from ballbot_ros.parameters.files import format_parameters
 from ballbot_ros.parameters.yaml_document import yaml_text
 from ballbot_ros.recording.rosbag2 import MAPS, PARAMETERS, PARENT, SCENARIO, VERSIONS
@@ -35,6 +44,10 @@ def attachments_of(spec: RunSpec) -> Mapping[str, bytes]:
         files[f'map{image_suffix(image)}'] = image
     if spec.controller:
         files |= encode_controller(spec.controller)
+    if successor := successor_of(spec.parameters.of(ControllerParameters)):
+        reference = successor[1].implementation
+        if reference not in DOCUMENTS_PROGRAM:
+            files |= encode_controller(load_controller(reference), SUCCESSOR)
     if spec.parent:
         files[PARENT] = spec.parent.encode()
     text = spec.scenario.text
@@ -59,6 +72,8 @@ def public_parameters(spec: RunSpec, attached: Container[str]) -> ParameterSet:
     if spec.controller:
         reference = public_reference(spec.controller.code.reference)
         parameters.set(CONTROLLER, 'implementation', reference)
+    changes = spec.parameters.of(ControllerParameters).changes
+    parameters.set(CONTROLLER, 'changes', public_changes(changes))
     return parameters
 
 

@@ -16,7 +16,7 @@ from ballbot_ros.analysis.run import Run
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.controllers.class_reference import reference_to, require_unchanged
 from ballbot_ros.controllers.controller import Controller
-from ballbot_ros.controllers.loading import LoadedController
+from ballbot_ros.controllers.loading import LoadedController, resolve_reference
 from ballbot_ros.errors import BallbotError, short_repr
 from ballbot_ros.files import temporary_folder
 from ballbot_ros.lockstep.run_actions import Outcome
@@ -41,6 +41,7 @@ from ballbot_ros.run.branch import (
     RECORDED,
     Future,
     branch_spec,
+    future_faults,
     future_push,
     future_sticks,
     future_values,
@@ -130,8 +131,10 @@ def branch(
     at: float,
     *,
     pushes: Mapping[str, object] | Sequence[Mapping[str, object]] = (),
+    faults: str = '',
     parameters: Mapping[str, object] | None = None,
     sticks: tuple[int, int] | str = RECORDED,
+    controller: str | None = None,
     number: int | None = None,
 ) -> Run:
     """Run a run again up to a moment, and then change something; in this process, without ROS.
@@ -148,10 +151,15 @@ def branch(
     pushes : mapping or sequence of mapping
         Further pushes, as in a scenario: ``{'force': 0.8, 'direction': 'left'}``. Without `time`
         and `duration`, they begin at the branch and last 0.1 s.
+    faults : str
+        Faults, such as ``'gyro_x stuck duration=2; gyro_y off'``.
     parameters : mapping of str to object
         New values of gains and thresholds of the controller, such as ``{'controller.k_i': -0.01}``.
     sticks : tuple of int or str
         The sticks (vertical, horizontal) from then on, or ``'recorded'``.
+    controller : str or None
+        Another controller that takes over, as in the option ``--controller``. It has run along from
+        the start.
     number : int or None
         Number of the run in a recording of several, from 1.
 
@@ -175,8 +183,10 @@ def branch(
         future = Future(
             at=float(at),
             pushes=tuple(future_push(plain_values(each), at, 'pushes') for each in given),
+            faults=future_faults(faults, at, 'faults') if faults else (),
             values=future_values(plain_values(parameters or {}), 'parameters'),
             sticks=future_sticks(sticks, 'sticks'),
+            controller=controller and resolve_reference(controller, Path.cwd()),
         )
         with RecordingReader(path) as reader:
             past = read_past(reader, number, folder)

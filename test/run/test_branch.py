@@ -8,6 +8,7 @@ import sys
 import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
+from own_controllers import BALANCE
 from recordings import copy_recording
 
 import ballbot_ros as bb
@@ -19,6 +20,7 @@ from ballbot_ros.recording.messages.conversions import encode_accepted_push
 from ballbot_ros.recording.messages.topics import ACCEPTED_PUSH
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.repair import repair
+from ballbot_ros.robot.brick.faults import Fault
 from ballbot_ros.robot.plant.ground_truth import Push
 from ballbot_ros.run.branch import RECORDED, Future, Proof, branch_spec, prove, read_past
 from ballbot_ros.run.observer import LogObserver
@@ -73,7 +75,9 @@ def branch(tmp_path):
         scratch = tmp_path / 'scratch'
         scratch.mkdir(exist_ok=True)
         with RecordingReader(recording) as reader:
-            past = read_past(reader, options.pop('number', None), scratch)
+            names = 'number', 'controller', 'trust_attached_code'
+            given = {name: options.pop(name) for name in names if name in options}
+            past = read_past(reader, given.pop('number', None), scratch, **given)
             spec = branch_spec(past, future, scratch, output=tmp_path, **options)
             path = tmp_path / f'{len(list(tmp_path.iterdir()))}.mcap'
             run(spec, path)
@@ -220,6 +224,58 @@ def test_it_names_its_parent(parent, branch, tmp_path):
     assert found.find(moved) is None
 
 
+def test_a_fault_begins_at_the_moment(parent, branch):
+    fault = Fault('gyro_x', 'off', 2.0, 0.1)
+    path, proof = branch(parent, Future(at=2.0, faults=(fault,)))
+    assert (proof.at, proof.difference.topic) == (2.0, 'gyro')
+    again, proof = branch(path, Future(at=3.0))
+    assert proof.difference is None
+    assert sha256(again) == sha256(path) != sha256(parent)
+
+
+def test_recorded_sticks_do_not_pass_a_fault_again(branch, tmp_path):
+    text = EVENTFUL + 'faults:\n  - {component: gamepad, type: delayed, time: 1.6, amount: 300}\n'
+    parent = recorded(tmp_path, text, 'late')
+    path, proof = branch(parent, Future(at=3.0))
+    assert proof.difference is None
+    assert sha256(path) == sha256(parent)
+
+
+@pytest.fixture
+def mine(tmp_path):
+    path = tmp_path / 'mine.py'
+    path.write_text(BALANCE)
+    return f'{path}:Balance'
+
+
+@pytest.mark.parametrize('is_mine', [False, True])
+def test_another_controller_takes_over(is_mine, parent, branch, mine, command):
+    path, proof = branch(parent, Future(at=2.0, controller=mine if is_mine else 'lqg'))
+    assert (proof.at, proof.difference.topic) == (2.0, 'motor_duty')
+    run = read_run(path)
+    told = [each.value for each in run.parameter_changes if each.name == 'implementation']
+    assert told == ['mine.py:Balance' if is_mine else 'lqg']
+    assert not run.outside_changes
+    words = ('--controller', mine) if is_mine else ()
+    status, differences, problem = command('replay', path, *words)
+    assert status == 0, differences + problem
+    if is_mine:
+        status, _, problem = command('replay', path)
+        assert status == 2
+        assert 'its controller is mine.py:Balance' in problem
+
+
+def test_two_controllers_of_ones_own_can_follow_each_other(branch, mine, tmp_path):
+    plain = (
+        f'purpose: stands\nduration: 2.0\nparameters:\n  controller: {{implementation: {mine}}}\n'
+    )
+    parent = recorded(tmp_path, plain, 'owned')
+    path, proof = branch(parent, Future(at=1.5, controller='pid'), controller=mine)
+    assert proof.at >= 1.5
+    trusted = branch(path, Future(at=1.8), trust_attached_code=True)
+    assert sha256(trusted[0]) == sha256(path)
+
+
 @pytest.mark.parametrize('name', ['../../x.mcap', '/etc/passwd', 'a/../../x.mcap'])
 def test_a_parent_elsewhere_is_not_looked_for(name, tmp_path):
     assert Parent(name, '', 1, 0.0, ()).find(tmp_path / 'a/b.mcap') is None
@@ -290,11 +346,16 @@ def test_the_library_returns_both(parent):
 
 def test_separate_processes_make_the_same_branch(parent, branch, tmp_path, command):
     words = ('--at', '2.0', '--push', 'force=0.5 direction=left', '--sticks=-20,0')
-    values = ('--set', 'controller.k_i=-0.006', '--json', '--output', tmp_path / 'graph')
-    status, _, problem = command('branch', parent, *words, *values)
+    values = ('--set', 'controller.k_i=-0.006', '--fault', 'motor_x weak duration=0.5')
+    status, _, problem = command(
+        'branch', parent, *words, *values, '--json', '--output', tmp_path / 'graph'
+    )
     assert status == 0, problem
     push = ScheduledPush(2.0, 0.1, force=0.5, direction='left')
-    future = Future(at=2.0, pushes=(push,), values={'k_i': -0.006}, sticks=(-20, 0))
+    fault = Fault('motor_x', 'weak', 2.0, 0.5)
+    future = Future(
+        at=2.0, pushes=(push,), faults=(fault,), values={'k_i': -0.006}, sticks=(-20, 0)
+    )
     path, _ = branch(parent, future)
     written = tmp_path / 'graph/parent_branch.mcap'
     assert sha256(written) == sha256(path)

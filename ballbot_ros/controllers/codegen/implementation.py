@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from ballbot_ros.controllers.controller_program import (
 )
 from ballbot_ros.controllers.document.axis import task_timings
 from ballbot_ros.controllers.document.program import TASK_NUMBERS, ControlProgram, task_load
+from ballbot_ros.controllers.handover import HandedOver
 from ballbot_ros.controllers.interface import Program
 from ballbot_ros.controllers.loading import (
     LoadedController,
@@ -36,10 +37,16 @@ from ballbot_ros.parameters import (
     ParameterError,
     ParameterSet,
     Value,
+    is_own,
     parameters_of,
     suggest,
 )
-from ballbot_ros.parameters.changes import parse_changes
+from ballbot_ros.parameters.changes import (
+    IMPLEMENTATION,
+    changes_text,
+    parse_changes,
+    parse_succession,
+)
 from ballbot_ros.robot.brick.faults import faults_of
 from ballbot_ros.robot.brick.job_times import interrupt_load, load_of
 from ballbot_ros.robot.brick.schedule import TaskTiming
@@ -85,7 +92,9 @@ class Implementation:
 
     @property
     def tunable(self) -> tuple[Parameter, ...]:
-        """The parameters that its programs take over during a run."""
+        """The parameters that its programs take over during a run; none if another takes over."""
+        if parse_succession(self.parameters.changes):
+            return ()
         return tunable_of(self.parameters, self.loaded)
 
     def check(self, parameters: ControllerParameters) -> None:
@@ -186,6 +195,7 @@ def compose_controller(
         faults_of(settings, TASK_NUMBERS)
         check_times_of(settings, None)
         _check_changes(settings, None)
+        _compose_successor(parameters)
         return None
     if given is None:
         reference = resolve_reference(reference, Path.cwd())
@@ -194,10 +204,55 @@ def compose_controller(
     parameters.declare_own(loaded.cls.__name__, own_rows(loaded))
     design(loaded, parameters)
     check_times_of(parameters.of(ControllerParameters), loaded)
+    _compose_successor(parameters)
     # Create an instance, so that most mistakes are found before the run.
     implementation_for(parameters.of(ControllerParameters), loaded).make()
     _check_changes(parameters.of(ControllerParameters), loaded)
     return loaded
+
+
+def successor_of(parameters: ControllerParameters) -> tuple[float, ControllerParameters] | None:
+    """Return when another controller takes over [s], and its parameters; None if none does."""
+    after = parse_succession(parameters.changes)
+    if after is None:
+        return None
+    own = tuple((name, value) for name, value in after.values.items() if is_own(name))
+    values = {IMPLEMENTATION: after.values[IMPLEMENTATION], 'changes': ''}
+    return after.time, replace(parameters, own=own).with_values(values)
+
+
+def public_changes(changes: str) -> str:
+    """Return the text of the parameter `changes` without a path on this machine."""
+    return with_successor(changes, public_reference)
+
+
+def with_successor(changes: str, reference_for: Callable[[str], str]) -> str:
+    """Return the text of the parameter `changes` with another reference to the controller."""
+    after = parse_succession(changes)
+    if after is None:
+        return changes
+    reference = reference_for(str(after.values[IMPLEMENTATION]))
+    replaced = after._replace(values={**after.values, IMPLEMENTATION: reference})
+    return changes_text([*parse_changes(changes), replaced])
+
+
+def _compose_successor(parameters: ParameterSet) -> None:
+    """Check and design the controller that takes over, if any; its values go into `changes`."""
+    settings = parameters.of(ControllerParameters)
+    after = parse_succession(settings.changes)
+    if after is None:
+        return
+    composed = ParameterSet()
+    for node, name, value in parameters:
+        if not is_own(name):
+            composed.set(node, name, value)
+    for name, value in {'changes': '', **after.values}.items():
+        composed.set(CONTROLLER, name, value)
+    compose_controller(composed)
+    found = composed.of(ControllerParameters)
+    values = {IMPLEMENTATION: found.implementation, **dict(found.own)}
+    changes = changes_text([*parse_changes(settings.changes), after._replace(values=values)])
+    parameters.set(CONTROLLER, 'changes', changes)
 
 
 def _check_changes(parameters: ControllerParameters, loaded: LoadedController | None) -> None:
@@ -274,6 +329,17 @@ def implementation_for(
     ControllerError, ParameterError
         If the class of a controller can't be loaded, or its gains have not been designed.
     """
+    first = _implementation(parameters, loaded)
+    successor = successor_of(parameters)
+    if successor is None:
+        return first
+    second, at_ms = implementation_for(successor[1]), round(successor[0] * 1000.0)
+    return replace(first, make=lambda: HandedOver(first.make(), second.make(), at_ms))
+
+
+def _implementation(
+    parameters: ControllerParameters, loaded: LoadedController | None
+) -> Implementation:
     if parameters.implementation not in DOCUMENTS_PROGRAM:
         return _controller(parameters, loaded or load_controller(parameters.implementation))
     tasks = task_timings(parameters.ts2_period, parameters.ts3_period)

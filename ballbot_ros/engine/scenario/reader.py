@@ -36,7 +36,12 @@ from ballbot_ros.parameters import (
     Value,
     parameters_of,
 )
-from ballbot_ros.parameters.changes import TimedChange, changes_text, checked_change
+from ballbot_ros.parameters.changes import (
+    IMPLEMENTATION,
+    TimedChange,
+    changes_text,
+    checked_change,
+)
 from ballbot_ros.parameters.files import leaves, read_parameter_file
 from ballbot_ros.parameters.yaml_document import YamlDocument, yaml_text
 from ballbot_ros.robot.brick.faults import Fault, fault_texts
@@ -444,6 +449,8 @@ class ScenarioReader(ExpectationReader):
                     (*keys, target),
                     f'{target}: only parameters of {CONTROLLER} can change during a run',
                 )
+            if name == IMPLEMENTATION and isinstance(value, str):
+                value = resolve_reference(value, self._document.path.parent)
             checked[name] = checked_change(name, value, f'{self._document.where(*keys, target)}: ')
         if not checked:
             raise self._error(keys, 'a change needs a value, such as controller.k_thetadot: 300')

@@ -1,0 +1,88 @@
+"""Another controller that takes over during a run."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ballbot_ros.controllers.interface import SAME_TICK, OperatingState, PlaneEstimates, Program
+from ballbot_ros.parameters import ControllerParameters
+from ballbot_ros.robot.brick.brick import UINT32_MASK, DeviceInputs, DeviceOutputs
+from ballbot_ros.robot.brick.job_times import JobTimes
+from ballbot_ros.robot.brick.schedule import TaskTiming
+
+
+class HandedOver:
+    """Two programs that both run on the same samples; the motors follow the first, then the second.
+
+    So the second has calibrated its gyros and knows the robot when it takes over. The tasks, and
+    their times on the brick, remain those of the first.
+
+    Parameters
+    ----------
+    first, second : Program
+    at_ms : int
+        When the second takes over, from the start of the run.
+    """
+
+    def __init__(self, first: Program, second: Program, at_ms: int) -> None:
+        self._first, self._second, self._at_ms = first, second, at_ms
+        self._start_ms: int | None = None
+        self._outputs = DeviceOutputs((0, 0))
+        self._in_command = first
+
+    @property
+    def x(self) -> PlaneEstimates:
+        """Plane x."""
+        return self._in_command.x
+
+    @property
+    def y(self) -> PlaneEstimates:
+        """Plane y."""
+        return self._in_command.y
+
+    @property
+    def operating_state(self) -> OperatingState:
+        """The state of figure 7-1."""
+        return self._in_command.operating_state
+
+    @property
+    def tasks(self) -> Sequence[TaskTiming]:
+        """The tasks of the first program."""
+        return self._first.tasks
+
+    def retune(self, parameters: ControllerParameters) -> None:
+        """Let the first program take over parameters."""
+        self._first.retune(parameters)
+
+    def restart(self) -> None:
+        """Start both programs anew."""
+        self._first.restart()
+        self._second.restart()
+
+    def tick(self, elapsed_ms: int, systick_ms: int, inputs: DeviceInputs) -> DeviceOutputs:
+        """Run the tasks due `elapsed_ms` after the start on the inputs of that time."""
+        return self._chosen(self._first.tick(elapsed_ms, systick_ms, inputs), systick_ms, inputs, 0)
+
+    def run(
+        self, tasks: Sequence[str], systick_ms: int, inputs: DeviceInputs, flags: int = 0
+    ) -> DeviceOutputs:
+        """Run the tasks with these names, and once in a tick the second program."""
+        outputs = self._first.run(tasks, systick_ms, inputs, flags)
+        return self._chosen(outputs, systick_ms, inputs, flags)
+
+    def _chosen(
+        self, outputs: DeviceOutputs, systick_ms: int, inputs: DeviceInputs, flags: int
+    ) -> DeviceOutputs:
+        if self._start_ms is None:
+            self._start_ms = systick_ms
+        elapsed_ms = (systick_ms - self._start_ms) & UINT32_MASK
+        if not flags & SAME_TICK:
+            self._outputs = self._second.tick(elapsed_ms, systick_ms, inputs)
+        if elapsed_ms < self._at_ms:
+            return outputs
+        self._in_command = self._second
+        return self._outputs
+
+    def job_time(self, task: str, outputs: DeviceOutputs, times: JobTimes) -> float:
+        """Return how long the job of the first program takes that has just run [µs]."""
+        return self._first.job_time(task, outputs, times)
