@@ -45,7 +45,7 @@ from ballbot_ros.parameters.yaml_document import yaml_text
 from ballbot_ros.recording.messages.topics import ACCEPTED_PUSH, GAMEPAD_JOY, PARAMETER_EVENTS
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.robot.brick.bluetooth import NEUTRAL, Sticks
-from ballbot_ros.robot.brick.faults import Fault, all_faults, fault_texts, parse_faults
+from ballbot_ros.robot.brick.faults import FORM, Fault, all_faults, fault_texts, parse_faults
 from ballbot_ros.robot.world.floor_map import is_file_name
 from ballbot_ros.run.requirements import Processes
 from ballbot_ros.run.spec import RunSpec
@@ -137,13 +137,16 @@ def future_push(values: Mapping[str, object], at: float, where: str) -> Schedule
 def future_faults(text: str, at: float, where: str) -> tuple[Fault, ...]:
     """Return the faults of a text, by default at a time [s]; an error's message names `where`."""
     try:
-        return tuple(
+        found = tuple(
             fault if 'time=' in entry else replace(fault, time=at)
             for entry in text.split(';')
             for fault in parse_faults(entry)
         )
     except ParameterError as error:
         raise ParameterError(f'{where}: {error}') from None
+    if not found:
+        raise ParameterError(f'{where}: not of the form {FORM}')
+    return found
 
 
 def future_values(given: Mapping[str, object], where: str) -> dict[str, Value]:
