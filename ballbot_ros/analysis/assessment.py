@@ -14,7 +14,7 @@ from ballbot_ros.analysis.metrics import (
     PropertyJudgement,
     Verdict,
     judge,
-    judge_properties,
+    judge_property,
     measure,
     number,
 )
@@ -137,7 +137,7 @@ def judge_recorded_properties(run: RunData, walls: Walls | None = None) -> list[
     mode = run.attached.parameters.of(ControllerParameters).mode
     signals = motion_signals(run.trajectory, _walls(run) if walls is None else walls, lambda: run)
     course = Course({**scenario.events, 'push': pushes}, mode)
-    return judge_properties(scenario.properties, signals, run.plant, course)
+    return [judge_property(each, signals, run.plant, course) for each in scenario.properties]
 
 
 def _verdict_on(run: RunData, judgement: PropertyJudgement) -> ExpectationVerdict:

@@ -184,20 +184,14 @@ def judge(
     ]
 
 
-def judge_properties(
-    properties: Iterable[Property], signals: MotionSignals, plant: PlantParameters, course: Course
-) -> list[PropertyJudgement]:
-    """Evaluate properties in a single run."""
-    return [_judge_property(each, signals, plant, course) for each in properties]
-
-
-def _judge_property(
+def judge_property(
     each: Property, signals: MotionSignals, plant: PlantParameters, course: Course
 ) -> PropertyJudgement:
-    parts = each.parts(plant, len(signals.time), course)
+    """Evaluate a property in a single run."""
+    parts = each.parts(plant.hold_time, len(signals.time), course)
     try:
-        robustness = float(each.robustness(signals, parts)[0])
-        tick = each.decision(signals, parts)
+        robustness = float(each.robustness(signals.values, parts)[0])
+        tick = each.decision(signals.values, parts)
     except MissingSignalError as error:
         return PropertyJudgement(each, math.nan, lack=str(error))
     lack = ''

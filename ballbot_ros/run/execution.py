@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from ballbot_ros.analysis.drawing import draw_motion
 from ballbot_ros.analysis.figure_parts import png_of
-from ballbot_ros.analysis.metrics import judge, judge_properties, measure
+from ballbot_ros.analysis.metrics import judge, judge_property, measure
 from ballbot_ros.analysis.recorded_scenario import scheduled_pushes
 from ballbot_ros.analysis.run_data import RunData, read_run
 from ballbot_ros.analysis.signals import motion_signals
@@ -214,7 +214,9 @@ def _with_metrics(
         result,
         metrics=measure(result.trajectory, spec.plant, walls),
         judgements=judge(scenario.expectations, result.trajectory, spec.plant, walls),
-        properties=judge_properties(scenario.properties, signals, spec.plant, course),
+        properties=[
+            judge_property(each, signals, spec.plant, course) for each in scenario.properties
+        ],
     )
 
 

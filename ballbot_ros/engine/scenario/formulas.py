@@ -150,9 +150,10 @@ class Sometime(Formula):
             choose = np.min if self.choice.is_smallest else np.max
             return np.asarray(choose(values, axis=1, keepdims=True))
         span, width = 1, int(min(self.end - self.start + 1, end - begin))
-        neutral = np.full((len(values), last - first + width - 1), self.choice.neutral)
-        neutral[:, : values.shape[1]] = values
-        values = neutral
+        if values.shape[1] < last - first + width - 1:  # cut at the end
+            whole = np.full((len(values), last - first + width - 1), self.choice.neutral)
+            whole[:, : values.shape[1]] = values
+            values = whole
         while 2 * span <= width:
             values = self.choice.of_two(values[:, :-span], values[:, span:])
             span *= 2

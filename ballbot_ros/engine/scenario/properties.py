@@ -10,13 +10,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.engine.scenario.formulas import Formula, SignalValues, Trace
-from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.parameters.timing import SECOND_NS, TICK_NS, TICK_S
 from ballbot_ros.robot.arithmetic import Floats
 from ballbot_ros.robot.world.clearance import NO_WALLS, Walls, clearance
@@ -115,10 +114,10 @@ class Property:
     unit: str
     signals: tuple[str, ...]
 
-    def parts(self, plant: PlantParameters, ticks: int, course: Course) -> list[Part]:
-        """Return the parts that count of a run of some ticks."""
+    def parts(self, hold_time: float, ticks: int, course: Course) -> list[Part]:
+        """Return the parts that count of a run of some ticks, released at `hold_time` [s]."""
         # As of metrics, the first tick is the one next to the release.
-        parts = [Part(last_tick(plant.hold_time + TICK_S / 2), ticks)]
+        parts = [Part(last_tick(hold_time + TICK_S / 2), ticks)]
         for scope in self.scopes:
             parts = [part for each in parts for part in scope.parts(each, course)]
         return [each for each in parts if each.first < each.last]
@@ -175,11 +174,21 @@ class MissingSignalError(Exception):
 
 CLEARANCE = 'wall_clearance_m'
 _CLEARANCE_STRIDE = 5
+OF_MOTION = {
+    f'{name}_{plane}_{unit}': (name, axis)
+    for name, unit in (
+        ('position', 'm'),
+        ('speed', 'm_per_s'),
+        ('pitch', 'deg'),
+        ('duty', 'percent'),
+    )
+    for axis, plane in enumerate('xy')
+} | {CLEARANCE: ('clearance', 0)}
+"""The signals that follow from the true motion, the duties and the map: what they are, and axes."""
 
 
-@dataclass(frozen=True)
-class MotionSignals:
-    """The signals of runs, from the true motion and the duties; see :data:`SignalValues`.
+class MotionSignals(NamedTuple):
+    """The signals of runs, from the true motion and the duties.
 
     Attributes
     ----------
@@ -200,21 +209,31 @@ class MotionSignals:
     other: Callable[[str], Floats]
     walls: Walls = NO_WALLS
 
-    def __call__(self, name: str, first: int, last: int) -> Floats:
+    def of_runs(self, runs: list[int]) -> MotionSignals:
+        """Return the signals of some of the runs, in their order."""
+        # A slice copies nothing.
+        first, last = runs[0], runs[-1] + 1
+        chosen: Any = slice(first, last) if last - first == len(runs) else runs
+        position, psi, duty = self.position[chosen], self.psi[chosen], self.duty[chosen]
+
+        def other(name: str) -> Floats:
+            return np.asarray(self.other(name)[chosen])
+
+        return MotionSignals(self.time, position, psi, duty, other, self.walls)
+
+    def values(self, name: str, first: int, last: int) -> Floats:
         """Return a signal, by name, from tick `first` up to, but not including, `last`: (r, n)."""
-        axis = int('_y_' in name)
-        of_plane = slice(None), slice(first, last), axis
-        match name.replace('_y_', '_x_'):
-            case 'pitch_x_deg':
-                return np.asarray(np.degrees(self.psi[of_plane]))
-            case 'position_x_m':
-                return self.position[of_plane]
-            case 'duty_x_percent':
-                return np.asarray(self.duty[of_plane], np.float64)
-            case 'speed_x_m_per_s':
-                return self._speed(first, last, axis)
-            case 'wall_clearance_m':
-                return self._clearance(first, last)
+        kind, axis = OF_MOTION.get(name, (name, 0))
+        if kind == 'pitch':
+            return np.asarray(np.degrees(self.psi[:, first:last, axis]))
+        if kind == 'position':
+            return self.position[:, first:last, axis]
+        if kind == 'duty':
+            return self.duty[:, first:last, axis].astype(np.float64)
+        if kind == 'speed':
+            return self._speed(first, last, axis)
+        if kind == 'clearance':
+            return self._clearance(first, last)
         return self.other(name)[:, first:last]
 
     def _speed(self, first: int, last: int, axis: int) -> Floats:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +12,7 @@ import numpy as np
 from ballbot_ros.analysis.metrics import measured_window
 from ballbot_ros.engine.rows import Column
 from ballbot_ros.engine.scenario.metrics import METRICS, Motion, label, wall_clearance_m
+from ballbot_ros.engine.scenario.properties import Course, MotionSignals, Part, Property
 from ballbot_ros.engine.scenario.scenario import Expectation, Measure
 from ballbot_ros.parameters.parameter import TextEnum
 from ballbot_ros.robot.arithmetic import Floats
@@ -71,8 +72,16 @@ class MeasureColumn(ResultColumn):
     maximum: float | None = None
 
     @classmethod
-    def of(cls, measure: Measure, expectations: Iterable[Expectation] = ()) -> MeasureColumn:
-        """Return the column of a measure, with the bounds that some of the expectations set."""
+    def of(
+        cls, measure: Measure | Property, expectations: Iterable[Expectation] = ()
+    ) -> MeasureColumn:
+        """Return the column of a measure, with the bounds that some of the expectations set.
+
+        That of a property has its robustness, which must not be negative.
+        """
+        if isinstance(measure, Property):
+            text = f'robustness of {measure.text}'
+            return cls(measure.name, ColumnKind.FLOAT, measure.unit, text, 0.0)
         bounds = [each for each in expectations if each.measure == measure]
         lower = [each.minimum for each in bounds if each.minimum is not None]
         upper = [each.maximum for each in bounds if each.maximum is not None]
@@ -122,6 +131,26 @@ def _measure_name(measure: Measure) -> str:
 def _shortest(seconds: float) -> str:
     """Return a number as text that reads back exactly, so that no two windows share a name."""
     return repr(float(seconds)).removesuffix('.0')
+
+
+def robustness_of(
+    each: Property,
+    signals: MotionSignals,
+    hold_times: Sequence[float],
+    ticks: Sequence[int],
+    courses: Sequence[Course],
+) -> Floats:
+    """Return the robustness of a property in runs, (r,), given their numbers and courses.
+
+    Runs with the same parts are evaluated together.
+    """
+    alike: dict[tuple[Part, ...], list[int]] = {}
+    for run, numbers in enumerate(zip(hold_times, ticks, courses, strict=True)):
+        alike.setdefault(tuple(each.parts(*numbers)), []).append(run)
+    found = np.zeros(len(ticks))
+    for parts, runs in alike.items():
+        found[runs] = each.robustness(signals.of_runs(runs).values, parts)
+    return found
 
 
 def metric(motion: Motion) -> float:

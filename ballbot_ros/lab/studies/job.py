@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.controllers.loading import find_code, is_file_reference
+from ballbot_ros.engine.scenario.properties import Property
 from ballbot_ros.engine.scenario.scenario import Expectation, Measure
 from ballbot_ros.engine.scenario.writer import scenario_data
 from ballbot_ros.errors import StudyError
@@ -60,7 +61,7 @@ class Job:
         The study.
     spec : RunSpec
         The run that all are like, but for their samples.
-    measures : tuple of Measure
+    measures : tuple of Measure or Property
         What is measured, in the order of the record's columns.
     expectations : tuple of Expectation
         Their measures are among those.
@@ -70,7 +71,7 @@ class Job:
 
     record: StudyRecord
     spec: RunSpec
-    measures: tuple[Measure, ...]
+    measures: tuple[Measure | Property, ...]
     expectations: tuple[Expectation, ...]
     folder: Path
 
@@ -100,10 +101,12 @@ class Job:
         results = _simulator(self).simulate(samples, advance)
         varied = {**samples.values, **samples.events}
         seeds = varied.get(SEED, np.full(samples.count, self.spec.plant.seed))
+        # What has no time to be judged has no value, though it holds.
+        measured = np.where(np.isinf(results.measured), np.nan, results.measured)
         rows = PartRows(
             seeds.astype(np.int64),
             [varied[each.name] for each in self.record.varied],
-            results,
+            results._replace(measured=measured),
             passed(results, self.measures, self.expectations),
         )
         return encode_part(self.record, part, rows)
@@ -163,12 +166,15 @@ def _runs_per_part(study: Study) -> int:
 
 
 def passed(
-    results: Results, measures: Sequence[Measure], expectations: Sequence[Expectation]
+    results: Results, measures: Sequence[Measure | Property], expectations: Sequence[Expectation]
 ) -> NDArray[np.bool_]:
-    """Return for each run whether it was completed and all expectations hold."""
+    """Return for each run whether it was completed and all expectations and properties hold."""
     good = ~results.failed
     for each in expectations:
         good &= each.holds(results.measured[:, measures.index(each.measure)])
+    for number, of in enumerate(measures):
+        if isinstance(of, Property):
+            good &= results.measured[:, number] >= 0.0
     return good
 
 

@@ -11,6 +11,7 @@ from typing import ClassVar
 from ballbot_ros.controllers.loading import resolve_reference
 from ballbot_ros.engine.rows import robot_parameter
 from ballbot_ros.engine.scenario.metrics import METRICS
+from ballbot_ros.engine.scenario.properties import OF_MOTION, Property
 from ballbot_ros.engine.scenario.reader import (
     load_profile,
     load_scenario,
@@ -45,7 +46,7 @@ from ballbot_ros.run.spec import RunOptions, RunSpec
 
 STUDY_KEYS = {
     'purpose', 'scenario', 'profile', 'controller', 'parameters', 'runs', 'repeats', 'seed',
-    'sampling', 'vary', 'metrics', 'expectations',
+    'sampling', 'vary', 'metrics', 'expectations', 'properties',
 }  # fmt: skip
 MAX_SEED = 2**63 - 1
 MAX_HYPERCUBE = 20_000_000
@@ -138,6 +139,7 @@ class StudyReader(DistributionReader):
             draws_seeds=draws_seeds,
             metrics=self._metrics(data, spec, expectations),
             expectations=expectations,
+            properties=self._study_properties(data, spec),
             spec=spec,
         )
 
@@ -318,6 +320,18 @@ class StudyReader(DistributionReader):
                     ('scenario',), f"{fault}: give `expectations` in place of the scenario's"
                 )
         return spec.scenario.expectations
+
+    def _study_properties(self, data: Mapping[str, object], spec: RunSpec) -> tuple[Property, ...]:
+        found = spec.scenario.properties
+        if 'properties' in data or 'expectations' in data:  # its own requirements
+            given = data.get('properties', {})
+            found = self._properties(given, spec.plant, spec.scenario.events)
+        for each in found:
+            if missing := next((name for name in each.signals if name not in OF_MOTION), ''):
+                keys = ('properties', each.name) if 'properties' in data else ('scenario',)
+                known = ', '.join(OF_MOTION)
+                raise self._error(keys, f'{each.name!r}: studies lack {missing}; known: {known}')
+        return found
 
     def _metrics(
         self, data: Mapping[str, object], spec: RunSpec, expectations: tuple[Expectation, ...]

@@ -13,7 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.analysis.metrics import measure_one
+from ballbot_ros.analysis.metrics import judge_property, measure_one
+from ballbot_ros.analysis.signals import motion_signals
 from ballbot_ros.controllers.codegen.implementation import compose_controller, implementation_for
 from ballbot_ros.engine.closed_loop import ClosedLoop
 from ballbot_ros.engine.compilation import (
@@ -24,12 +25,20 @@ from ballbot_ros.engine.compiled_loop import are_timed, events_of, floor_of, rin
 from ballbot_ros.engine.law_runs import FAULTS
 from ballbot_ros.engine.rows import Column, RobotRows, Rows, are_finite
 from ballbot_ros.engine.run import Events, Rings, RunLog, new_log, new_robots, tick_type
-from ballbot_ros.engine.scenario.metrics import METRICS, wall_clearance_m
+from ballbot_ros.engine.scenario.metrics import METRICS
+from ballbot_ros.engine.scenario.properties import (
+    CLEARANCE,
+    DRIVE_MODES,
+    Course,
+    MissingSignalError,
+    MotionSignals,
+    Property,
+)
 from ballbot_ros.engine.scenario.scenario import Measure, Scenario
 from ballbot_ros.engine.scenario.task_timing import COUNT
 from ballbot_ros.engine.trajectory import TrajectoryLog
 from ballbot_ros.errors import ControllerError, StudyError, WorldError
-from ballbot_ros.lab.studies.columns import measure_runs
+from ballbot_ros.lab.studies.columns import measure_runs, robustness_of
 from ballbot_ros.lab.studies.events import event_part, fault_values, scenarios_of
 from ballbot_ros.lab.studies.programs import Programs, programs_of, with_values
 from ballbot_ros.lab.studies.variables import DURATION
@@ -138,11 +147,11 @@ class OrdinarySimulator:
     ----------
     spec : RunSpec
         The run that all are like, but for their samples.
-    measures : sequence of Measure
+    measures : sequence of Measure or Property
         What is measured.
     """
 
-    def __init__(self, spec: RunSpec, measures: Sequence[Measure]) -> None:
+    def __init__(self, spec: RunSpec, measures: Sequence[Measure | Property]) -> None:
         self._spec = spec
         self._measures = measures
 
@@ -193,8 +202,14 @@ class OrdinarySimulator:
         results.ticks[run] = log.ticks
         results.failed[run] = failed or loop.plant.stopped
         results.fallen[run] = loop.plant.fallen
+        signals = motion_signals(trajectory, walls, lambda: None)
+        course = Course(scenario.events, controller.mode)
         for number, each in enumerate(self._measures):
-            results.measured[run, number] = measure_one(each, trajectory, plant, walls)
+            results.measured[run, number] = (
+                judge_property(each, signals, plant, course).robustness
+                if isinstance(each, Property)
+                else measure_one(each, trajectory, plant, walls)
+            )
 
 
 class CompiledSimulator:
@@ -212,7 +227,9 @@ class CompiledSimulator:
         If the code can't be compiled, or the map can't be read.
     """
 
-    def __init__(self, spec: RunSpec, measures: Sequence[Measure], programs: Programs) -> None:
+    def __init__(
+        self, spec: RunSpec, measures: Sequence[Measure | Property], programs: Programs
+    ) -> None:
         self._spec, self._programs = spec, programs
         self._ordinary = OrdinarySimulator(spec, measures)
         self._measures = measures
@@ -227,6 +244,7 @@ class CompiledSimulator:
                 measure_runs, each.metric, {'metric': METRICS[each.metric].compute}
             )
             for each in measures
+            if isinstance(each, Measure)
         }
 
     def simulate(self, samples: Samples, advance: Advance = ignore) -> Results:
@@ -263,6 +281,7 @@ class CompiledSimulator:
         scenarios = scenarios_of_runs(self._spec, samples)
         events = events_of(scenarios or [self._spec.scenario])
         faults = faults_of_runs(self._spec, scenarios)
+        courses = self._courses(rows, scenarios)
         for first in range(0, samples.count, together):
             runs = slice(first, min(first + together, samples.count))
             part = Events(*(each[runs] for each in events)) if scenarios else events
@@ -277,6 +296,7 @@ class CompiledSimulator:
                 self._simulate(
                     rows.part(runs), programs[runs], part, rings, log, time, robots, done
                 )
+                self._judge(rows.part(runs), courses[runs], log, time, done)
                 doubtful = ~are_finite(robots['program'])
             except FAULTS:
                 doubtful = np.ones(len(robots), np.bool_)
@@ -345,7 +365,9 @@ class CompiledSimulator:
         starts = np.stack([plants['start_position_x'], plants['start_position_y']], axis=1)
         values = np.zeros(len(plants))
         for number, each in enumerate(self._measures):
-            for runs, walls in self._walls_of(plants, each.metric):
+            if isinstance(each, Property):
+                continue
+            for runs, walls in self._walls_of(plants, each.metric == CLEARANCE):
                 part = RunLog(*(each[runs] for each in log))
                 self._measure[each.metric](
                     plants[runs], starts[runs], ends[runs], part, time, walls,
@@ -353,9 +375,32 @@ class CompiledSimulator:
                 )  # fmt: skip
             results.measured[:, number] = values
 
-    def _walls_of(self, plants: Rows, metric: str) -> Iterator[tuple[slice, Walls]]:
+    def _courses(self, rows: RobotRows, scenarios: Sequence[Scenario]) -> list[Course]:
+        """Return what the properties need to know of each run; nothing without properties."""
+        if not any(isinstance(each, Property) for each in self._measures):
+            return []
+        modes = [DRIVE_MODES[each] for each in rows[ControllerParameters]['mode'].tolist()]
+        events = [each.events for each in scenarios or [self._spec.scenario] * len(modes)]
+        return list(map(Course, events, modes))
+
+    def _judge(
+        self, rows: RobotRows, courses: list[Course], log: RunLog, time: Floats, results: Results
+    ) -> None:
+        """Evaluate the properties in simulated runs."""
+        plants = rows[PlantParameters]
+        for number, each in enumerate(self._measures):
+            if not isinstance(each, Property):
+                continue
+            for runs, walls in self._walls_of(plants, CLEARANCE in each.signals):
+                motion = log.position[runs], log.psi[runs], log.duty[runs]
+                signals = MotionSignals(time, *motion, _no_signal, walls)
+                holds, ticks = plants['hold_time'][runs].tolist(), results.ticks[runs].tolist()
+                found = robustness_of(each, signals, holds, ticks, courses[runs])
+                results.measured[runs, number] = found
+
+    def _walls_of(self, plants: Rows, needs_walls: bool) -> Iterator[tuple[slice, Walls]]:
         """Yield the walls for the bodies of consecutive runs; only the clearance needs them."""
-        if self._world is None or metric != wall_clearance_m.__name__:
+        if self._world is None or not needs_walls:
             yield slice(len(plants)), NO_WALLS
             return
         first = 0
@@ -369,7 +414,7 @@ class CompiledSimulator:
 Simulator = OrdinarySimulator | CompiledSimulator
 
 
-def simulator_for(spec: RunSpec, measures: Sequence[Measure]) -> Simulator:
+def simulator_for(spec: RunSpec, measures: Sequence[Measure | Property]) -> Simulator:
     """Return the fastest simulator of a specification's runs."""
     programs = programs_of(spec)
     if programs is None or programs.problem():
@@ -404,6 +449,10 @@ def faults_of_runs(spec: RunSpec, scenarios: Sequence[Scenario]) -> list[tuple[F
     own = all_faults(spec.parameters.of)
     given = spec.scenario.faults
     return [own if each.faults == given else each.faults for each in scenarios] or [own]
+
+
+def _no_signal(name: str) -> Floats:
+    raise MissingSignalError(name)
 
 
 def time_of(ticks: int) -> Floats:

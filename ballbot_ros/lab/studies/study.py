@@ -10,6 +10,7 @@ from functools import cached_property
 import yaml
 
 from ballbot_ros.engine.rows import Column
+from ballbot_ros.engine.scenario.properties import Property
 from ballbot_ros.engine.scenario.scenario import Expectation, Measure, Scenario
 from ballbot_ros.errors import printable
 from ballbot_ros.lab.studies.events import EventPart
@@ -79,14 +80,15 @@ class Study:
     draws_seeds: bool
     metrics: tuple[str, ...]
     expectations: tuple[Expectation, ...]
+    properties: tuple[Property, ...]
     spec: RunSpec
 
     @property
-    def measures(self) -> tuple[Measure, ...]:
-        """What is measured: the metrics of the whole run, then the windows of expectations."""
+    def measures(self) -> tuple[Measure | Property, ...]:
+        """What is measured: the metrics of the whole run, windows of expectations, properties."""
         whole = [Measure(metric) for metric in self.metrics]
         windows = [each.measure for each in self.expectations]
-        return tuple(dict.fromkeys([*whole, *windows]))
+        return (*dict.fromkeys([*whole, *windows]), *self.properties)
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -118,13 +120,14 @@ class Study:
     def common_scenario(self) -> tuple[Scenario, PlantParameters]:
         """The scenario that all runs are like, and its plant, for a scenario file.
 
-        The expectations are the study's. It is as long as the longest run.
+        Expectations and properties are the study's. It is as long as the longest run.
         """
         ends = {each.name: each.distribution.ends for each in self.variables}
         plant = self.spec.plant
         if DURATION in ends:
             plant = replace(plant, duration=float(ends[DURATION][1]))
-        return replace(self.spec.scenario, expectations=self.expectations), plant
+        scenario = replace(self.spec.scenario, properties=self.properties)
+        return replace(scenario, expectations=self.expectations), plant
 
 
 def grid_shape(variables: Iterable[Variable]) -> list[int]:

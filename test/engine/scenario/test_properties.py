@@ -30,7 +30,6 @@ from ballbot_ros.engine.scenario.properties import (
     Property,
 )
 from ballbot_ros.engine.scenario.property_language import SIGNAL_UNITS, parse_property
-from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.parameters.timing import TICK_S
 from ballbot_ros.robot.world.clearance import clearance, walls_around
 from ballbot_ros.robot.world.floor_map import load_map
@@ -227,7 +226,7 @@ COURSE = Course(
 
 
 def parts(text, course=COURSE):
-    return parse_property('', text).parts(PlantParameters(), WHOLE.last, course)
+    return parse_property('', text).parts(1.0, WHOLE.last, course)
 
 
 def test_scopes_select_parts_of_a_run():
@@ -301,12 +300,12 @@ def test_signals_of_the_motion():
             f'position_{letter}_m': signals.position[:, :, plane],
             f'duty_{letter}_percent': signals.duty[:, :, plane].astype(float),
         }.items():
-            assert (signals(name, 3, 9) == expected[:, 3:9]).all(), name
-        speed = signals(f'speed_{letter}_m_per_s', 0, 40)
+            assert (signals.values(name, 3, 9) == expected[:, 3:9]).all(), name
+        speed = signals.values(f'speed_{letter}_m_per_s', 0, 40)
         assert np.isnan(speed[:, 0]).all()
         steps = np.diff(signals.position[:, :, plane], axis=1) / np.diff(signals.time)
         assert (speed[:, 1:] == steps).all()
-        assert (signals(f'speed_{letter}_m_per_s', 7, 9) == speed[:, 7:9]).all()
+        assert (signals.values(f'speed_{letter}_m_per_s', 7, 9) == speed[:, 7:9]).all()
     for name in set(SIGNAL_UNITS) - {
         f'{name}_{letter}_{unit}'
         for letter in 'xy'
@@ -315,15 +314,15 @@ def test_signals_of_the_motion():
         )
     }:  # fmt: skip
         with pytest.raises(MissingSignalError, match=name):
-            signals(name, 0, 1)
+            signals.values(name, 0, 1)
 
 
 def test_the_clearance_is_that_of_every_fifth_tick():
     walls = walls_around(load_map('track'), 10.0, 10.0)
     signals = motion(walls=walls)
-    whole = signals('wall_clearance_m', 0, 40)
+    whole = signals.values('wall_clearance_m', 0, 40)
     assert (whole[0] == np.repeat(clearance(walls, signals.position[0, ::5]), 5)).all()
-    assert (signals('wall_clearance_m', 7, 12) == whole[:, 7:12]).all()
+    assert (signals.values('wall_clearance_m', 7, 12) == whole[:, 7:12]).all()
 
 
 def test_properties_can_be_sent_to_other_processes():
