@@ -7,7 +7,7 @@ import pytest
 from hypothesis import strategies as st
 from laws import given, is_read_or_refused_in_one_line, yaml_texts
 
-from ballbot_ros.parameters.yaml_document import YamlDocument, YamlError, parse_value
+from ballbot_ros.parameters.yaml_document import YamlDocument, YamlError, parse_value, yaml_text
 
 texts = yaml_texts(
     'a', 'b: ', '!!map ', '!!float ', '!!bool ', '!!timestamp ', '...\n', '12:60', 'yes', '\x85',
@@ -152,3 +152,9 @@ def test_numbers_are_those_of_yaml_1_2():
     for text, value in NUMBERS:
         assert parse_value(text) == value, text
         assert type(parse_value(text)) is type(value), text
+
+
+@given(st.one_of(st.from_regex(r'[-+]?[0-9]{1,4}[eE][-+]?[0-9]{1,4}', fullmatch=True), st.floats()))
+def test_a_text_that_looks_like_a_number_stays_a_text(value):
+    read = parse_value(yaml_text([value]))
+    assert repr(read) == repr([value])

@@ -43,13 +43,14 @@ _Loader.yaml_implicit_resolvers = {
     for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
 }
 _Loader.add_implicit_resolver(_INT, re.compile(r'[-+]?[0-9]+$'), list('-+0123456789'))
-_Loader.add_implicit_resolver(
+_FLOATS = (
     _FLOAT,
     re.compile(
         r'[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?$|[-+]?\.(inf|Inf|INF)$|\.(nan|NaN|NAN)$'
     ),
     list('-+0123456789.'),
 )
+_Loader.add_implicit_resolver(*_FLOATS)
 _Loader.add_constructor(_INT, lambda loader, node: int(loader.construct_scalar(node)))  # type: ignore[arg-type]
 
 
@@ -58,6 +59,10 @@ class _Dumper(getattr(yaml, 'CSafeDumper', yaml.SafeDumper)):  # type: ignore[mi
 
     def ignore_aliases(self, data: object) -> bool:
         return True
+
+
+# A text that the loader would read as a number, such as 1e23, has quotes.
+_Dumper.add_implicit_resolver(*_FLOATS)
 
 
 def yaml_text(data: object, *, has_inner_lines: bool = True) -> str:

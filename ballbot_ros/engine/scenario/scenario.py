@@ -256,8 +256,11 @@ class Scenario:
 
     @property
     def events(self) -> Events:
-        """What happens in its runs, for properties."""
-        return {'push': sorted((each.time, each.time + each.duration) for each in self.pushes)}
+        """What happens in its runs, for properties: after a push has ended, after a fault began."""
+        return {
+            'push': sorted((each.time, each.time + each.duration) for each in self.pushes),
+            'fault': sorted((each.time, each.time) for each in self.faults),
+        }
 
     def sticks_at(self, time: float) -> tuple[int, int]:
         """Return the sticks (vertical, horizontal) at `time` [s] from the start of the run."""
