@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,8 +18,7 @@ from ballbot_ros.run.node_process import ForkClient
 from ballbot_ros.run.requirements import Processes
 
 if TYPE_CHECKING:
-    from ballbot_ros.parameters import Value
-    from ballbot_ros.run.branch import Future, Past, Proof
+    from ballbot_ros.run.branch import Past, Proof
     from ballbot_ros.run.result import RunResult
     from ballbot_ros.run.spec import RunSpec
 
@@ -126,6 +125,8 @@ def command(
     """
     if is_live and (as_json or processes != Processes.SEPARATE.value):
         raise click.UsageError('--drive: takes neither --json nor --processes')
+    if '' in map(str.strip, faults):
+        raise click.UsageError('--fault: names nothing')
     arrangement = Processes(processes)
     with ForkClient() if arrangement is Processes.SEPARATE else nullcontext() as client:
         with DeferredSignals():
@@ -135,10 +136,18 @@ def command(
             from ballbot_ros.recording.reader import RecordingReader
             from ballbot_ros.run.branch import branch_spec, prove, read_past
             from ballbot_ros.run.execution import execute
+            from ballbot_ros.run.future import given_future
 
         future = given_future(
-            at, pushes, faults, assignments, sticks, controller=controller, is_live=is_live
+            at,
+            pushes=_pushes(pushes),
+            faults=';'.join(faults),
+            values=_values(assignments),
+            sticks=_sticks(sticks, is_live=is_live),
+            controller=controller,
+            names=('--push', '--fault', '--set', '--sticks'),
         )
+        future = replace(future, is_live=is_live)
         with RecordingReader(recording) as reader, temporary_folder() as folder:
             scratch = Path(folder)
             with stdout_to_stderr():  # a controller may print while its class is loaded
@@ -156,65 +165,35 @@ def command(
     return 1 if proof and proof.problem else result.exit_status
 
 
-def given_future(
-    at: float,
-    pushes: Sequence[str],
-    faults: Sequence[str],
-    assignments: Sequence[str],
-    sticks: str,
-    *,
-    controller: str | None = None,
-    is_live: bool = False,
-) -> Future:
-    """Return the future that the options give.
-
-    Raises
-    ------
-    BallbotError
-        If one is not valid; the message is one line that names the option.
-    """
-    from ballbot_ros.controllers.loading import resolve_reference
+def _pushes(texts: Sequence[str]) -> Iterator[Mapping[str, object]]:
+    """Yield the values of the option --push."""
     from ballbot_ros.parameters.yaml_document import parse_value
-    from ballbot_ros.run.branch import (
-        RECORDED,
-        Future,
-        future_faults,
-        future_push,
-        future_sticks,
-        future_values,
-    )
 
-    found = []
-    for text in pushes:
+    for text in texts:
         words = [word.partition('=') for word in text.split()]
         if not words or not all(value for _, _, value in words):
             raise BallbotError(
                 f'--push {text!r}: not words NAME=VALUE, such as force=0.8 direction=left'
             )
-        given = {name: parse_value(value) for name, _, value in words}
-        found.append(future_push(given, at, f'--push {text!r}'))
-    changed: dict[str, Value] = {}
-    for text in assignments:
-        target, _, value = text.partition('=')
-        if not value:
-            raise BallbotError(f'--set {text}: not of the form controller.param=value')
-        changed |= future_values({target: parse_value(value)}, f'--set {text}')
-    if is_live and sticks == RECORDED:
-        sticks = 'neutral'
-    held: object = sticks
-    if sticks != RECORDED:
-        held = tuple(map(parse_value, ('0,0' if sticks == 'neutral' else sticks).split(',')))
-    return Future(
-        at=at,
-        pushes=tuple(found),
-        faults=tuple(
-            fault for text in faults for fault in future_faults(text, at, f'--fault {text!r}')
-        ),
-        values=changed,
-        sticks=future_sticks(held, f'--sticks {sticks}'),
-        controller=controller and resolve_reference(controller, Path.cwd()),
-        is_live=is_live,
-    )
+        yield {name: parse_value(value) for name, _, value in words}
+
+
+def _values(texts: Sequence[str]) -> dict[str, object]:
+    """Return the values of the option --set."""
+    from ballbot_ros.parameters.yaml_document import parse_value
+
+    pairs = [text.partition('=') for text in texts]
+    return {target: parse_value(value) for target, _, value in pairs}
+
+
+def _sticks(text: str, *, is_live: bool) -> object:
+    """Return the value of the option --sticks."""
+    from ballbot_ros.parameters.yaml_document import parse_value
+    from ballbot_ros.run.future import RECORDED
+
+    if text == 'neutral' or (is_live and text == RECORDED):
+        return 0, 0
+    return text if text == RECORDED else tuple(map(parse_value, text.split(',')))
 
 
 def _print(

@@ -4,63 +4,54 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
+from itertools import groupby
+from operator import itemgetter
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, TypeAlias
+from typing import NamedTuple
 
 from ballbot_ros.analysis.message_comparison import MessageComparator, MessageDifference
 from ballbot_ros.analysis.parent import Parent
 from ballbot_ros.analysis.recorded_runs import RobotRecording, robot_topics
-from ballbot_ros.analysis.recorded_scenario import read_attachments, scheduled_pushes
+from ballbot_ros.analysis.recorded_scenario import read_attachments
 from ballbot_ros.analysis.recording_replay import RecordingReplay
 from ballbot_ros.analysis.replay import STAMPED_TOPICS, RunInputs
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.controllers.codegen.implementation import compose_controller, public_changes
-from ballbot_ros.controllers.loading import public_reference
-from ballbot_ros.engine.scenario.reader import STICK_LIMIT, load_scenario, read_push
+from ballbot_ros.engine.scenario.reader import load_scenario
 from ballbot_ros.engine.scenario.scenario import Scenario, ScheduledPush, Segment, StickSignal
 from ballbot_ros.engine.scenario.writer import scenario_data
-from ballbot_ros.errors import BallbotError, ScenarioError
+from ballbot_ros.errors import BallbotError
 from ballbot_ros.parameters import (
     CONTROLLER,
     GAMEPAD,
     PLANT,
     ControllerParameters,
-    ParameterError,
     ParameterSet,
     PlantParameters,
     Value,
-    value_text,
 )
 from ballbot_ros.parameters.changes import (
     IMPLEMENTATION,
     TimedChange,
     changes_text,
-    checked_change,
     parse_changes,
     parse_succession,
 )
+from ballbot_ros.parameters.files import plain_value
 from ballbot_ros.parameters.timing import FIRST_TICK_NS, SECOND_NS, SLOW_PERIOD_NS, TICK_NS
 from ballbot_ros.parameters.yaml_document import yaml_text
 from ballbot_ros.recording.messages.topics import ACCEPTED_PUSH, GAMEPAD_JOY, PARAMETER_EVENTS
 from ballbot_ros.recording.reader import RecordingReader
-from ballbot_ros.robot.brick.bluetooth import NEUTRAL, Sticks
-from ballbot_ros.robot.brick.faults import FORM, Fault, all_faults, fault_texts, parse_faults
+from ballbot_ros.robot.brick.bluetooth import NEUTRAL
+from ballbot_ros.robot.brick.faults import Fault, all_faults, fault_texts
 from ballbot_ros.robot.world.floor_map import is_file_name
+from ballbot_ros.run.future import RECORDED, Future
 from ballbot_ros.run.requirements import Processes
 from ballbot_ros.run.spec import RunSpec
 
-RECORDED: Literal['recorded'] = 'recorded'
-"""The sticks of a branch that goes on with those of the recorded run."""
-
-HeldSticks: TypeAlias = Sticks | Literal['recorded']
-"""The sticks (vertical, horizontal) that are held, or :data:`RECORDED`."""
-
 HALF_PERIOD_S = 0.5 * SLOW_PERIOD_NS / SECOND_NS
 """Sticks step halfway between two samples."""
-
-DEFAULT_PUSH_S = 0.1
-"""How long a push lasts, unless it says something else."""
 
 _CAUSES = GAMEPAD_JOY, ACCEPTED_PUSH, PARAMETER_EVENTS
 _COMPARED = [topic for topic in STAMPED_TOPICS if topic not in _CAUSES]
@@ -76,107 +67,6 @@ _OF_A_RUN: Mapping[str, Mapping[str, Value]] = {
     GAMEPAD: {'device': '', 'keyboard': False, 'log_csv': ''},
 }
 """Parameters of a recorded run that its branch does not have."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Future:
-    """What is different in a branch.
-
-    Attributes
-    ----------
-    at : float
-        From when on, in seconds from the start of the run.
-    pushes : tuple of ScheduledPush
-        Further pushes.
-    faults : tuple of Fault
-        Further faults.
-    values : mapping of str to Value
-        New values of the controller's parameters, by name.
-    sticks : tuple of int or 'recorded'
-        The sticks (vertical, horizontal) that are held, or those of the recorded run go on.
-    controller : str or None
-        Reference to the controller that takes over; it has run along from the start, so that it
-        knows the robot.
-    is_live : bool
-        Whether the user drives, in real time, until the run is stopped.
-    """
-
-    at: float
-    pushes: tuple[ScheduledPush, ...] = ()
-    faults: tuple[Fault, ...] = ()
-    values: Mapping[str, Value] = field(default_factory=dict)
-    sticks: HeldSticks = RECORDED
-    controller: str | None = None
-    is_live: bool = False
-
-    @property
-    def told(self) -> tuple[str, ...]:
-        """What it changes, as texts."""
-        told = [
-            f'push {each.strength}, {each.start:.3f} s to {each.end:.3f} s'
-            for each in scheduled_pushes(Scenario(pushes=self.pushes))
-        ]
-        told += [f'fault {each}' for each in self.faults]
-        told += [
-            f'{CONTROLLER}.{name} = {value_text(value)}' for name, value in self.values.items()
-        ]
-        if self.sticks != RECORDED and not self.is_live:
-            told.append(f'sticks {self.sticks[0]}, {self.sticks[1]}')
-        if self.controller:
-            told.append(f'{public_reference(self.controller)} takes over')
-        if self.is_live:
-            told.append('driven by hand')
-        return tuple(told)
-
-
-def future_push(values: Mapping[str, object], at: float, where: str) -> ScheduledPush:
-    """Return a push of values as in a scenario, by default at a time [s]; raises ScenarioError."""
-    return read_push({'time': at, 'duration': DEFAULT_PUSH_S, **values}, where)
-
-
-def future_faults(text: str, at: float, where: str) -> tuple[Fault, ...]:
-    """Return the faults of a text, by default at a time [s]; an error's message names `where`."""
-    try:
-        found = tuple(
-            fault if 'time=' in entry else replace(fault, time=at)
-            for entry in text.split(';')
-            for fault in parse_faults(entry)
-        )
-    except ParameterError as error:
-        raise ParameterError(f'{where}: {error}') from None
-    if not found:
-        raise ParameterError(f'{where}: not of the form {FORM}')
-    return found
-
-
-def future_values(given: Mapping[str, object], where: str) -> dict[str, Value]:
-    """Return new values of the controller's parameters, given by ``controller.param``.
-
-    It raises ParameterError if a parameter can't change during a run.
-    """
-    values: dict[str, Value] = {}
-    for target, value in given.items():
-        node, _, name = target.partition('.')
-        if node != CONTROLLER or not name:
-            raise ParameterError(
-                f'{where}: {target} is not of the form {CONTROLLER}.param; nothing else can change '
-                'during a run'
-            )
-        values[name] = checked_change(name, value, f'{where}: ')
-    return values
-
-
-def future_sticks(given: object, where: str) -> HeldSticks:
-    """Return the sticks of a branch; raises ScenarioError."""
-    if given == RECORDED:
-        return RECORDED
-    match given:
-        case (int(vertical), int(horizontal)) if max(abs(vertical), abs(horizontal)) <= STICK_LIMIT:
-            return vertical, horizontal
-    raise ScenarioError(
-        f'{where}: not {RECORDED}, neutral, or two whole numbers within -{STICK_LIMIT} … '
-        f'{STICK_LIMIT}, such as -100,0'
-    )
 
 
 class Past(NamedTuple):
@@ -413,7 +303,7 @@ def _scenario_text(
         data['changes'] = [
             {
                 'time': time,
-                **{f'{CONTROLLER}.{name}': _plain(each) for name, each in values.items()},
+                **{f'{CONTROLLER}.{name}': plain_value(each) for name, each in values.items()},
             }
             for time, values in parse_changes(changes)
         ]
@@ -425,10 +315,6 @@ def _scenario_text(
     if 'map' in data and is_file_name(parameters.of(PlantParameters).map):
         data['map'] = Path(parameters.of(PlantParameters).map).name
     return yaml_text(data)
-
-
-def _plain(value: Value) -> Any:
-    return list(value) if isinstance(value, tuple) else value
 
 
 def _samples(past: Past, number: int) -> Iterator[tuple[float, int]]:
@@ -451,14 +337,11 @@ def _sticks(
     is_planned = _is_planned(past, planned, number)
     if is_planned and future.sticks == RECORDED:
         return planned
-    kept: list[Segment] = []
-    if is_planned:
-        kept = [each for each in planned.segments if each.end <= future.at]
-    begun = kept[-1].end if kept else 0.0
-    past_end = math.inf if future.sticks == RECORDED else future.at
-    samples = _samples(past, number)
-    recorded = [(time, value) for time, value in samples if begun <= time < past_end]
-    segments = [*kept, *_steps(recorded, begun)]
+    # Whole segments before the moment keep their names.
+    segments = [each for each in planned.segments if is_planned and each.end <= future.at]
+    begun = segments[-1].end if segments else 0.0
+    end = math.inf if future.sticks == RECORDED else future.at
+    segments += _steps([each for each in _samples(past, number) if begun <= each[0] < end], begun)
     if future.sticks != RECORDED and (value := future.sticks[number]):
         begun = segments[-1].end if segments else 0.0
         first = -(-round(future.at * SECOND_NS) // SLOW_PERIOD_NS) * SLOW_PERIOD_NS / SECOND_NS
@@ -469,23 +352,16 @@ def _sticks(
 def _steps(samples: Sequence[tuple[float, int]], begun: float) -> Iterator[Segment]:
     """Yield segments from a time on [s] for samples that are held; none where they are 0."""
     points: list[tuple[float, float]] = []
-    for time, value in (*samples, (math.inf, 0)):
+    for value, group in groupby((*samples, (math.inf, 0)), itemgetter(1)):
+        times = [time for time, _ in group]
         if value:
-            points += [(max(time - HALF_PERIOD_S, begun), value), (time + HALF_PERIOD_S, value)]
+            points += [
+                (max(times[0] - HALF_PERIOD_S, begun), value),
+                (times[-1] + HALF_PERIOD_S, value),
+            ]
         elif points:
-            yield Segment(RECORDED, _joined(points))
+            yield Segment(RECORDED, points)
             points = []
-
-
-def _joined(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
-    """Return the points of steps without those between two of the same value."""
-    found = [points[0]]
-    for (time, value), following in zip(points[1::2], [*points[2::2], None], strict=True):
-        if following is None:
-            found.append((time, value))
-        elif following[1] != value:
-            found += [(following[0], value), following]
-    return found
 
 
 def prove(past: Past, recording: Path, at: float) -> Proof:

@@ -16,7 +16,7 @@ from ballbot_ros.analysis.run import Run
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.controllers.class_reference import reference_to, require_unchanged
 from ballbot_ros.controllers.controller import Controller
-from ballbot_ros.controllers.loading import LoadedController, resolve_reference
+from ballbot_ros.controllers.loading import LoadedController
 from ballbot_ros.errors import BallbotError, short_repr
 from ballbot_ros.files import temporary_folder
 from ballbot_ros.lockstep.run_actions import Outcome
@@ -37,17 +37,8 @@ from ballbot_ros.parameters.files import (
 )
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.robot.plant.model import PhysicalParameters
-from ballbot_ros.run.branch import (
-    RECORDED,
-    Future,
-    branch_spec,
-    future_faults,
-    future_push,
-    future_sticks,
-    future_values,
-    prove,
-    read_past,
-)
+from ballbot_ros.run.branch import branch_spec, prove, read_past
+from ballbot_ros.run.future import RECORDED, given_future
 from ballbot_ros.run.observer import LogObserver
 from ballbot_ros.run.offline import run_offline
 from ballbot_ros.run.requirements import Processes
@@ -180,13 +171,14 @@ def branch(
         else:
             path = Path(run).absolute()
         given = [pushes] if isinstance(pushes, Mapping) else pushes
-        future = Future(
-            at=float(at),
-            pushes=tuple(future_push(plain_values(each), at, 'pushes') for each in given),
-            faults=future_faults(faults, at, 'faults') if faults else (),
-            values=future_values(plain_values(parameters or {}), 'parameters'),
-            sticks=future_sticks(sticks, 'sticks'),
-            controller=controller and resolve_reference(controller, Path.cwd()),
+        future = given_future(
+            float(at),
+            pushes=map(plain_values, given),
+            faults=faults,
+            values=plain_values(parameters or {}),
+            sticks=sticks,
+            controller=controller,
+            names=('pushes', 'faults', 'parameters', 'sticks'),
         )
         with RecordingReader(path) as reader:
             past = read_past(reader, number, folder)

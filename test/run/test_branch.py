@@ -22,7 +22,8 @@ from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.repair import repair
 from ballbot_ros.robot.brick.faults import Fault
 from ballbot_ros.robot.plant.ground_truth import Push
-from ballbot_ros.run.branch import RECORDED, Future, Proof, branch_spec, prove, read_past
+from ballbot_ros.run.branch import Proof, branch_spec, prove, read_past
+from ballbot_ros.run.future import RECORDED, Future
 from ballbot_ros.run.observer import LogObserver
 from ballbot_ros.run.offline import run_offline
 from ballbot_ros.run.requirements import Processes
@@ -340,7 +341,7 @@ def test_the_library_returns_both(parent):
         bb.branch(before, 2.0, pushes=[{'force': 2000, 'direction': 'left'}])
     with pytest.raises(BallbotError, match=r'^parameters: plant_sim\.seed is not of the form'):
         bb.branch(before, 2.0, parameters={'plant_sim.seed': 3})
-    with pytest.raises(BallbotError, match=r'^sticks: not recorded, neutral'):
+    with pytest.raises(BallbotError, match=r'^sticks: \(0, 101\) is not recorded, neutral'):
         bb.branch(before, 2.0, sticks=(0, 101))
 
 
@@ -368,7 +369,8 @@ import os, signal, sys
 from pathlib import Path
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.run import simulated_recording
-from ballbot_ros.run.branch import Future, branch_spec, read_past
+from ballbot_ros.run.branch import branch_spec, read_past
+from ballbot_ros.run.future import Future
 from ballbot_ros.run.observer import LogObserver
 from ballbot_ros.run.offline import run_offline
 
