@@ -386,7 +386,9 @@ def plant_tick(
             is_stopped = True
             voltage_x = voltage_y = 0.0
     if not battery_age_ns:
-        measured_volts = max(0.0, volts - voltage_drop(faults, time_ns))
+        measured_volts = volts
+        if len(faults):
+            measured_volts = max(0.0, volts - voltage_drop(faults, time_ns))
     return PlantState(
         time_ns, x, y, shaft_x, shaft_y, voltage_x, voltage_y, charge, volts,
         measured_volts, pushes,

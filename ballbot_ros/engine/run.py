@@ -116,7 +116,7 @@ from ballbot_ros.robot.brick.kernel import (
 from ballbot_ros.robot.brick.link import is_sending, longest_analog_steps
 from ballbot_ros.robot.brick.sensors import battery_mv
 from ballbot_ros.robot.compiler_hints import inlined
-from ballbot_ros.robot.plant.ground_truth import STEP_VALUES
+from ballbot_ros.robot.plant.ground_truth import STEP_VALUES, Pair
 from ballbot_ros.robot.world.world import Cells
 
 
@@ -184,13 +184,16 @@ def sample(
     if len(steps):
         age = sample_age(gyro.delay, gyro.jitter, gyro.key, GYRO_DELAY, TICK_NS, now_ns)
         older, share = analog_steps(gyro.link, now_ns)
-        late_x, late_y = late_ages(faults, age + older, GYRO_X, now_ns)
-        rate_x = kept_value(steps, late_x, share, now_ns, 2)
-        rate_y = kept_value(steps, late_y, share, now_ns, 3)
+        age += older
+        late_x, late_y = late_ages(faults, GYRO_X, now_ns)
+        rate_x, rate_y = kept_pair(steps, age + late_x, age + late_y, now_ns, 2)
+        if share:
+            age -= 1
+            next_x, next_y = kept_pair(steps, age + late_x, age + late_y, now_ns, 2)
+            rate_x, rate_y = between(rate_x, next_x, share), between(rate_y, next_y, share)
         age = sample_age(encoder.delay, encoder.jitter, encoder.key, ENCODER_DELAY, TICK_NS, now_ns)
-        late_x, late_y = late_ages(faults, age, ENCODER_X, now_ns)
-        angle_x = kept_value(steps, late_x, 0.0, now_ns, 0)
-        angle_y = kept_value(steps, late_y, 0.0, now_ns, 1)
+        late_x, late_y = late_ages(faults, ENCODER_X, now_ns)
+        angle_x, angle_y = kept_pair(steps, age + late_x, age + late_y, now_ns, 0)
     gyro_x, gyro_y = read_gyro(gyro, rate_x, rate_y, now_ns)
     revolution_x, revolution_y = read_encoder(angle_x, angle_y)
     if len(faults):
@@ -206,9 +209,8 @@ def sample(
             age = sample_age(
                 sonar.delay, sonar.jitter, sonar.key, SONAR_DELAY, SLOW_PERIOD_NS, now_ns
             )
-            age, _ = late_ages(faults, age, SONAR, now_ns)
-            at = place_of_step(age, now_ns, steps)
-            x, y = steps[at + 4], steps[at + 5]
+            age += late_ages(faults, SONAR, now_ns)[0]
+            x, y = kept_pair(steps, age, age, now_ns, 4)
         sonar_cm = read_sonar(sonar, x, y, sides, now_ns)
         sonar_cm = after_faults(faults, SONAR, sonar_cm, now_ns, SLOW_PERIOD_NS, gyro.key)
     else:
@@ -226,12 +228,11 @@ def place_of_step(age: int, stamp_ns: int, steps: Reals) -> int:
     return (stamp_ns // STEP_NS - age) % (len(steps) // STEP_VALUES) * STEP_VALUES
 
 
-def kept_value(steps: Reals, age: int, share: float, stamp_ns: int, number: int) -> float:
-    """Return a number of a kept step, or after a share of the time to the next one."""
-    value = steps[place_of_step(age, stamp_ns, steps) + number]
-    if share:
-        value = between(value, steps[place_of_step(age - 1, stamp_ns, steps) + number], share)
-    return value
+def kept_pair(steps: Reals, age_x: int, age_y: int, stamp_ns: int, number: int) -> Pair:
+    """Return a number of the kept step of an age, and the next number of that of another age."""
+    at = place_of_step(age_x, stamp_ns, steps) + number
+    other = at if age_y == age_x else place_of_step(age_y, stamp_ns, steps) + number
+    return steps[at], steps[other + 1]
 
 
 def clear_rings(constants: PlantConstants, effects_ns: Ints, steps: Reals) -> None:
@@ -612,7 +613,8 @@ def simulate_run(
             is_same_tick = True
             if task >= 0:
                 time_us = time_of_job(times, task, brick)
-                time_us += active_amount(faults, FIRST_TASK + task, SLOW, now_ns)
+                if len(faults):
+                    time_us += active_amount(faults, FIRST_TASK + task, SLOW, now_ns)
                 take_time(kernel, task, varied(times, time_us, key, task, now_ns))
         duty_x, duty_y = brick.duty_x, brick.duty_y
         if is_timed:

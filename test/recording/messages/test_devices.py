@@ -9,7 +9,7 @@ from ballbot_ros import parameters
 from ballbot_ros.engine.closed_loop import ClosedLoop
 from ballbot_ros.engine.devices import ALL_DEVICES
 from ballbot_ros.parameters import DRIVERS, GAMEPAD, ParameterSet
-from ballbot_ros.parameters.timing import SLOW_PERIOD_NS
+from ballbot_ros.parameters.timing import FIRST_TICK_NS, SLOW_PERIOD_NS
 from ballbot_ros.recording.messages.devices import DEVICE_MESSAGES, INPUT_READERS, encode_steps
 from ballbot_ros.recording.messages.run_messages import PlantMessages
 from ballbot_ros.recording.messages.topics import (
@@ -62,10 +62,10 @@ def test_a_driver_answers_the_steps_if_its_samples_have_a_dead_time(messages):
     plant = make_plant(start_pitch_x=0.02)
     plant.keep_steps(200)
     truth = run_plant(plant, [(40, -20)] * 70)[-1]
-    assert messages.source(kind()).topic is messages.truth
+    assert messages.source(kind(), FIRST_TICK_NS).topic is messages.truth
     for delay, jitter in ((1, 0), (0, 1), (37, 0), (100, 100)):
         parameters = kind(delay=delay, delay_jitter=jitter)
-        topic, measured = messages.source(parameters)
+        topic, measured = messages.source(parameters, FIRST_TICK_NS)
         assert topic is PLANT_STEPS
         found = measured(encode_steps(truth), truth.stamp_ns)
         assert found == messages.device.sampled(parameters)(truth)
