@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -38,8 +39,7 @@ class ExpectationResult:
     verdict: ExpectationVerdict
 
 
-@dataclass(frozen=True)
-class PropertyResult:
+class PropertyResult(NamedTuple):
     """A property, its robustness and its verdict."""
 
     judgement: PropertyJudgement
@@ -193,7 +193,11 @@ def _outcome(
     if run.attached.scenario is None:
         return Verdict.NOT_JUDGED, 'no scenario is attached'
     unknown = [
-        each.judgement.name for each in judged if each.verdict is ExpectationVerdict.NOT_JUDGED
+        each.judgement.of.name
+        if isinstance(each, PropertyResult)
+        else each.judgement.expectation.metric
+        for each in judged
+        if each.verdict is ExpectationVerdict.NOT_JUDGED
     ]
     if unknown:
         return Verdict.NOT_JUDGED, f'{", ".join(unknown)} cannot be computed from this recording'

@@ -61,11 +61,6 @@ class Judgement:
     value: float
 
     @property
-    def name(self) -> str:
-        """The metric."""
-        return self.expectation.metric
-
-    @property
     def holds(self) -> bool:
         """Whether the value is within the bounds."""
         return self.expectation.holds(self.value)
@@ -106,11 +101,6 @@ class PropertyJudgement:
     robustness: float
     moment: float = math.nan
     lack: str = ''
-
-    @property
-    def name(self) -> str:
-        """Name of the property."""
-        return self.of.name
 
     @property
     def holds(self) -> bool:

@@ -258,7 +258,7 @@ def _expectation(judged: ExpectationResult) -> dict[str, str]:
 def _property(judged: PropertyResult) -> dict[str, str]:
     judgement = judged.judgement
     return {
-        'name': judgement.name,
+        'name': judgement.of.name,
         'verdict': f'{_MARKS[judged.verdict]}{judged.verdict}',
         'value': number_text(judgement.robustness),
         'unit': judgement.of.unit,

@@ -27,7 +27,7 @@ RECOVERS = (
 PROPERTIES = {
     'recovers': RECOVERS,
     'gentle start': 'until the first push: always: abs(duty_x_percent) < 60 percent',
-    'upright': 'always: max(abs(pitch_x_deg), abs(pitch_y_deg)) < 5',
+    'upright': 'always: abs(pitch_x_deg) < 5 and abs(pitch_y_deg) < 5',
     'slow': 'always: abs(speed_x_m_per_s) < 0.3',
     'drives by itself': 'while autonomous: always: pitch_x_deg > 90',
 }
@@ -74,7 +74,7 @@ def bad(run_with):
 
 
 def of(result, name):
-    (found,) = (each for each in result.properties if each.name == name)
+    (found,) = (each for each in result.properties if each.of.name == name)
     return found
 
 
@@ -164,7 +164,7 @@ def test_a_recording_gives_the_same(good):
 def test_the_library_shows_them(good):
     _, result = good
     run = bb.open(result.recording)
-    assert [each.judgement.name for each in run.properties] == [*PROPERTIES, *RECORDED_ONLY]
+    assert [each.judgement.of.name for each in run.properties] == [*PROPERTIES, *RECORDED_ONLY]
     assert 'recovers' in run._repr_html_()
 
 

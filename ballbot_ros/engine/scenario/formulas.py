@@ -89,84 +89,70 @@ class Negation(Formula):
         return self.formula.decision(trace, tick)
 
 
-class Choice(NamedTuple):
-    """Which of several values counts: the smallest, or else the largest."""
-
-    is_smallest: bool
-
-    @property
-    def neutral(self) -> float:
-        """What never counts next to another value."""
-        return math.inf if self.is_smallest else -math.inf
-
-    def of_two(self, one: Any, other: Any) -> Any:
-        """Return what counts of two arrays, element by element."""
-        return np.minimum(one, other) if self.is_smallest else np.maximum(one, other)
-
-    def place(self, values: Any) -> int:
-        """Return the first place of what counts."""
-        return int(np.argmin(values) if self.is_smallest else np.argmax(values))
-
-
-SMALLEST, LARGEST = Choice(True), Choice(False)
-
-
 @dataclass(frozen=True)
-class Join(Formula):
-    """Whether both formulas hold, or one of them."""
+class Both(Formula):
+    """Whether two formulas hold."""
 
-    choice: Choice
     left: Formula
     right: Formula
 
     def values(self, trace: Trace, first: int, last: int) -> Floats:
-        left, right = (each.values(trace, first, last) for each in (self.left, self.right))
-        return np.asarray(self.choice.of_two(left, right))
+        left = self.left.values(trace, first, last)
+        return np.minimum(left, self.right.values(trace, first, last))
 
     def decision(self, trace: Trace, tick: int) -> int | None:
-        both = self.left, self.right
-        place = self.choice.place([each.values(trace, tick, tick + 1)[0, 0] for each in both])
-        return both[place].decision(trace, tick)
+        left, right = (each.values(trace, tick, tick + 1)[0, 0] for each in (self.left, self.right))
+        return (self.left if left <= right else self.right).decision(trace, tick)
 
 
 @dataclass(frozen=True)
-class Sometime(Formula):
-    """Whether a formula holds at all ticks of a window, or at one of them.
+class Always(Formula):
+    """Whether a formula holds from `start` to `end` ticks later; `end` may be infinite."""
 
-    The window has the ticks from `start` to `end` after a tick; `end` may be infinite.
-    """
-
-    choice: Choice
     start: int
     end: float
     formula: Formula
 
     def values(self, trace: Trace, first: int, last: int) -> Floats:
-        begin, end = first + self.start, int(min(last + self.end, trace.end))
+        begin, end, count = first + self.start, int(min(last + self.end, trace.end)), last - first
         if begin >= end:
-            return np.full_like(self.formula.values(trace, first, last), self.choice.neutral)
+            return np.full_like(self.formula.values(trace, first, last), math.inf)
         values = self.formula.values(trace, begin, end)
-        if last - first == 1:
-            choose = np.min if self.choice.is_smallest else np.max
-            return np.asarray(choose(values, axis=1, keepdims=True))
+        if count == 1:
+            return np.asarray(np.min(values, axis=1, keepdims=True))
         span, width = 1, int(min(self.end - self.start + 1, end - begin))
-        if values.shape[1] < last - first + width - 1:  # cut at the end
-            whole = np.full((len(values), last - first + width - 1), self.choice.neutral)
-            whole[:, : values.shape[1]] = values
-            values = whole
+        if values.shape[1] < count + width - 1:  # cut at the end
+            beyond = np.full((len(values), count + width - 1 - values.shape[1]), math.inf)
+            values = np.concatenate([values, beyond], axis=1)
         while 2 * span <= width:
-            values = self.choice.of_two(values[:, :-span], values[:, span:])
+            values = np.minimum(values[:, :-span], values[:, span:])
             span *= 2
         # Two windows of this span, which overlap, cover one of any width.
-        later = values[:, width - span :][:, : last - first]
-        return np.asarray(self.choice.of_two(values[:, : last - first], later))
+        return np.minimum(values[:, :count], values[:, width - span :][:, :count])
 
     def decision(self, trace: Trace, tick: int) -> int | None:
         begin, end = tick + self.start, int(min(tick + 1 + self.end, trace.end))
         if begin >= end:
             return None
-        place = self.choice.place(self.formula.values(trace, begin, end)[0])
+        place = int(np.argmin(self.formula.values(trace, begin, end)[0]))
         return self.formula.decision(trace, begin + place)
+
+
+def negation(formula: Formula) -> Formula:
+    """Return the formula that holds if another one does not."""
+    if isinstance(formula, Comparison):
+        return Comparison(formula.smaller, formula.larger)
+    return formula.formula if isinstance(formula, Negation) else Negation(formula)
+
+
+def either(left: Formula, right: Formula) -> Formula:
+    """Return the formula that holds if one of two does."""
+    return Negation(Both(negation(left), negation(right)))
+
+
+def eventually(start: int, end: float, formula: Formula) -> Formula:
+    """Return the formula that holds if another one does at a tick of a window."""
+    return Negation(Always(start, end, negation(formula)))
 
 
 @dataclass(frozen=True)
@@ -206,22 +192,11 @@ def _ahead(values: Floats, ticks: int, otherwise: float) -> Floats:
     return later
 
 
-def _smaller(one: Any, other: Any) -> Any:
-    are_numbers = isinstance(one, float) and isinstance(other, float)
-    return min(one, other) if are_numbers else np.minimum(one, other)
-
-
-def _larger(one: Any, other: Any) -> Any:
-    return -_smaller(-one, -other)
-
-
 FUNCTIONS: dict[str, Callable[..., Any]] = {
     '+': operator.add,
     '-': operator.sub,
     '*': operator.mul,
     '/': operator.truediv,
     'abs': abs,
-    'min': _smaller,
-    'max': _larger,
 }
-"""Functions of values, and operations."""
+"""Functions of values."""

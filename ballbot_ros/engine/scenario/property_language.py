@@ -15,15 +15,15 @@ from typing import NamedTuple
 
 from ballbot_ros.engine.scenario.formulas import (
     FUNCTIONS,
-    LARGEST,
-    SMALLEST,
+    Always,
+    Both,
     Comparison,
     Formula,
-    Join,
-    Negation,
-    Sometime,
     Until,
     Value,
+    either,
+    eventually,
+    negation,
 )
 from ballbot_ros.engine.scenario.metrics import UNITS
 from ballbot_ros.engine.scenario.properties import (
@@ -53,7 +53,7 @@ SIGNAL_UNITS: Mapping[str, str] = {
 } | {'distance_m': 'm', 'battery_v': 'v', CLEARANCE: 'm'}
 """The signals, which are the columns of an export and the clearance, and their units."""
 
-_TOKEN = re.compile(r'\s*(\d+\.?\d*(?:[eE][-+]?\d+)?|\.\d+|[A-Za-z_]\w*|<=|>=|[-+*/<>():,])')
+_TOKEN = re.compile(r'\s*(\d+\.?\d*(?:[eE][-+]?\d+)?|\.\d+|[A-Za-z_]\w*|<=|>=|[-+*/<>():])')
 _MOST_TOKENS = 300
 _END = 'the end'
 _COMPARISONS = '<', '<=', '>', '>='
@@ -61,16 +61,22 @@ _OPERATORS = ('implies',), ('until',), ('or',), ('and',), _COMPARISONS, ('+', '-
 _DURATIONS = {'always': 'for', 'eventually': 'within', 'until': 'within'}
 _UNITS = tuple(dict.fromkeys(SIGNAL_UNITS.values()))
 
-Unit = Mapping[str, int]
-"""The exponents of base units."""
-
 
 class _Operand(NamedTuple):
-    """A part of a property; a number without a unit has None: that of what it is compared with."""
+    """A part of a property.
+
+    Its unit has the exponents of base units; that of a bare number is None: it takes any.
+    """
 
     node: Value | Formula
-    unit: Unit | None
+    unit: Mapping[str, int] | None
     horizon: float = 0.0
+
+    def formula(self, word: str) -> Formula:
+        """Return the formula that `word` needs."""
+        if not isinstance(self.node, Formula):
+            raise ScenarioError(f'{word} needs comparisons, such as `pitch_x_deg < 5`, not a value')
+        return self.node
 
 
 def parse_property(name: str, text: str) -> Property:
@@ -83,11 +89,10 @@ def parse_property(name: str, text: str) -> Property:
     """
     parser = _Parser(text)
     try:
-        scopes = parser.scopes()
-        whole = parser.whole()
+        scopes, whole = parser.scopes(), parser.whole()
     except RecursionError:
         raise ScenarioError('nested too deeply') from None
-    formula, unit = _formula(whole, 'a property'), _unit_text(whole.unit or {})
+    formula, unit = whole.formula('a property'), _unit_text(whole.unit or {})
     return Property(name, text, scopes, formula, whole.horizon, unit, tuple(parser.signals))
 
 
@@ -99,23 +104,24 @@ class _Parser:
         self._tokens: list[tuple[str, int]] = []
         self._at = at = 0
         while rest := text[at:].strip():
-            found = _TOKEN.match(text, at)
-            if not found:
-                raise ScenarioError(f'{rest[0]!r} (character {text.index(rest, at) + 1}) has no '
-                                    'meaning')  # fmt: skip
+            if not (found := _TOKEN.match(text, at)):
+                at = text.index(rest, at) + 1
+                raise ScenarioError(f'{rest[0]!r} (character {at}) has no meaning')
             self._tokens.append((found[1], found.start(1) + 1))
             at = found.end()
         if len(self._tokens) > _MOST_TOKENS:
             raise ScenarioError(f'has more than {_MOST_TOKENS} words and signs')
         self._tokens.append((_END, 0))
 
+    @property
+    def _next(self) -> str:
+        return self._tokens[self._at][0]
+
     def _take(self, *words: str) -> str:
         """Return the next token and go on if it is one of some, or else ''."""
-        token = self._tokens[self._at][0]
-        if token not in words:
-            return ''
-        self._at += 1
-        return token
+        token = self._next
+        self._at += token in words
+        return token if token in words else ''
 
     def _expect(self, *words: str, after: str = '') -> str:
         return self._take(*words) or self._fail(' or '.join(map(repr, words)) + after)
@@ -126,11 +132,10 @@ class _Parser:
         raise ScenarioError(f'expected {expected}, not {found}')
 
     def _number(self, expected: str = 'a number') -> float:
-        token = self._tokens[self._at][0]
-        if not (token[0].isdigit() or token[0] == '.'):
+        if not (self._next[0].isdigit() or self._next[0] == '.'):
             self._fail(expected)
         self._at += 1
-        return float(token)
+        return float(self._tokens[self._at - 1][0])
 
     def scopes(self) -> tuple[Scope, ...]:
         """Read the scopes at the beginning."""
@@ -155,7 +160,7 @@ class _Parser:
             if article == 'the':
                 self._expect('first')
             return self._expect(*EVENTS), int(article == 'the')
-        number = self._tokens[self._at][0]
+        number = self._next
         if not number.isdecimal() or int(number) < 1:
             self._fail(f'the number of the {article}, from 1')
         self._at += 1
@@ -172,16 +177,13 @@ class _Parser:
 
     def _window(self, word: str) -> tuple[int, float]:
         """Read the window of an operator of time, and its colon; return its ticks."""
-        duration, start, end = _DURATIONS[word], 0.0, math.inf
-        if self._take('from'):
-            start = self._number()
-            end = self._end_after(start)
-        elif self._take(duration):
-            end = self._number()
-            self._expect('s')
-        else:
-            self._expect(duration, 'from', ':', after=f' after {word!r}')
+        given = self._expect(_DURATIONS[word], 'from', ':', after=f' after {word!r}')
+        if given == ':':
             return 0, math.inf
+        start = self._number() if given == 'from' else 0.0
+        end = self._end_after(start) if given == 'from' else self._number()
+        if given != 'from':
+            self._expect('s')
         self._expect(':')
         if first_tick(start) > last_tick(end):
             raise ScenarioError(f'no tick of 4 ms is within {start:g} … {end:g} s')
@@ -190,7 +192,7 @@ class _Parser:
     def whole(self) -> _Operand:
         """Read a formula up to the end."""
         found = self._operand()
-        if self._tokens[self._at][0] != _END:
+        if self._next != _END:
             self._fail(f'an operator, a unit ({", ".join(_UNITS)}) or {_END}')
         return found
 
@@ -199,21 +201,26 @@ class _Parser:
         if level == len(_OPERATORS):
             return self._factor()
         if _OPERATORS[level] is _COMPARISONS and (word := self._take('not', *_DURATIONS)):
-            return self._of_time(word) if word != 'not' else _negation(self._operand(level))
+            return self._of_one(word, level)
         left = self._operand(level + 1)
         while word := self._take(*_OPERATORS[level]):
             if word == 'until':
                 start, end = self._window(word)
                 left = _until(left, self._operand(), start, end)
-            elif word == 'implies':
-                left = _joined('implies', _negation(left), self._operand(level))
             else:
-                left = _joined(word, left, self._operand(level + 1))
+                left = _joined(word, left, self._operand(level + (word != 'implies')))
         return left
 
-    def _of_time(self, word: str) -> _Operand:
+    def _of_one(self, word: str, level: int) -> _Operand:
+        if word == 'not':
+            operand = self._operand(level)
+            return operand._replace(node=negation(operand.formula(word)))
         start, end = self._window(word)
-        return _sometime(word, start, end, self._operand())
+        operand = self._operand()
+        make = Always if word == 'always' else eventually
+        return _Operand(
+            make(start, end, operand.formula(word)), operand.unit, operand.horizon + end
+        )
 
     def _factor(self) -> _Operand:
         if self._take('-'):
@@ -222,17 +229,13 @@ class _Parser:
             inner = self._operand()
             self._expect(')')
             return inner
-        if word := self._take('abs', 'min', 'max'):
+        if self._take('abs'):
             self._expect('(')
-            arguments = [self._operand()]
-            if word != 'abs':
-                self._expect(',')
-                arguments.append(self._operand())
+            inner = self._operand()
             self._expect(')')
-            return _joined(word, *arguments)
-        name = self._tokens[self._at][0]
-        if name in SIGNAL_UNITS:
-            self._at += 1
+            return _joined('abs', inner)
+        name = self._next
+        if self._take(*SIGNAL_UNITS):
             self.signals[name] = None
             return _Operand(Value(name), {SIGNAL_UNITS[name]: 1})
         if '_' in name:
@@ -243,35 +246,17 @@ class _Parser:
         return _Operand(number, {unit: 1} if unit else None)
 
 
-def _formula(operand: _Operand, word: str) -> Formula:
-    if not isinstance(operand.node, Formula):
-        raise ScenarioError(f'{word} needs comparisons, such as `pitch_x_deg < 5`, not a value')
-    return operand.node
-
-
-def _negation(operand: _Operand) -> _Operand:
-    return operand._replace(node=Negation(_formula(operand, 'not')))
-
-
-def _sometime(word: str, start: int, end: float, operand: _Operand) -> _Operand:
-    choice = SMALLEST if word == 'always' else LARGEST
-    formula = Sometime(choice, start, end, _formula(operand, word))
-    return _Operand(formula, operand.unit, end + operand.horizon)
-
-
 def _until(before: _Operand, then: _Operand, start: int, end: float) -> _Operand:
-    both = _formula(before, 'until'), _formula(then, 'until')
-    horizon = max(before.horizon, then.horizon)
-    until = _Operand(Until(end - start, *both), _same('until', before, then), horizon + end - start)
-    if not start:
-        return until
-    # What comes before the window is always, and the rest later.
-    held = _sometime('always', 0, start - 1, before)
-    return _joined('and', held, _sometime('eventually', start, start, until))
+    held = before.formula('until')
+    until: Formula = Until(end - start, held, then.formula('until'))
+    if start:  # what comes before the window is always, and the rest later
+        until = Both(Always(0, start - 1, held), eventually(start, start, until))
+    horizon = end + max(before.horizon, then.horizon)
+    return _Operand(until, _same('until', before, then), horizon)
 
 
-def _same(word: str, *operands: _Operand) -> Unit | None:
-    """Return the common unit of operands, which must be the same; a bare number takes any."""
+def _same(word: str, *operands: _Operand) -> Mapping[str, int] | None:
+    """Return the common unit of operands, which must be the same."""
     units = [each.unit for each in operands if each.unit is not None]
     if all(each == units[0] for each in units):
         return units[0] if units else None
@@ -284,36 +269,38 @@ def _same(word: str, *operands: _Operand) -> Unit | None:
 def _joined(word: str, *operands: _Operand) -> _Operand:
     """Return what an operator or a function makes of one or two operands."""
     if word in ('and', 'or', 'implies'):
-        choice = SMALLEST if word == 'and' else LARGEST
-        join = Join(choice, *(_formula(each, word) for each in operands))
-        return _Operand(join, _same(word, *operands), max(each.horizon for each in operands))
+        left, right = (each.formula(word) for each in operands)
+        node = Both(left, right) if word == 'and' else either(left, right)
+        if word == 'implies':
+            node = either(negation(left), right)
+        return _Operand(node, _same(word, *operands), max(each.horizon for each in operands))
     nodes = [each.node for each in operands if isinstance(each.node, Value)]
     if len(nodes) < len(operands):
         raise ScenarioError(f'{word!r} needs values, not comparisons')
     numbers = [each.of for each in nodes if isinstance(each.of, float)]
+    are_numbers = len(numbers) == len(nodes)
     if word in _COMPARISONS:
-        if len(numbers) == len(nodes):
+        if are_numbers:
             raise ScenarioError(f'{word!r} compares numbers only, no signal')
         larger, smaller = nodes if '>' in word else nodes[::-1]
         return _Operand(Comparison(larger, smaller), _same(word, *operands))
-    unit = _product(word, *operands) if word in ('*', '/') else _same(word, *operands)
     if word == '/' and nodes[1].of == 0.0:
         raise ScenarioError('divides by 0')
-    are_numbers = len(numbers) == len(nodes)
-    of = FUNCTIONS[word](*numbers) if are_numbers else FUNCTIONS[word]
-    return _Operand(Value(of, () if are_numbers else tuple(nodes)), unit)
+    has_units = any(each.unit is not None for each in operands)
+    unit = _product(word, *operands) if has_units and word in '*/' else _same(word, *operands)
+    function = FUNCTIONS[word]
+    value = Value(function(*numbers)) if are_numbers else Value(function, tuple(nodes))
+    return _Operand(value, unit)
 
 
-def _product(word: str, left: _Operand, right: _Operand) -> Unit | None:
-    if left.unit is None and right.unit is None:
-        return None
+def _product(word: str, left: _Operand, right: _Operand) -> Mapping[str, int]:
     exponents = Counter(left.unit or {})
     for name, exponent in (right.unit or {}).items():
         exponents[name] += exponent if word == '*' else -exponent
     return {name: exponent for name, exponent in exponents.items() if exponent}
 
 
-def _unit_text(unit: Unit) -> str:
+def _unit_text(unit: Mapping[str, int]) -> str:
     """Return a unit as text, such as m/s."""
     return '·'.join(
         UNITS.get(name, 'N·m') + (f'^{exponent}' if exponent != 1 else '')

@@ -12,15 +12,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ballbot_ros.engine.scenario.formulas import (
-    LARGEST,
-    SMALLEST,
+    Always,
     Comparison,
     Formula,
     Negation,
-    Sometime,
     Trace,
     Until,
     Value,
+    eventually,
+    negation,
 )
 from ballbot_ros.engine.scenario.properties import (
     Course,
@@ -38,7 +38,6 @@ sys.modules.setdefault('typing.io', typing)  # rtamt's parser imports it, Python
 import rtamt  # noqa: E402
 
 NAMES = 'pitch_x_deg', 'pitch_y_deg', 'estimated_pitch_x_deg'
-ALWAYS, EVENTUALLY = SMALLEST, LARGEST
 TOLERANCE = 1e-9
 
 
@@ -132,17 +131,18 @@ windows = st.tuples(st.integers(0, 10), st.integers(0, 20) | st.just(math.inf)).
 @given(signals, windows)
 def test_always_is_never_the_opposite(signal, window):
     trace, formula = trace_of(x=signal), above('x')
-    always = values_of(Sometime(ALWAYS, *window, formula), trace)
-    opposite = Negation(Sometime(EVENTUALLY, *window, Negation(formula)))
+    always = values_of(Always(*window, formula), trace)
+    opposite = Negation(eventually(*window, Negation(formula)))
     assert always.tolist() == values_of(opposite, trace).tolist()
-    assert (values_of(Negation(formula), trace) == -values_of(formula, trace)).all()
+    for opposite in (Negation(formula), negation(formula)):
+        assert (values_of(opposite, trace) == -values_of(formula, trace)).all()
 
 
 @given(signals, windows)
 def test_windows_are_those_of_the_definition(signal, window):
     trace = trace_of(x=signal)
-    for choice, choose, otherwise in ((ALWAYS, min, math.inf), (EVENTUALLY, max, -math.inf)):
-        (found,) = values_of(Sometime(choice, *window, above('x')), trace)
+    for operator, choose, otherwise in ((Always, min, math.inf), (eventually, max, -math.inf)):
+        (found,) = values_of(operator(*window, above('x')), trace)
         for tick, value in enumerate(found):
             last = min(tick + window[1] + 1, len(signal))
             seen = signal[tick + window[0] : int(last)]
@@ -154,20 +154,20 @@ def test_eventually_is_an_until_of_no_condition(one, other, end):
     length = min(len(one), len(other))
     trace = trace_of(x=one[:length], y=other[:length])
     true = Comparison(Value('x'), Value(-math.inf))
-    eventually = values_of(Sometime(EVENTUALLY, 0, end, above('y')), trace)
-    assert values_of(Until(end, true, above('y')), trace).tolist() == eventually.tolist()
-    assert (values_of(Until(end, above('x'), above('y')), trace) <= eventually).all()
+    some = values_of(eventually(0, end, above('y')), trace)
+    assert values_of(Until(end, true, above('y')), trace).tolist() == some.tolist()
+    assert (values_of(Until(end, above('x'), above('y')), trace) <= some).all()
 
 
 @given(signals, windows, st.floats(-5.0, 5.0))
 def test_robustness_is_the_distance_of_the_signal_from_violation(signal, window, shift):
     trace, (start, end) = trace_of(x=signal), window
-    for choice, sign in ((ALWAYS, -1), (EVENTUALLY, 1)):
-        formula = Sometime(choice, start, end, above('x'))
+    for operator, sign in ((Always, -1), (eventually, 1)):
+        formula = operator(start, end, above('x'))
         moved = values_of(formula, trace_of(x=np.array(signal) + shift))
         np.testing.assert_allclose(moved, values_of(formula, trace) + shift, atol=1e-9)
         # A longer window asks for more of always, and for less of eventually.
-        wider = values_of(Sometime(choice, start, end + 3, above('x')), trace)
+        wider = values_of(operator(start, end + 3, above('x')), trace)
         assert (sign * wider >= sign * values_of(formula, trace)).all()
 
 
@@ -212,7 +212,7 @@ def test_runs_do_not_depend_on_each_other():
 
 def test_a_missing_value_makes_what_needs_it_unknown():
     trace = trace_of(x=[1.0, math.nan, 3.0, 2.0])
-    always = Sometime(ALWAYS, 0, 1, above('x'))
+    always = Always(0, 1, above('x'))
     assert np.isnan(values_of(always, trace)[0]).tolist() == [True, True, False, False]
     until = Until(math.inf, above('x'), above('x'))
     assert np.isnan(values_of(until, trace)[0]).tolist() == [True, True, False, False]

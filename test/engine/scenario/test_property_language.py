@@ -59,7 +59,7 @@ def test_the_robustness_has_the_unit_of_what_is_compared():
     for text, unit in {
         'abs(pitch_x_deg) < 5': '°',
         'always: abs(duty_x_percent) < 60 percent': '%',
-        'max(speed_x_m_per_s, speed_y_m_per_s) < 0.3': 'm/s',
+        'abs(speed_x_m_per_s - speed_y_m_per_s) < 0.3': 'm/s',
         'motor_torque_x_n_m < 1': 'N·m',
         'abs(pitch_x_deg) / 5 deg < 1 and wall_clearance_m / 0.05 m > 1': '',
         'pitch_x_deg / duty_x_percent < 1 deg / 60 percent': '°·%^-1',

@@ -27,7 +27,7 @@ TEXTS = {
     'recovers': 'after each push: eventually within 0.3 s: always for 0.2 s: '
                 'abs(pitch_x_deg) < 3 deg and abs(pitch_y_deg) < 3 deg',
     'gentle': 'until the first push: always: abs(duty_x_percent) < 60',
-    'slow': 'always: max(abs(speed_x_m_per_s), abs(speed_y_m_per_s)) < 0.3',
+    'slow': 'always: abs(speed_x_m_per_s) < 0.3 and abs(speed_y_m_per_s) < 0.3',
     'remote': 'while remote: always: pitch_x_deg < 5',
     'autonomous': 'while autonomous: from 1.5 s: always: position_x_m > -0.1',
     'late': 'from 2 s: eventually: abs(pitch_x_deg) < 0.5 deg',
@@ -125,7 +125,7 @@ def test_a_run_of_a_study_gives_the_same_again(data, tmp_path):
     row = data.row(number)
     spec = rerun_spec(data.study, row, tmp_path / 'again', Processes.NONE)
     result = execute(replace(spec, record=False, output=None))
-    found = {each.name: each.robustness for each in result.properties}
+    found = {each.of.name: each.robustness for each in result.properties}
     assert (found['recovers'], found['gentle']) == (
         row.measures['recovers'], row.measures['gentle'],
     )  # fmt: skip
