@@ -210,12 +210,16 @@ class MotionSignals(NamedTuple):
     walls: Walls = NO_WALLS
 
     def of_runs(self, runs: list[int]) -> MotionSignals:
-        """Return the signals of some of the runs, in their order, but `other` those of all."""
+        """Return the signals of some of the runs, in their order."""
         # A slice copies nothing.
         first, last = runs[0], runs[-1] + 1
         chosen: Any = slice(first, last) if last - first == len(runs) else runs
         position, psi, duty = self.position[chosen], self.psi[chosen], self.duty[chosen]
-        return MotionSignals(self.time, position, psi, duty, self.other, self.walls)
+
+        def other(name: str) -> Floats:
+            return np.asarray(self.other(name)[chosen])
+
+        return MotionSignals(self.time, position, psi, duty, other, self.walls)
 
     def values(self, name: str, first: int, last: int) -> Floats:
         """Return a signal, by name, from tick `first` up to, but not including, `last`: (r, n)."""

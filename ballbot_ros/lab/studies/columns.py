@@ -12,7 +12,13 @@ import numpy as np
 from ballbot_ros.analysis.metrics import measured_window
 from ballbot_ros.engine.rows import Column
 from ballbot_ros.engine.scenario.metrics import METRICS, Motion, label, wall_clearance_m
-from ballbot_ros.engine.scenario.properties import Course, MotionSignals, Part, Property
+from ballbot_ros.engine.scenario.properties import (
+    Course,
+    MissingSignalError,
+    MotionSignals,
+    Part,
+    Property,
+)
 from ballbot_ros.engine.scenario.scenario import Expectation, Measure
 from ballbot_ros.parameters.parameter import TextEnum
 from ballbot_ros.robot.arithmetic import Floats
@@ -151,6 +157,21 @@ def robustness_of(
     for parts, runs in alike.items():
         found[runs] = each.robustness(signals.of_runs(runs).values, parts)
     return found
+
+
+TRACED = (
+    *('pitch_rate_x_deg_per_s', 'pitch_rate_y_deg_per_s', 'gyro_x_deg_per_s', 'gyro_y_deg_per_s'),
+    *('encoder_x_deg', 'encoder_y_deg'),
+)
+"""Signals of studies that do not follow from the motion; runs that need one are traced."""
+
+
+def traced_signal(columns: Any, name: str) -> Floats:
+    """Return one of :data:`TRACED`, (r, n), from columns in their order, with rates in rad/s."""
+    if name not in TRACED:
+        raise MissingSignalError(name)
+    values = np.asarray(columns[TRACED.index(name)], np.float64)
+    return np.asarray(np.degrees(values)) if name.startswith('pitch') else values
 
 
 def metric(motion: Motion) -> float:

@@ -21,6 +21,7 @@ from ballbot_ros.engine.scenario.reader import (
 from ballbot_ros.engine.scenario.scenario import Expectation
 from ballbot_ros.errors import BallbotError, StudyError, did_you_mean, short_repr
 from ballbot_ros.files import read_text, share_directory
+from ballbot_ros.lab.studies.columns import TRACED
 from ballbot_ros.lab.studies.events import check_extremes
 from ballbot_ros.lab.studies.study import MAX_RUNS, Sampling, Study, grid_shape, nearest_grid
 from ballbot_ros.lab.studies.variables import (
@@ -327,10 +328,12 @@ class StudyReader(DistributionReader):
             given = data.get('properties', {})
             found = self._properties(given, spec.plant, spec.scenario.events)
         for each in found:
-            if missing := next((name for name in each.signals if name not in OF_MOTION), ''):
+            known = *OF_MOTION, *TRACED
+            if missing := next((name for name in each.signals if name not in known), ''):
                 keys = ('properties', each.name) if 'properties' in data else ('scenario',)
-                known = ', '.join(OF_MOTION)
-                raise self._error(keys, f'{each.name!r}: studies lack {missing}; known: {known}')
+                raise self._error(
+                    keys, f'{each.name!r}: studies lack {missing}; known: {", ".join(known)}'
+                )
         return found
 
     def _metrics(

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable, Container, Iterator, Mapping, Sequence
+from array import array
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
 from itertools import groupby
@@ -29,8 +30,8 @@ from ballbot_ros.engine.scenario.metrics import METRICS
 from ballbot_ros.engine.scenario.properties import (
     CLEARANCE,
     DRIVE_MODES,
+    OF_MOTION,
     Course,
-    MissingSignalError,
     MotionSignals,
     Property,
 )
@@ -38,7 +39,7 @@ from ballbot_ros.engine.scenario.scenario import Measure, Scenario
 from ballbot_ros.engine.scenario.task_timing import COUNT
 from ballbot_ros.engine.trajectory import TrajectoryLog
 from ballbot_ros.errors import ControllerError, StudyError, WorldError
-from ballbot_ros.lab.studies.columns import measure_runs, robustness_of
+from ballbot_ros.lab.studies.columns import TRACED, measure_runs, robustness_of, traced_signal
 from ballbot_ros.lab.studies.events import event_part, fault_values, scenarios_of
 from ballbot_ros.lab.studies.programs import Programs, programs_of, with_values
 from ballbot_ros.lab.studies.variables import DURATION
@@ -189,11 +190,15 @@ class OrdinarySimulator:
         implementation = implementation_for(controller, loaded)
         loop = ClosedLoop(parameters, scenario, program=implementation.make())
         log = TrajectoryLog(controller)
-        failed = False
+        failed, traced = False, array('d')
+        is_traced = are_traced(self._measures)
         try:
             with TickTimer(loaded, plant):
                 for tick in loop.ticks(plant.duration):
                     log.add(tick.truth, *tick.outputs.duty, tick.outputs)
+                    if is_traced:
+                        readings = (*tick.inputs.gyro, *tick.inputs.revolutions)
+                        traced.extend((*tick.truth.psi_rate, *readings))
         except ControllerError:
             failed = True
         trajectory = log.trajectory()
@@ -202,7 +207,9 @@ class OrdinarySimulator:
         results.ticks[run] = log.ticks
         results.failed[run] = failed or loop.plant.stopped
         results.fallen[run] = loop.plant.fallen
+        columns = np.array(traced).reshape(-1, len(TRACED)).T[:, np.newaxis]
         signals = motion_signals(trajectory, walls, lambda: None)
+        signals = signals._replace(other=partial(traced_signal, columns))
         course = Course(scenario.events, controller.mode)
         for number, each in enumerate(self._measures):
             results.measured[run, number] = (
@@ -267,17 +274,20 @@ class CompiledSimulator:
         durations = rows[PlantParameters]['duration']
         ticks = max((round(each * SECOND_NS) // TICK_NS for each in durations.tolist()), default=0)
         is_timed = are_timed(rows)
-        together = max(1, _LOG_BYTES // (max(ticks, 1) * _BYTES_A_TICK))
+        programs, states = self._programs.rows(rows, samples.values, samples.count)
+        tick, is_traced = tick_type(states.dtype), are_traced(self._measures)
+        bytes_a_tick = _BYTES_A_TICK + is_traced * tick.itemsize
+        together = max(1, _LOG_BYTES // (max(ticks, 1) * bytes_a_tick))
         try:
             time, log = time_of(ticks), new_log(together, ticks, is_timed=is_timed)
+            traces = np.zeros((together, ticks * is_traced), tick)
         except MemoryError:
-            size = together * ticks * (_BYTES_A_TICK + is_timed * _BYTES_OF_TIMING) / 1e9
+            size = together * ticks * (bytes_a_tick + is_timed * _BYTES_OF_TIMING) / 1e9
             raise StudyError(
                 f'runs of {ticks * TICK_NS / SECOND_NS:g} s need {size:.2g} GB on each core, more '
                 'than this machine has left'
             ) from None
         self._check_starts(rows, samples.values, samples.first)
-        programs, states = self._programs.rows(rows, samples.values, samples.count)
         scenarios = scenarios_of_runs(self._spec, samples)
         events = events_of(scenarios or [self._spec.scenario])
         faults = faults_of_runs(self._spec, scenarios)
@@ -290,13 +300,14 @@ class CompiledSimulator:
             )
             done = results.part(runs)
             try:
+                of_runs = rows.part(runs)
                 rings = rings_of(
-                    rows.part(runs), self._programs.tasks, faults[runs] if faults[1:] else faults
+                    of_runs, self._programs.tasks, faults[runs] if faults[1:] else faults
                 )
                 self._simulate(
-                    rows.part(runs), programs[runs], part, rings, log, time, robots, done
+                    of_runs, programs[runs], part, rings, log, traces, time, robots, done
                 )
-                self._judge(rows.part(runs), courses[runs], log, time, done)
+                self._judge(of_runs, courses[runs], log, traces, time, done)
                 doubtful = ~are_finite(robots['program'])
             except FAULTS:
                 doubtful = np.ones(len(robots), np.bool_)
@@ -345,16 +356,16 @@ class CompiledSimulator:
         events: Events,
         rings: Rings,
         log: RunLog,
+        traces: Rows,
         time: Floats,
         ends: Rows,
         results: Results,
     ) -> None:
         plants = rows[PlantParameters]
-        runs, ticks, _ = log.duty.shape
-        nothing = np.zeros((runs, 0), tick_type(ends.dtype['program']))
+        ticks = log.duty.shape[1]
         self._run(
             plants, *(rows[each] for each in DEVICES), rows[ControllerParameters], programs,
-            self._floor, events, rings, log, nothing, ends, ticks,
+            self._floor, events, rings, log, traces, ends, ticks,
         )  # fmt: skip
         results.ticks[:] = ends['ticks']
         results.failed[:] = ends['plant']['is_stopped']
@@ -384,16 +395,26 @@ class CompiledSimulator:
         return list(map(Course, events, modes))
 
     def _judge(
-        self, rows: RobotRows, courses: list[Course], log: RunLog, time: Floats, results: Results
+        self,
+        rows: RobotRows,
+        courses: list[Course],
+        log: RunLog,
+        traces: Rows,
+        time: Floats,
+        results: Results,
     ) -> None:
         """Evaluate the properties in simulated runs."""
-        plants = rows[PlantParameters]
+        plants, readings = rows[PlantParameters], traces['inputs']
+        columns = [traces['plant'][plane][:, :, 3] for plane in 'xy']
+        names = 'gyro_x', 'gyro_y', 'revolution_x', 'revolution_y'
+        columns += [readings[name] for name in names]
         for number, each in enumerate(self._measures):
             if not isinstance(each, Property):
                 continue
             for runs, walls in self._walls_of(plants, CLEARANCE in each.signals):
                 motion = log.position[runs], log.psi[runs], log.duty[runs]
-                signals = MotionSignals(time, *motion, _no_signal, walls)
+                other = partial(traced_signal, [column[runs] for column in columns])
+                signals = MotionSignals(time, *motion, other, walls)
                 holds, ticks = plants['hold_time'][runs].tolist(), results.ticks[runs].tolist()
                 found = robustness_of(each, signals, holds, ticks, courses[runs])
                 results.measured[runs, number] = found
@@ -451,8 +472,10 @@ def faults_of_runs(spec: RunSpec, scenarios: Sequence[Scenario]) -> list[tuple[F
     return [own if each.faults == given else each.faults for each in scenarios] or [own]
 
 
-def _no_signal(name: str) -> Floats:
-    raise MissingSignalError(name)
+def are_traced(measures: Iterable[Measure | Property]) -> bool:
+    """Return whether properties need signals that do not follow from the motion."""
+    signals = (each.signals for each in measures if isinstance(each, Property))
+    return not {name for names in signals for name in names} <= OF_MOTION.keys()
 
 
 def time_of(ticks: int) -> Floats:

@@ -14,7 +14,7 @@ from ballbot_ros.engine.scenario.properties import DRIVE_MODES, OF_MOTION
 from ballbot_ros.engine.scenario.property_language import parse_property
 from ballbot_ros.engine.scenario.scenario import Expectation, Measure
 from ballbot_ros.errors import StudyError
-from ballbot_ros.lab.studies.columns import MeasureColumn
+from ballbot_ros.lab.studies.columns import TRACED, MeasureColumn
 from ballbot_ros.lab.studies.job import passed
 from ballbot_ros.lab.studies.reader import read_study
 from ballbot_ros.lab.studies.rerun import rerun_spec
@@ -22,6 +22,7 @@ from ballbot_ros.lab.studies.runs import OrdinarySimulator, Results, Samples
 from ballbot_ros.parameters import ControllerParameters
 from ballbot_ros.run.execution import execute
 from ballbot_ros.run.requirements import Processes
+from ballbot_ros.run.spec import RunOptions, RunSpec
 
 TEXTS = {
     'recovers': 'after each push: eventually within 0.3 s: always for 0.2 s: '
@@ -33,6 +34,12 @@ TEXTS = {
     'late': 'from 2 s: eventually: abs(pitch_x_deg) < 0.5 deg',
 }  # fmt: skip
 PROPERTIES = [parse_property(name, text) for name, text in TEXTS.items()]
+READINGS = {
+    'quiet': 'always: abs(gyro_x_deg_per_s - 600) < 100 and abs(gyro_y_deg_per_s - 600) < 90',
+    'turned': 'always: -400 deg < encoder_x_deg and encoder_y_deg < 500 deg',
+    'swinging': 'always: abs(pitch_rate_x_deg_per_s) < 200 and pitch_rate_y_deg_per_s < 100',
+}
+READ = [parse_property(name, text) for name, text in READINGS.items()]
 CLEAR = parse_property('clear', 'always: wall_clearance_m > 0.05 m')
 
 
@@ -87,6 +94,21 @@ def test_a_column_has_the_unit_and_the_text():
     assert column.meaning == f'robustness of {TEXTS["gentle"]}'
     # The smallest is the worst.
     assert column.badness(np.array([1.0, -2.0])).tolist() == [-1.0, 2.0]
+
+
+def test_readings_are_those_of_a_recording(tmp_path):
+    options = RunOptions(
+        processes=Processes.NONE, output=tmp_path / 'run', profile='hardware',
+        assignments=('plant_sim.duration=3.5',),
+    )  # fmt: skip
+    spec = RunSpec.of_scenario('push', options)
+    spec = replace(spec, scenario=replace(spec.scenario, properties=tuple(READ)))
+    live = [each.robustness for each in execute(spec).properties]
+    assert np.isfinite(live).all()
+    samples = Samples(2, {'plant_sim.body_mass': np.array([spec.plant.body_mass] * 2)})
+    for simulator in (compiled_simulator(spec, READ), OrdinarySimulator(spec, READ)):
+        for row in simulator.simulate(samples).measured:
+            assert row.tolist() == live
 
 
 CONTENT = {
@@ -156,5 +178,5 @@ def test_which_requirements_a_study_has(tmp_path):
     path = write(tmp_path, {**base, 'properties': {'mine': 'always: distance_m > 0.1'}})
     line = next(n for n, text in enumerate(path.read_text().splitlines(), 1) if 'mine' in text)
     assert refusal(StudyError, read_study, str(path)) == (
-        f"{path}:{line}: 'mine': studies lack distance_m; known: {', '.join(OF_MOTION)}"
+        f"{path}:{line}: 'mine': studies lack distance_m; known: {', '.join((*OF_MOTION, *TRACED))}"
     )
