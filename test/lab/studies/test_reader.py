@@ -113,9 +113,10 @@ def test_the_defaults(read):
         'peak_position_m',
         'position_rms_m',
     )
-    # The whole run, then the windows that the expectations have.
+    # The whole run, then the windows that the expectations have, then the scenario's properties.
     windows = {each.measure for each in study.expectations}
-    assert set(study.measures) == windows | set(map(Measure, study.metrics))
+    properties = set(study.spec.scenario.properties)
+    assert set(study.measures) == windows | set(map(Measure, study.metrics)) | properties
 
 
 def test_runs_and_seed_can_be_overridden(read):
