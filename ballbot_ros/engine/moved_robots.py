@@ -136,7 +136,7 @@ def move_robot(
                 delay_ns = max(duty_effect(kernel_law, kernel) * 1000 - now_ns, 0)
             state = plant_tick(
                 constants.plant, state, set_x, set_y, delay_ns, whole, real,
-                effects_ns, waiting_duties, steps, sides, walls_before, real,
+                effects_ns, waiting_duties, steps, sides, walls_before, 0.0, 0.0,
             )  # fmt: skip
         elapsed_ns = state.time_ns - FIRST_TICK_NS
         vertical = horizontal = 0

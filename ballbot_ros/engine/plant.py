@@ -18,7 +18,7 @@ from ballbot_ros.engine.plant_tick import (
 )
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.parameters.timing import STEP_NS
-from ballbot_ros.robot.brick.fault_effects import fault_row, voltage_drop
+from ballbot_ros.robot.brick.fault_effects import fault_row, plant_faults, voltage_drop
 from ballbot_ros.robot.brick.faults import faults_of
 from ballbot_ros.robot.plant.ground_truth import STEP_VALUES, GroundTruth, Push
 from ballbot_ros.robot.plant.laws import Floor, WallHit, motor_current
@@ -132,11 +132,14 @@ class Plant:
 
         They leave the brick `delay_ns` after the present time, if the plant has late duties.
         """
+        duty_x, duty_y, *drops = plant_faults(
+            self.faults, duty_x, duty_y, self.time_ns, self.constants.key
+        )
         self.state = plant_tick(
             self.constants, self.state, duty_x, duty_y, delay_ns,
             self._push_times, self._push_forces,
             self._effects_ns, self._waiting_duties, self.kept_steps, self.sides, self._walls_before,
-            self.faults,
+            *drops,
         )  # fmt: skip
 
     @property

@@ -14,12 +14,6 @@ from ballbot_ros.parameters.timing import (
     TICK_NS,
 )
 from ballbot_ros.robot.arithmetic import Ints, Reals
-from ballbot_ros.robot.brick.fault_effects import (
-    MOTOR_X,
-    MOTOR_Y,
-    after_faults,
-    voltage_drop,
-)
 from ballbot_ros.robot.brick.link import link_of
 from ballbot_ros.robot.brick.sensors import drawn_delay
 from ballbot_ros.robot.compiler_hints import inlined
@@ -239,7 +233,8 @@ def plant_tick(
     steps: Reals,
     sides: Cells,
     walls_before: Cells,
-    faults: Reals,
+    drop: float,
+    next_drop: float,
 ) -> PlantState:
     """Return the state 4 ms later, under duties [%] commanded now.
 
@@ -255,8 +250,8 @@ def plant_tick(
         The newest steps, STEP_VALUES each, in a ring that is changed; empty for none.
     sides, walls_before : array of int32
         As in :class:`~ballbot_ros.robot.world.world.Footprint`; without rows if there are no walls.
-    faults : sequence of float
-        As in :mod:`~ballbot_ros.robot.brick.fault_effects`; what they hold is changed.
+    drop, next_drop : float
+        By how much a fault lowers the battery's voltage, now and at the next tick [V].
     """
     (
         is_linear, transition, force_coefficients, rates, equations, alpha, mass,
@@ -278,11 +273,6 @@ def plant_tick(
     until_ns = time_ns + TICK_NS
     is_delayed = has_late_duties or actuator_delay + actuator_jitter > 0
     change_ns = NEVER_NS
-    drop = 0.0
-    if len(faults):
-        duty_x = after_faults(faults, MOTOR_X, duty_x, time_ns, TICK_NS, key)
-        duty_y = after_faults(faults, MOTOR_Y, duty_y, time_ns, TICK_NS, key)
-        drop = voltage_drop(faults, time_ns)
     if pushes:
         pushes = without_expired(push_times, push_forces, pushes, time_ns)
     if is_delayed:
@@ -386,9 +376,7 @@ def plant_tick(
             is_stopped = True
             voltage_x = voltage_y = 0.0
     if not battery_age_ns:
-        measured_volts = volts
-        if len(faults):
-            measured_volts = max(0.0, volts - voltage_drop(faults, time_ns))
+        measured_volts = max(0.0, volts - next_drop)
     return PlantState(
         time_ns, x, y, shaft_x, shaft_y, voltage_x, voltage_y, charge, volts,
         measured_volts, pushes,

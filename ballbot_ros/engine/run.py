@@ -95,6 +95,7 @@ from ballbot_ros.robot.brick.fault_effects import (
     after_faults,
     late_ages,
     packet_time,
+    plant_faults,
     program_start,
     voltage_drop,
 )
@@ -538,8 +539,7 @@ def simulate_run(
         set_tasks(kernel, timers)
         start_kernel(kernel, start_ns // 1000, is_sending(constants.gyro.link, start_ns))
     if first == 0:
-        drop = voltage_drop(faults, start_ns)
-        state = initial_state(constants.plant, start_ns, pushes, drop)
+        state = initial_state(constants.plant, start_ns, pushes, voltage_drop(faults, start_ns))
         clear_rings(constants.plant, effects_ns, steps)
     else:
         # All pushes are in their table again; the next tick removes those that have ended.
@@ -642,10 +642,13 @@ def simulate_run(
             trace[done].duty[0], trace[done].duty[1] = duty_x, duty_y
             trace[done].delay_ns = delay_ns
         done += 1
+        drop = next_drop = 0.0
+        if len(faults):
+            duty_x, duty_y, drop, next_drop = plant_faults(faults, duty_x, duty_y, now_ns, key)
         state = plant_tick(
             constants.plant, state, duty_x, duty_y, delay_ns,
             push_times, push_forces,
-            effects_ns, waiting_duties, steps, sides, walls_before, faults,
+            effects_ns, waiting_duties, steps, sides, walls_before, drop, next_drop,
         )  # fmt: skip
     robot.ticks = first + done
     write_plant_state(robot.plant, state)

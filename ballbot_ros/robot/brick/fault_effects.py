@@ -125,6 +125,15 @@ def voltage_drop(faults: Reals, now_ns: int) -> float:
     return sag + active_amount(faults, BATTERY, BROWN_OUT, now_ns)
 
 
+def plant_faults(
+    faults: Reals, duty_x: int, duty_y: int, now_ns: int, key: Key
+) -> tuple[int, int, float, float]:
+    """Return the duties that the motors get, and :func:`voltage_drop` now and at the next tick."""
+    duty_x = after_faults(faults, MOTOR_X, duty_x, now_ns, TICK_NS, key)
+    duty_y = after_faults(faults, MOTOR_Y, duty_y, now_ns, TICK_NS, key)
+    return duty_x, duty_y, voltage_drop(faults, now_ns), voltage_drop(faults, now_ns + TICK_NS)
+
+
 def packet_time(faults: Reals, now_ns: int, key: Key) -> int:
     """Return when the gamepad sent the packet that the brick has at a time, a stamp of its own.
 
