@@ -277,7 +277,8 @@ class CompiledSimulator:
         programs, states = self._programs.rows(rows, samples.values, samples.count)
         tick, is_traced = tick_type(states.dtype), are_traced(self._measures)
         bytes_a_tick = _BYTES_A_TICK + is_traced * tick.itemsize
-        together = max(1, _LOG_BYTES // (max(ticks, 1) * bytes_a_tick))
+        # Calls of numpy for each traced run alone would cost more than a full cache.
+        together = max(3 if is_traced else 1, _LOG_BYTES // (max(ticks, 1) * bytes_a_tick))
         try:
             time, log = time_of(ticks), new_log(together, ticks, is_timed=is_timed)
             traces = np.zeros((together, ticks * is_traced), tick)

@@ -113,10 +113,10 @@ def test_the_defaults(read):
         'peak_position_m',
         'position_rms_m',
     )
-    # The whole run, then the windows that the expectations have, then the scenario's properties.
+    # The whole run, then the windows that the expectations have, and the properties.
     windows = {each.measure for each in study.expectations}
-    properties = set(study.spec.scenario.properties)
-    assert set(study.measures) == windows | set(map(Measure, study.metrics)) | properties
+    whole = set(map(Measure, study.metrics))
+    assert set(study.measures) == windows | whole | set(study.spec.scenario.properties)
 
 
 def test_runs_and_seed_can_be_overridden(read):
