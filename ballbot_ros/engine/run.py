@@ -97,6 +97,7 @@ from ballbot_ros.robot.brick.fault_effects import (
     packet_time,
     plant_faults,
     program_start,
+    ticks_to_change,
     voltage_drop,
 )
 from ballbot_ros.robot.brick.job_times import JobTimes, bus_share, job_times, kernel_constants
@@ -483,16 +484,24 @@ def simulate_runs(
     """
     for run in range(len(plants)):
         own = run if len(events.vertical) > 1 else 0
-        simulate_run(
-            plants[run], gyros[run], encoders[run], sonars[run], controllers[run], programs[run],
-            floor.sides, floor.walls_before,
-            events.push_times[own].copy(), events.push_forces[own].copy(),
-            events.vertical[own], events.horizontal[own],
-            rings.faults[run],
-            rings.effects_ns[run], rings.waiting_duties[run], rings.steps[run], rings.kernel[run],
-            log.position[run], log.psi[run], log.duty[run], log.timing[run],
-            traces[run], robots[run], most,
-        )  # fmt: skip
+        robot, first, done = robots[run], robots[run].ticks, 0
+        is_going_on = True
+        while is_going_on:
+            # A program stops and starts between two parts of a run: constants stay such within one.
+            now_ns = FIRST_TICK_NS + robot.ticks * TICK_NS
+            part = min(most - done, ticks_to_change(rings.faults[run], now_ns))
+            simulate_run(
+                plants[run], gyros[run], encoders[run], sonars[run], controllers[run],
+                programs[run], floor.sides, floor.walls_before,
+                events.push_times[own].copy(), events.push_forces[own].copy(),
+                events.vertical[own], events.horizontal[own], rings.faults[run],
+                rings.effects_ns[run], rings.waiting_duties[run], rings.steps[run],
+                rings.kernel[run],
+                log.position[run][done:], log.psi[run][done:], log.duty[run][done:],
+                log.timing[run][done:], traces[run][done:], robot, part,
+            )  # fmt: skip
+            done += part
+            is_going_on = robot.ticks - first == done < most
 
 
 def simulate_run(
@@ -528,16 +537,18 @@ def simulate_run(
     constants = robot_constants(plant_constants(plant, start_ns), gyro, encoder, sonar)
     pushes = len(push_times) // 2
     first = robot.ticks
-    begun_ns = start_ns
-    if first:
-        begun_ns = program_start(faults, start_ns, start_ns + (first - 1) * TICK_NS)
-    law, timers = begin_program(program, first * TICK_MS - (begun_ns - start_ns) // MILLISECOND_NS)
+    now_ns = start_ns + first * TICK_NS
+    begun_ns = program_start(faults, start_ns, now_ns)
+    is_off, begins = begun_ns == OFF_NS, begun_ns == now_ns
+    law, timers = begin_program(program, (now_ns - begun_ns) // MILLISECOND_NS)
     brick = read_program_state(robot.program)
     is_timed, key = constants.plant.has_late_duties, constants.plant.key
     times, kernel_law = job_times(controller), kernel_constants(controller)
-    if first == 0 and is_timed:
+    if first and begins:
+        brick = restarted(brick, read_program_state(robot.initial))
+    if begins and is_timed:
         set_tasks(kernel, timers)
-        start_kernel(kernel, start_ns // 1000, is_sending(constants.gyro.link, start_ns))
+        start_kernel(kernel, now_ns // 1000, is_sending(constants.gyro.link, now_ns))
     if first == 0:
         state = initial_state(constants.plant, start_ns, pushes, voltage_drop(faults, start_ns))
         clear_rings(constants.plant, effects_ns, steps)
@@ -561,16 +572,6 @@ def simulate_run(
             vertical = signal_value(vertical_times, vertical_values, elapsed_s)
             horizontal = signal_value(horizontal_times, horizontal_values, elapsed_s)
         inputs = sample(constants, state, vertical, horizontal, steps, sides, faults)
-        if len(faults):
-            before_ns = begun_ns
-            begun_ns = program_start(faults, start_ns, now_ns)
-            if begun_ns not in (before_ns, OFF_NS):
-                law, timers = begin_program(program, 0)
-                brick = restarted(brick, read_program_state(robot.initial))
-                if is_timed:
-                    set_tasks(kernel, timers)
-                    start_kernel(kernel, now_ns // 1000, is_sending(constants.gyro.link, now_ns))
-        is_off = begun_ns == OFF_NS
         elapsed_ms = (now_ns - begun_ns) // MILLISECOND_NS
         systick_ms = now_ns // MILLISECOND_NS & UINT32_MASK
         tasks = 0
@@ -621,7 +622,7 @@ def simulate_run(
             duty_x, duty_y = kernel[DUTY_X], kernel[DUTY_Y]
             delay_ns = max(duty_effect(kernel_law, kernel) * 1000 - now_ns, 0)
         if is_off:
-            duty_x = duty_y = delay_ns = 0
+            duty_x = duty_y = delay_ns = before_x = before_y = 0
         if is_timed:
             now_us, task = now_ns // 1000, next_lost(kernel)
             while task >= 0:

@@ -10,6 +10,7 @@ from ballbot_ros.engine.closed_loop import ClosedLoop
 from ballbot_ros.engine.compiled_loop import CompiledLoop
 from ballbot_ros.engine.devices import ALL_DEVICES, numbers_of
 from ballbot_ros.engine.scenario.scenario import Scenario, Segment, StickSignal
+from ballbot_ros.engine.trajectory import TrajectoryLog
 from ballbot_ros.parameters import (
     CONTROLLER,
     DEVICES,
@@ -168,13 +169,19 @@ def test_compiled_code_in_pieces_makes_the_same_ticks(case):
     expected = ticks_with(faults, values, 4.0)
     loop, parameters = loop_with(faults, values)
     fast = CompiledLoop(loop, loop.program, parameters, STICKS)
-    duties, delays, inputs = [], [], []
+    duties, delays, inputs, timing = [], [], [], []
     for ticks in (303, 1, 47, 50, 100, 251, 248):
         log, columns = fast.trace(ticks)
         duties += log.duty.tolist()
         delays += columns.delay_ns.tolist()
+        timing.append(log.timing)
         inputs += np.stack([columns.inputs.gyro_y, columns.inputs.revolution_x], 1).tolist()
     assert duties == [list(tick.outputs.duty) for tick in expected]
+    ordinary = TrajectoryLog(parameters.of(ControllerParameters))
+    for tick in expected:
+        ordinary.add(tick.truth, *tick.outputs.duty, tick.outputs)
+    if case.startswith('timed'):
+        assert np.concatenate(timing).tobytes() == ordinary.trajectory().timing.tobytes()
     assert delays == [tick.outputs.delay_ns for tick in expected]
     assert inputs == [[tick.inputs.gyro[1], tick.inputs.revolutions[0]] for tick in expected]
     if not case.endswith('law'):  # whose program does not follow

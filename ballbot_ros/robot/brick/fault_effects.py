@@ -169,6 +169,18 @@ def program_start(faults: Reals, start_ns: int, now_ns: int) -> int:
     return start_ns
 
 
+def ticks_to_change(faults: Reals, now_ns: int) -> int:
+    """Return the number of ticks until a program stops or starts."""
+    ticks = int(_NEVER_NS)
+    for at in range(0, len(faults), FAULT_VALUES):
+        if faults[at + 1] in (RESTART, BROWN_OUT):
+            for end in (2, 3):
+                left = -((now_ns - int(faults[at + end])) // TICK_NS)
+                if left > 0:
+                    ticks = min(ticks, left)
+    return ticks
+
+
 def program_changes(faults: Reals, start_ns: int) -> dict[int, bool]:
     """Return the ticks [ns] at which a program starts anew (True) or stops (False)."""
     times = [int(faults[at + end]) for at in range(0, len(faults), FAULT_VALUES) for end in (2, 3)]
