@@ -37,6 +37,7 @@ from ballbot_ros.parameters.files import (
 )
 from ballbot_ros.parameters.nodes import DeviceSeed
 from ballbot_ros.parameters.timing import TICK_MS
+from ballbot_ros.robot.brick.faults import all_faults
 from ballbot_ros.robot.brick.schedule import TaskTiming
 
 TOLERATED_PITCH_RAD = 0.035
@@ -237,6 +238,8 @@ def parameters_of_environment(profile: str | None, given: Parameters | None) -> 
             f'parameters: {short_repr(given)} is neither a mapping nor a file'
         )
     check_load(parameters.of(ControllerParameters), _ONE_TASK)
+    if faults := all_faults(parameters.of):
+        raise ParameterError(f'{faults[0]}: environments have no faults')
     return parameters
 
 

@@ -23,6 +23,7 @@ HEAD = 'purpose: a test\nduration: 5\n'
 STICK = HEAD + 'sticks:\n  vertical:\n'
 LATER = '    - {name: b, from: 2, value: 1}\n'
 PUSH = HEAD + 'pushes:\n  - '
+FAULT = HEAD + 'faults:\n  - '
 FULL = """\
 purpose: everything at once
 duration: 12.5
@@ -221,6 +222,15 @@ MISTAKES = [
     ),
     (HEAD + 'pushes: {time: 1}\n', 3, 'is not a list'),
     (PUSH + '{duration: 1, force: 1, direction: left}\n', 4, 'a push needs a time'),
+    (FAULT + '{type: off}\n', 4, 'a fault needs a component'),
+    (FAULT + '{component: sonar}\n', 4, 'a fault needs a type'),
+    (FAULT + '{component: gyro, type: stuck}\n', 4, "'gyro' is not one of gyro_x, gyro_y"),
+    (FAULT + '{component: gyro_x, type: weak}\n', 4, 'gyro_x weak: only motor can have this'),
+    (FAULT + '{component: gyro_x, type: stuck, amount: 1}\n', 4, 'gyro_x stuck: has no amount'),
+    (FAULT + '{component: gyro_x, type: stuck, time: -1}\n', 4, 'time: -1 is not within 0'),
+    (FAULT + '{component: gyro_x, type: stuck, time: a}\n', 4, "time: 'a' is not a number"),
+    (FAULT + '{component: gyro_x, type: stuck, time: 6}\n', 4, 'after the end'),
+    (FAULT + '{component: gyro_x, type: stuck, end: 1}\n', 4, "unknown key 'end'"),
     (PUSH + '{time: 1, force: 1, direction: left}\n', 4, 'a push needs a duration'),
     (PUSH + '{time: 1, duration: 1, direction: left}\n', 4, 'a push needs a force'),
     (PUSH + '{time: 1, duration: 1, force: 1}\n', 4, 'a push needs a direction'),

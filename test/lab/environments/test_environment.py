@@ -191,6 +191,7 @@ def test_an_action_that_is_none_is_refused(action):
         ({'parameters': {'gyro_driver.seed': 3}}, r'no effect here: use the seed or the options'),
         ({'parameters': {'encoder_driver.seed': 3}}, r'no effect here: use the seed or the opt'),
         ({'parameters': {'viewer.port': 3}}, r'viewer.port has no effect here; only'),
+        ({'parameters': {'gyro_driver.faults': 'gyro_x off'}}, r'gyro_x off: environments have no'),
         ({'parameters': {'controller.user.kp': 3}}, r'user.kp has no effect here; of the'),
         ({'parameters': {'plant_sim': 3}}, r"'plant_sim' is not of the form node.param"),
         ({'parameters': {'plant_sim.map': 'moon'}}, r"unknown map 'moon'"),

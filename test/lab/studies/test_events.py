@@ -8,7 +8,7 @@ from laws import refusal
 from study_reruns import rerun_of
 
 from ballbot_ros.engine.scenario.scenario import ScheduledPush
-from ballbot_ros.errors import StudyError
+from ballbot_ros.errors import BallbotError, StudyError
 from ballbot_ros.lab.studies.programs import with_values
 from ballbot_ros.lab.studies.reader import read_study
 from ballbot_ros.lab.studies.runs import (
@@ -170,3 +170,53 @@ def test_a_scenario_file_fits_a_plant_other_than_its_own(
     varied = {name: each[0] for name, each in samples.values.items()}
     plant = with_values(study.spec.parameters, varied).of(PlantParameters)
     assert spec.plant == replace(plant, scenario=spec.plant.scenario)
+
+
+FAULTS = """purpose: x
+scenario: {path}
+runs: 12
+vary:
+  fault.1.time: {{uniform: [1.5, 3.0]}}
+  fault.1.duration: {{uniform: [0.01, 0.1]}}
+  fault.1.type: {{list: [stuck, garbage, intermittent]}}
+  fault.1.component: {{list: [gyro_x, gyro_y]}}
+  fault.2.amount: {{uniform: [0.2, 1.0]}}
+expectations: {{peak_pitch_deg: {{max: 5.0}}}}
+"""
+SCENARIO = """purpose: x
+duration: 4
+faults:
+  - {component: gyro_x, type: stuck, time: 2, duration: 0.02}
+  - {component: motor_x, type: weak, time: 2}
+"""
+
+
+def test_faults_vary_and_a_run_comes_back(study_of, tmp_path):
+    path = tmp_path / 'failing.yaml'
+    path.write_text(SCENARIO, encoding='utf-8')
+    study = study_of(FAULTS.format(path=path))
+    samples = Sampler(study).part(0, 12)
+    results = simulator_for(study.spec, study.measures).simulate(samples)
+    expected = OrdinarySimulator(study.spec, study.measures).simulate(samples)
+    assert results.duty_sha256.tolist() == expected.duty_sha256.tolist()
+    assert len({each.tobytes() for each in results.duty_sha256}) > 4
+    spec = rerun_of(study, samples, 5, tmp_path / 'rerun')
+    digest = bytes(results.duty_sha256[5]).hex()
+    assert execute(spec).duty_sha256 == digest
+
+
+@pytest.mark.parametrize(
+    ('vary', 'told'),
+    [
+        ('fault.3.time: {list: [1, 2]}', "the scenario has no fault '3'; its faults are 1 … 2"),
+        ('fault.1.amount: {list: [1, 2]}', "fault.1 has no 'amount'; it has component, type, time"),
+        ('fault.1.type: {list: [weak, wrong]}', 'gyro_x weak: only motor can have this'),
+        ('fault.1.time: {list: [1, 5]}', 'fault.1: a fault begins after the end of the run'),
+        ('fault.1.type: {list: [broken]}', "'broken' is not one of off, stuck"),
+    ],
+)
+def test_impossible_faults_of_a_study_are_refused(study_of, tmp_path, vary, told):
+    path = tmp_path / 'failing.yaml'
+    path.write_text(SCENARIO, encoding='utf-8')
+    text = f'purpose: x\nscenario: {path}\nruns: 4\nvary:\n  {vary}\n'
+    assert told in refusal(BallbotError, study_of, text)
