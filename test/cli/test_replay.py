@@ -118,6 +118,23 @@ def replayed_by_both(recording, monkeypatch):
         ('remote_wall', ['plant_sim.on_wall_hit=stop']),
         ('push', ['plant_sim.duration=5', 'controller.implementation=pid']),
         ('push', ['plant_sim.duration=4.03', 'plant_sim.kernel=true', 'plant_sim.link=true']),
+        (
+            'push',
+            [
+                'plant_sim.duration=4',
+                'plant_sim.kernel=true',
+                'gyro_driver.faults=gyro_x stuck time=2 duration=0.05; gyro_y delayed amount=5',
+                'plant_sim.faults=brick restart time=2.5 duration=0.1; motor_x weak time=2',
+            ],
+        ),
+        (
+            'square',
+            [
+                'plant_sim.duration=5',
+                'gamepad_teleop.faults=gamepad delayed',
+                'encoder_driver.faults=encoder_x slow time=3',
+            ],
+        ),
     ],
 )
 def test_compiled_and_interpreted_replays_have_the_same_result(
