@@ -111,6 +111,7 @@ SHADES: Mapping[IntervalKind, Shade] = {
     IntervalKind.PUSH: Shade(PURPLE, 0.3, 0.8),
     IntervalKind.WALL_HIT: Shade(ORANGE, 0.25, 0.8),
     IntervalKind.PROPERTY: Shade(GREEN, 0.7, 1.2),
+    IntervalKind.FAULT: Shade(PURPLE, 0.12, 0.8),
 }
 
 

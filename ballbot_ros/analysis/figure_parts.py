@@ -105,6 +105,7 @@ class IntervalKind(TextEnum):
     PUSH = 'push'
     WALL_HIT = 'wall hit'
     PROPERTY = 'property'
+    FAULT = 'fault'
 
 
 @dataclass(frozen=True)

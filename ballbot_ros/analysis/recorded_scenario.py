@@ -17,7 +17,13 @@ from ballbot_ros.engine.scenario.reader import load_scenario
 from ballbot_ros.engine.scenario.scenario import Scenario
 from ballbot_ros.errors import BallbotError, short_text
 from ballbot_ros.files import temporary_folder, write_temporary
-from ballbot_ros.parameters import CONTROLLER, ControllerParameters, ParameterSet, PlantParameters
+from ballbot_ros.parameters import (
+    CONTROLLER,
+    ControllerParameters,
+    ParameterError,
+    ParameterSet,
+    PlantParameters,
+)
 from ballbot_ros.parameters.files import read_parameter_file
 from ballbot_ros.parameters.timing import SECOND_NS
 from ballbot_ros.parameters.yaml_document import YamlDocument
@@ -26,6 +32,7 @@ from ballbot_ros.recording.messages.message_types import WrenchStamped
 from ballbot_ros.recording.messages.topics import ACCEPTED_PUSH
 from ballbot_ros.recording.reader import AttachedFile, RecordingReader
 from ballbot_ros.recording.rosbag2 import MAPS, PARAMETERS, SCENARIO, VERSIONS
+from ballbot_ros.robot.brick.faults import Fault, all_faults
 from ballbot_ros.robot.plant.ground_truth import Pair, Push
 from ballbot_ros.robot.world.floor_map import FloorMap, load_map, map_names
 from ballbot_ros.robot.world.image import read_map
@@ -254,6 +261,23 @@ def recorded_pushes(
         start, end = ((each - start_ns) / SECOND_NS for each in (push.start_ns, push.end_ns))
         found.append(RecordedPush(start, end, push.force, push.torque, is_external))
     return tuple(sorted(found, key=lambda push: push.start))
+
+
+def known_faults(parameters: ParameterSet) -> tuple[Fault, ...]:
+    """Return the faults of a recorded run; none if its parameters are not valid here."""
+    try:
+        return all_faults(parameters.of)
+    except ParameterError:
+        return ()
+
+
+def fault_intervals(parameters: ParameterSet, end: float) -> list[Interval]:
+    """Return when the faults of a run act that ends at a time [s]."""
+    return [
+        Interval(each.time, min(each.end, end), f'{each.component} {each.type}', IntervalKind.FAULT)
+        for each in known_faults(parameters)
+        if each.time < end
+    ]
 
 
 def outside_pushes_in(reader: RecordingReader, runs_ns: Sequence[int]) -> list[RecordedPush]:

@@ -25,6 +25,7 @@ from ballbot_ros.analysis.recorded_runs import RecordedRun
 from ballbot_ros.analysis.recorded_scenario import (
     RecordedAttachments,
     RecordedPush,
+    fault_intervals,
     read_attachments,
     recorded_pushes,
 )
@@ -190,12 +191,13 @@ class RunData:
 
     @property
     def marked(self) -> tuple[Interval, ...]:
-        """What figures shade: calibration, pushes, wall hits and moments of properties."""
+        """What figures shade: calibration, pushes, wall hits, faults and moments of properties."""
         calibration = (each for each in self.states if each.name == OperatingState.CALIBRATION)
         # Those from outside first: where names have no room, theirs stay.
         pushes = sorted(self.pushes, key=lambda push: not push.is_external)
         shaded = (*calibration, *(push.interval for push in pushes), *self.wall_hits)
-        return (*shaded, *self.decisions)
+        faults = fault_intervals(self.attached.parameters, self.end)
+        return (*shaded, *faults, *self.decisions)
 
     @property
     def outside_changes(self) -> tuple[ParameterChange, ...]:

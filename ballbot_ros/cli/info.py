@@ -13,7 +13,13 @@ from rich.console import Console
 
 from ballbot_ros.analysis.parent import Parent
 from ballbot_ros.analysis.recorded_controller import ControllerIdentity, decode_controller
-from ballbot_ros.analysis.recorded_scenario import external_push, outside_pushes, outside_pushes_in
+from ballbot_ros.analysis.recorded_scenario import (
+    external_push,
+    known_faults,
+    outside_pushes,
+    outside_pushes_in,
+    read_attachments,
+)
 from ballbot_ros.cli.options import RECORDING
 from ballbot_ros.cli.progress import file_progress
 from ballbot_ros.errors import printable
@@ -62,6 +68,7 @@ def _read(reader: RecordingReader, progress: ProgressCallback) -> dict[str, obje
     metadata = dict(reader.metadata())
     metadata.pop(METADATA_NAME, None)
     outcome = metadata.pop(RUN_OUTCOME, None) or None
+    attached = read_attachments(reader.attachments())
     return {
         'file': str(reader.path),
         'size_bytes': reader.size,
@@ -76,6 +83,7 @@ def _read(reader: RecordingReader, progress: ProgressCallback) -> dict[str, obje
         'runs_s': [stamp_ns / 1e9 for stamp_ns in runs_ns],
         'outcome': outcome,
         'external_pushes': [push.as_json() for push in outside_pushes_in(reader, runs_ns)],
+        'faults': [str(each) for each in known_faults(attached.parameters)],
         'made_by': _made_by(reader.attachments()),
         'parent': (parent := Parent.decode(reader.attachments())) and asdict(parent),
         'topics': {
@@ -143,6 +151,7 @@ def _lines(content: Mapping[str, Any], state: str) -> list[tuple[str, str]]:
         lines.append(('pushes', outside_pushes(pushes)))
     if parent := content['parent']:
         lines.append(('branch of', str(Parent(**parent))))
+    lines += [('fault', each) for each in content['faults']]
     for name, value in content['made_by'].items():
         if name == 'controller':
             lines.append((name, ControllerIdentity(**value).description))

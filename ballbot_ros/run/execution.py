@@ -12,7 +12,7 @@ from typing import NamedTuple
 from ballbot_ros.analysis.drawing import draw_motion
 from ballbot_ros.analysis.figure_parts import png_of
 from ballbot_ros.analysis.metrics import judge, judge_property, measure
-from ballbot_ros.analysis.recorded_scenario import scheduled_pushes
+from ballbot_ros.analysis.recorded_scenario import fault_intervals, scheduled_pushes
 from ballbot_ros.analysis.run_data import RunData, read_run
 from ballbot_ros.analysis.signals import motion_signals
 from ballbot_ros.engine.scenario.properties import Course
@@ -236,6 +236,7 @@ def _with_figure(spec: RunSpec, world: World | None, result: RunResult, path: Pa
             [
                 *(push.interval for push in (*result.external_pushes, *scheduled_pushes(scenario))),
                 *(mark for each in result.properties for mark in each.marks),
+                *fault_intervals(spec.parameters, float(result.trajectory.time[-1])),
             ],
             spec.earlier,
         )
