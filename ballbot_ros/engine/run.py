@@ -187,14 +187,17 @@ def sample(
         age = sample_age(gyro.delay, gyro.jitter, gyro.key, GYRO_DELAY, TICK_NS, now_ns)
         older, share = analog_steps(gyro.link, now_ns)
         age += older
-        late_x, late_y = late_ages(faults, GYRO_X, now_ns)
+        late_x = late_y = 0
+        if len(faults):
+            late_x, late_y = late_ages(faults, GYRO_X, now_ns)
         rate_x, rate_y = kept_pair(steps, age + late_x, age + late_y, now_ns, 2)
         if share:
             age -= 1
             next_x, next_y = kept_pair(steps, age + late_x, age + late_y, now_ns, 2)
             rate_x, rate_y = between(rate_x, next_x, share), between(rate_y, next_y, share)
         age = sample_age(encoder.delay, encoder.jitter, encoder.key, ENCODER_DELAY, TICK_NS, now_ns)
-        late_x, late_y = late_ages(faults, ENCODER_X, now_ns)
+        if len(faults):
+            late_x, late_y = late_ages(faults, ENCODER_X, now_ns)
         angle_x, angle_y = kept_pair(steps, age + late_x, age + late_y, now_ns, 0)
     gyro_x, gyro_y = read_gyro(gyro, rate_x, rate_y, now_ns)
     revolution_x, revolution_y = read_encoder(angle_x, angle_y)
@@ -214,7 +217,8 @@ def sample(
             age += late_ages(faults, SONAR, now_ns)[0]
             x, y = kept_pair(steps, age, age, now_ns, 4)
         sonar_cm = read_sonar(sonar, x, y, sides, now_ns)
-        sonar_cm = after_faults(faults, SONAR, sonar_cm, now_ns, SLOW_PERIOD_NS, gyro.key)
+        if len(faults):
+            sonar_cm = after_faults(faults, SONAR, sonar_cm, now_ns, SLOW_PERIOD_NS, gyro.key)
     else:
         vertical = horizontal = NO_SAMPLE
     if now_ns % BATTERY_PERIOD_NS == 0:
@@ -567,7 +571,7 @@ def simulate_run(
         positions[done, 0], positions[done, 1] = position(constants.plant, state)
         pitches[done, 0], pitches[done, 1] = state.x[1], state.y[1]
         if now_ns % SLOW_PERIOD_NS == 0:
-            sent_ns = packet_time(faults, now_ns, key)
+            sent_ns = packet_time(faults, now_ns, key) if len(faults) else now_ns
             elapsed_s = (sent_ns - start_ns) * 1e-9
             vertical = signal_value(vertical_times, vertical_values, elapsed_s)
             horizontal = signal_value(horizontal_times, horizontal_values, elapsed_s)

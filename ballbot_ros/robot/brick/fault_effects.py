@@ -113,8 +113,6 @@ def active_amount(faults: Reals, component: int, kind: int, now_ns: int) -> floa
 
 def late_ages(faults: Reals, component: int, now_ns: int) -> tuple[int, int]:
     """Return by how much samples of a component and of the next one are late [steps]."""
-    if not len(faults):
-        return 0, 0
     late = active_amount(faults, component, DELAYED, now_ns)
     return int(late), int(active_amount(faults, component + 1, DELAYED, now_ns))
 
