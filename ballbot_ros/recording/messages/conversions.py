@@ -32,7 +32,6 @@ from ballbot_ros.recording.messages.message_types import (
     Joy,
     OccupancyGridMessage,
     Odometry,
-    Stamped,
     Time,
     Twist,
     Vector3Stamped,
@@ -138,7 +137,7 @@ def time_ns(message: Time) -> int:
     return int(message.sec) * SECOND_NS + int(message.nanosec)
 
 
-def stamp_ns(message: Stamped) -> int:
+def stamp_ns(message: Any) -> int:
     """Return the stamp [ns] of a message that has a header."""
     return time_ns(message.header.stamp)
 
