@@ -26,7 +26,7 @@ from websockets.http11 import Request, Response
 
 from ballbot_ros.errors import ViewerError, one_line
 from ballbot_ros.viewer.address import AccessPolicy
-from ballbot_ros.viewer.overlay import PageLink
+from ballbot_ros.viewer.overlay import Overlay
 
 ASSETS = '/assets/'
 _TYPES = {
@@ -155,7 +155,7 @@ class GuardedServer(viser.ViserServer):
     def __init__(self, policy: AccessPolicy, port: int, title: str) -> None:
         self._policy = policy
         self._title = title
-        self.link = PageLink()
+        self.overlay = Overlay()
         self._documents: dict[str, Callable[[], bytes]] = {}
         self._is_guarded = False
         with _instead_of_serve(self._serve), redirect_stdout(io.StringIO()):  # viser's greeting
@@ -204,7 +204,7 @@ class GuardedServer(viser.ViserServer):
             request = connection.request
             if request is not None and _path(request) == LINK:
                 may_steer = self._policy.may_steer(request.path)
-                await self.link.serve(connection, may_steer=may_steer)
+                await self.overlay.serve(connection, may_steer=may_steer)
             else:
                 await handler(connection)
 

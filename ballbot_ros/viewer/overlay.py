@@ -12,7 +12,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from enum import Enum
-from typing import Any, NamedTuple
+from typing import Any
 
 from websockets.asyncio.server import ServerConnection
 from websockets.exceptions import ConnectionClosed
@@ -22,93 +22,12 @@ _MAX_WAITING = 1000
 """Requests that wait at most; further ones are dropped, since nobody takes them."""
 
 
-class PageMessage(NamedTuple):
-    """A message from a page, with the number of its connection and its time of arrival [s]."""
-
-    page: int
-    text: str
-    at_s: float
-
-
 class _Client:
     """A connected page: the topics that it has not been sent yet."""
 
     def __init__(self, waiting: set[str]) -> None:
         self.waiting = waiting
         self.event = asyncio.Event()
-
-
-class PageLink:
-    """Sends the newest value of each topic to all pages, and queues their messages.
-
-    A slow page skips values. The server's event loop serves the connections; all other methods may
-    be called from any thread.
-    """
-
-    def __init__(self) -> None:
-        self._newest: dict[str, str] = {}
-        self._clients: set[_Client] = set()
-        self._loop: asyncio.AbstractEventLoop | None = None
-        self._drawn: set[_Client] = set()
-        self._messages: queue.Queue[PageMessage] = queue.Queue(_MAX_WAITING)
-        self._numbers = itertools.count()
-
-    @property
-    def is_drawn(self) -> bool:
-        """Whether a connected page has drawn the robot."""
-        return bool(self._drawn)
-
-    def publish(self, topic: str, value: object) -> None:
-        """Send a JSON value to all pages, also to those that connect later."""
-        self._newest[topic] = json.dumps({topic: value})
-        if self._loop is not None:
-            with contextlib.suppress(RuntimeError):  # the server has ended
-                self._loop.call_soon_threadsafe(self._wake, topic)
-
-    def _wake(self, topic: str) -> None:
-        for client in self._clients:
-            client.waiting.add(topic)
-            client.event.set()
-
-    def take(self) -> list[PageMessage]:
-        """Return the messages since the last call."""
-        messages = []
-        with contextlib.suppress(queue.Empty):
-            while True:
-                messages.append(self._messages.get_nowait())
-        return messages
-
-    async def serve(self, connection: ServerConnection, *, may_steer: bool) -> None:
-        """Serve a page until it leaves; ignore its messages unless it `may_steer`."""
-        self._loop = asyncio.get_running_loop()
-        client = _Client(set(self._newest))
-        client.event.set()
-        self._clients.add(client)
-        sender = asyncio.create_task(self._send(connection, client, may_steer=may_steer))
-        page = next(self._numbers)
-        try:
-            async for text in connection:
-                if text == _DRAWN:
-                    self._drawn.add(client)
-                elif may_steer and isinstance(text, str):
-                    with contextlib.suppress(queue.Full):
-                        self._messages.put_nowait(PageMessage(page, text, time.monotonic()))
-        finally:
-            self._clients.discard(client)
-            self._drawn.discard(client)
-            sender.cancel()
-            await asyncio.gather(sender, return_exceptions=True)
-
-    async def _send(
-        self, connection: ServerConnection, client: _Client, *, may_steer: bool
-    ) -> None:
-        with contextlib.suppress(ConnectionClosed):
-            await connection.send(json.dumps({'may_steer': may_steer}))
-            while True:
-                await client.event.wait()
-                client.event.clear()
-                while client.waiting:
-                    await connection.send(self._newest[client.waiting.pop()])
 
 
 MAX_HELD = 1.0
@@ -242,11 +161,18 @@ Request = Press | ChooseRate | Seek | Hold
 class Overlay:
     """Shows a state on all pages, and collects their requests.
 
-    Pages get only what has changed; only requests from pages with the token arrive.
+    Pages get only what has changed, and a slow page skips values; only requests from pages with the
+    token arrive. The server's event loop serves the connections; all other methods may be called
+    from any thread.
     """
 
-    def __init__(self, link: PageLink) -> None:
-        self._link = link
+    def __init__(self) -> None:
+        self._newest: dict[str, str] = {}
+        self._clients: set[_Client] = set()
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._drawn: set[_Client] = set()
+        self._requests: queue.Queue[Request] = queue.Queue(_MAX_WAITING)
+        self._numbers = itertools.count()
         self._state: OverlayState | None = None
         self._time = math.nan
         self.show(OverlayState())
@@ -254,29 +180,86 @@ class Overlay:
     @property
     def is_drawn(self) -> bool:
         """Whether a connected page has drawn the robot, with or without the token."""
-        return self._link.is_drawn
+        return bool(self._drawn)
 
     def show(self, state: OverlayState) -> None:
         """Show a state."""
         if state != self._state:
             self._state = state
-            self._link.publish('state', asdict(state))
+            self._publish('state', asdict(state))
 
     def move_playhead(self, time_s: float) -> None:
         """Move the position on the time line to `time_s` [s]."""
         if time_s != self._time:
             self._time = time_s
-            self._link.publish('time', round(time_s, 3))
+            self._publish('time', round(time_s, 3))
+
+    def _publish(self, topic: str, value: object) -> None:
+        """Send a JSON value to all pages, also to those that connect later."""
+        self._newest[topic] = json.dumps({topic: value})
+        if self._loop is not None:
+            with contextlib.suppress(RuntimeError):  # the server has ended
+                self._loop.call_soon_threadsafe(self._wake, topic)
+
+    def _wake(self, topic: str) -> None:
+        for client in self._clients:
+            client.waiting.add(topic)
+            client.event.set()
 
     def take(self) -> list[Request]:
         """Return the requests since the last call, oldest first."""
-        return [request for message in self._link.take() if (request := parse_request(message))]
+        requests = []
+        with contextlib.suppress(queue.Empty):
+            while True:
+                requests.append(self._requests.get_nowait())
+        return requests
+
+    async def serve(self, connection: ServerConnection, *, may_steer: bool) -> None:
+        """Serve a page until it leaves; ignore its requests unless it `may_steer`."""
+        self._loop = asyncio.get_running_loop()
+        client = _Client(set(self._newest))
+        client.event.set()
+        self._clients.add(client)
+        sender = asyncio.create_task(self._send(connection, client, may_steer=may_steer))
+        page = next(self._numbers)
+        try:
+            async for text in connection:
+                if text == _DRAWN:
+                    self._drawn.add(client)
+                elif may_steer and isinstance(text, str):
+                    if request := parse_request(text, page, time.monotonic()):
+                        with contextlib.suppress(queue.Full):
+                            self._requests.put_nowait(request)
+        finally:
+            self._clients.discard(client)
+            self._drawn.discard(client)
+            sender.cancel()
+            await asyncio.gather(sender, return_exceptions=True)
+
+    async def _send(
+        self, connection: ServerConnection, client: _Client, *, may_steer: bool
+    ) -> None:
+        with contextlib.suppress(ConnectionClosed):
+            await connection.send(json.dumps({'may_steer': may_steer}))
+            while True:
+                await client.event.wait()
+                client.event.clear()
+                while client.waiting:
+                    await connection.send(self._newest[client.waiting.pop()])
 
 
-def parse_request(message: PageMessage) -> Request | None:
-    """Return the request in a page's message; None if it has none, as from a foreign program."""
+def parse_request(text: str, page: int, at_s: float) -> Request | None:
+    """Return the request in a message; None if it has none, as from a foreign program.
+
+    Parameters
+    ----------
+    page : int
+        Number of the connection that it came by.
+    at_s : float
+        When it arrived [s].
+    """
     try:
-        content = json.loads(message.text)
+        content = json.loads(text)
     except (ValueError, RecursionError):
         return None
     if not isinstance(content, dict):
@@ -290,15 +273,11 @@ def parse_request(message: PageMessage) -> Request | None:
             time = _number(content, 'seek')
             return None if time is None else Seek(time)
         case {'forward': float() | int(), 'rightward': float() | int()}:
-            return _hold(message, content)
+            forward, rightward = _number(content, 'forward'), _number(content, 'rightward')
+            if forward is None or rightward is None or max(abs(forward), abs(rightward)) > MAX_HELD:
+                return None
+            return Hold(page, forward, rightward, at_s)
     return None
-
-
-def _hold(message: PageMessage, content: Mapping[str, object]) -> Hold | None:
-    forward, rightward = _number(content, 'forward'), _number(content, 'rightward')
-    if forward is None or rightward is None or max(abs(forward), abs(rightward)) > MAX_HELD:
-        return None
-    return Hold(message.page, forward, rightward, message.at_s)
 
 
 def _number(content: Mapping[str, Any], name: str) -> float | None:

@@ -14,7 +14,6 @@ from ballbot_ros.robot.world.floor_map import FloorMap
 from ballbot_ros.viewer.address import NEXT_FREE, USUAL_PORT, AccessPolicy, check_address
 from ballbot_ros.viewer.guarded_server import GuardedServer
 from ballbot_ros.viewer.markers import Area
-from ballbot_ros.viewer.overlay import Overlay
 from ballbot_ros.viewer.scene import DrawnRobot, Scene
 from ballbot_ros.viewer.snapshot import Snapshot
 from ballbot_ros.viewer.views import TITLES, TRACKING, VIEWS, VISTA, camera
@@ -48,7 +47,7 @@ class Page:
         logging.getLogger('websockets').setLevel(logging.ERROR)
         first = USUAL_PORT if port == NEXT_FREE else port
         self.server = GuardedServer(self._policy, first, title)
-        self.overlay = Overlay(self.server.link)
+        self.overlay = self.server.overlay
         self._title = title
         self.dimensions = dimensions  # of the robot shown
         self._area = Area.of(None)

@@ -1,5 +1,6 @@
 """What the overlay shows, and the requests of its pages."""
 
+import asyncio
 import json
 
 import pytest
@@ -16,7 +17,6 @@ from ballbot_ros.viewer.overlay import (
     MarkKind,
     Overlay,
     OverlayState,
-    PageMessage,
     Press,
     Seek,
     Timeline,
@@ -24,22 +24,24 @@ from ballbot_ros.viewer.overlay import (
 )
 
 
-def message(content):
-    text = content if isinstance(content, str) else json.dumps(content)
-    return PageMessage(3, text, 7.5)
+def text_of(content):
+    return content if isinstance(content, str) else json.dumps(content)
 
 
-class StubLink:
-    """Stores what is published, and hands out messages."""
+class StubConnection:
+    """Stores what is sent, and has messages of a page, which stays until the end of `stay`."""
 
-    def __init__(self, *messages):
-        self.sent, self.messages = [], list(messages)
+    def __init__(self, *messages, stay=None):
+        self.sent, self.messages, self.stay = [], messages, stay
 
-    def publish(self, topic, value):
-        self.sent.append((topic, value))
+    async def send(self, text):
+        self.sent.append(json.loads(text))
 
-    def take(self):
-        return self.messages
+    async def __aiter__(self):
+        for text in self.messages:
+            yield text
+        if self.stay:
+            await self.stay()
 
 
 @pytest.mark.parametrize(
@@ -68,7 +70,7 @@ class StubLink:
     ],
 )
 def test_requests_and_nonsense(content, request_):
-    assert parse_request(message(content)) == request_
+    assert parse_request(text_of(content), 3, 7.5) == request_
 
 
 JSON = st.recursive(
@@ -80,31 +82,42 @@ REQUESTS = st.dictionaries(st.sampled_from(['press', 'rate', 'seek', 'forward', 
 
 @given(REQUESTS | JSON)
 def test_no_message_raises(content):
-    request = parse_request(message(json.dumps(content)))
+    request = parse_request(json.dumps(content), 3, 7.5)
     if isinstance(request, Hold):
         assert max(abs(request.forward), abs(request.rightward)) <= 1.0
 
 
 def test_only_changes_are_sent():
-    link = StubLink()
-    overlay = Overlay(link)
+    overlay = Overlay()
     state = OverlayState(
         banner=Banner('paused', BannerKind.BAD, ('a', 'b')),
         buttons=(Button('pause', 'Pause', ' '),),
         timeline=Timeline(8.0, (Mark(1.0, MarkKind.PUSH, 'push 1 N'),)),
     )
-    for _ in range(3):
-        overlay.show(state)
-        overlay.move_playhead(1.23456)
-    _, (topic, content), time = link.sent
-    assert topic == 'state'
-    assert json.loads(json.dumps(content))['banner'] == {
+
+    async def show():
+        for _ in range(3):
+            await asyncio.sleep(0.01)
+            overlay.show(state)
+            overlay.move_playhead(1.23456)
+        await asyncio.sleep(0.01)
+
+    connection = StubConnection(stay=show)
+    asyncio.run(overlay.serve(connection, may_steer=False))
+    _, first, *changes = connection.sent
+    assert first['state']['banner'] is None
+    content, time = sorted(changes, key=str)
+    assert content['state']['banner'] == {
         'text': 'paused', 'kind': 'bad', 'details': ['a', 'b'], 'link': '', 'link_text': ''
     }  # fmt: skip
-    assert content['timeline']['marks'][0]['kind'] == 'push'
-    assert time == ('time', 1.235)
+    assert content['state']['timeline']['marks'][0]['kind'] == 'push'
+    assert time == {'time': 1.235}
 
 
 def test_requests_come_in_their_order_without_nonsense():
-    link = StubLink(message({'press': 'a'}), message('?'), message({'seek': 2}))
-    assert Overlay(link).take() == [Press('a'), Seek(2.0)]
+    overlay = Overlay()
+    messages = [text_of({'press': 'a'}), '?', text_of({'seek': 2}), b'{}']
+    asyncio.run(overlay.serve(StubConnection(*messages), may_steer=True))
+    asyncio.run(overlay.serve(StubConnection(text_of({'press': 'b'})), may_steer=False))
+    assert overlay.take() == [Press('a'), Seek(2.0)]
+    assert overlay.take() == []
