@@ -49,7 +49,7 @@ from ballbot_ros.recording.messages.topics import (
 from ballbot_ros.robot.plant.ground_truth import Pair
 from ballbot_ros.robot.world.floor_map import FloorMap, floor_map_of, load_map
 from ballbot_ros.viewer.address import address_line, network_warning, require_viser
-from ballbot_ros.viewer.live_controls import PageSticks, carry_out
+from ballbot_ros.viewer.live_controls import PageSticks
 from ballbot_ros.viewer.overlay import Hold
 from ballbot_ros.viewer.plots import offered_kinds, plot_data
 from ballbot_ros.viewer.run_activity import REPORT, RealTimeFactor, RunActivity, RunReport
@@ -113,7 +113,9 @@ class Viewer(BallbotNode[ViewerParameters]):
         self._drag = DragPush(ForceArrow(self._page.server.scene, 'drag'), self._requests.push)
         self._show_robot(self._page.dimensions)
         self._sticks = PageSticks()
-        self._controls = LiveControls(self._page.server.gui, self._requests, scenario_names())
+        self._controls = LiveControls(
+            self._page.server.gui, self._requests.start, self._requests.push, scenario_names()
+        )
         sliders = TuningSliders(self._page.server.gui)
         self._tuning = TuningRequests(self, self._page.notify, sliders)
         self._newest = LatestMessages(self, _SHOWN)
@@ -173,7 +175,7 @@ class Viewer(BallbotNode[ViewerParameters]):
             if isinstance(request, Hold):
                 self._sticks.hold(request)
             else:
-                carry_out(request, activity, self._requests)
+                self._requests.carry_out(request, activity)
 
     def _clear(self) -> None:
         """Show nothing of the run before."""

@@ -24,6 +24,8 @@ from ballbot_ros.recording.messages.participation import decode_announcement
 from ballbot_ros.recording.messages.run_reports import decode_parameter_event
 from ballbot_ros.recording.messages.topics import HISTORY, PARAMETER_EVENTS, PARTICIPANTS, PUSH, RUN
 from ballbot_ros.robot.plant.ground_truth import Pair
+from ballbot_ros.viewer.overlay import ChooseRate, Press, Request
+from ballbot_ros.viewer.run_activity import PAUSE, RATES, RESET, STEP, RunActivity
 from ballbot_ros.viewer.tuning_sliders import Numbers, Tunable
 
 if TYPE_CHECKING:
@@ -98,27 +100,21 @@ class ViewerRequests:
         if client is None or not send(client, request, on_response):
             self._notify(f'{name}: service not available')
 
-    def pause(self, pause: bool) -> None:
-        """Pause the plant, or resume."""
-        self._waiting.put(lambda: self._call(f'{PLANT}/pause', SetBool.Request(data=pause)))
+    def carry_out(self, request: Request, activity: RunActivity) -> None:
+        """Ask the plant for what is requested, during this activity; other requests do nothing."""
+        match request:
+            case Press(name) if name == PAUSE:
+                pause = SetBool.Request(data=not activity.is_paused)
+                self._waiting.put(lambda: self._call(f'{PLANT}/pause', pause))
+            case Press(name) if name in (STEP, RESET):
+                self._waiting.put(lambda: self._call(f'{PLANT}/{name}', Trigger.Request()))
+            case ChooseRate(rate) if rate in RATES:
+                setting = parameter_setting('real_time_factor', RATES[rate])
+                self._waiting.put(lambda: self._set_in_plant(setting))
 
-    def step(self) -> None:
-        """Run one tick of a paused plant."""
-        self._waiting.put(lambda: self._call(f'{PLANT}/step', Trigger.Request()))
-
-    def reset(self) -> None:
-        """Begin a new run."""
-        self._waiting.put(lambda: self._call(f'{PLANT}/reset', Trigger.Request()))
-
-    def set_real_time_factor(self, factor: float) -> None:
-        """Set the real-time factor; 0 is as fast as possible."""
-        request = parameter_setting('real_time_factor', factor)
-
-        def send() -> None:
-            client = self._plant_parameters.find(SetParameters)
-            self._send(client, PARAMETERS_OF_PLANT, request, self._notify_refusal)
-
-        self._waiting.put(send)
+    def _set_in_plant(self, setting: SetParameters.Request) -> None:
+        client = self._plant_parameters.find(SetParameters)
+        self._send(client, PARAMETERS_OF_PLANT, setting, self._notify_refusal)
 
     def _notify_refusal(self, response: SetParameters.Response) -> None:
         for result in response.results:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import viser
@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from viser import SceneNodeDragEvent
 
 from ballbot_ros.robot.plant.ground_truth import Pair
-from ballbot_ros.viewer.overlay import MAX_HELD, ChooseRate, Hold, Press, Request
-from ballbot_ros.viewer.run_activity import PAUSE, RATES, RESET, STEP, RunActivity
+from ballbot_ros.viewer.overlay import MAX_HELD, Hold
 from ballbot_ros.viewer.shapes import NEWTONS_PER_METRE, ForceArrow, Point
 
 MIN_FORCE, MAX_FORCE = 0.1, 3.0
@@ -138,45 +137,39 @@ DIRECTIONS: dict[str, Pair] = {
 """Forward and rightward for each direction, in plane signs."""
 
 
-class PlantControls(Protocol):
-    """What a page can ask of the plant; called from the page's threads."""
-
-    def pause(self, pause: bool) -> None:
-        """Pause the plant, or resume."""
-
-    def step(self) -> None:
-        """Run one tick of a paused plant."""
-
-    def reset(self) -> None:
-        """Begin a new run."""
-
-    def set_real_time_factor(self, factor: float) -> None:
-        """Set the real-time factor; 0 is as fast as possible."""
-
-    def push(self, force: Pair) -> None:
-        """Push the body with a force [N] in plane signs."""
-
-    def start(self, scenario: str) -> None:
-        """End the run, and start one of another scenario."""
-
-
 class LiveControls:
-    """The controls of a live page; `scenarios` are the choices for the next run."""
+    """The controls of a live page.
 
-    def __init__(self, gui: viser.GuiApi, plant: PlantControls, scenarios: Sequence[str]) -> None:
+    Parameters
+    ----------
+    start : callable
+        Ends the run, and starts one of another scenario; called from the page's threads.
+    push : callable
+        Pushes the body with a force [N] in plane signs; called from the page's threads.
+    scenarios : sequence of str
+        The choices for the next run.
+    """
+
+    def __init__(
+        self,
+        gui: viser.GuiApi,
+        start: Callable[[str], None],
+        push: Callable[[Pair], None],
+        scenarios: Sequence[str],
+    ) -> None:
         self._chooser = gui.add_folder('Scenario', order=1.5, visible=False)
         with self._chooser:
             self._next: Any = gui.add_dropdown('Next', tuple(scenarios))
-            self._on_press(gui.add_button('Start'), lambda _: plant.start(self._next.value))
+            self._on_press(gui.add_button('Start'), lambda _: start(self._next.value))
         with gui.add_folder('Push', order=2.0, expand_by_default=False):
             size = gui.add_slider('Force [N]', MIN_FORCE, MAX_FORCE, 0.1, 1.0)
-            push = gui.add_button_group('Direction', tuple(DIRECTIONS))
+            directions = gui.add_button_group('Direction', tuple(DIRECTIONS))
 
             def give(name: str) -> None:
                 x, y = DIRECTIONS[name]
-                plant.push((x * size.value, y * size.value))
+                push((x * size.value, y * size.value))
 
-            self._on_press(push, give)
+            self._on_press(directions, give)
 
     def offer_scenarios(self, *, offer: bool) -> None:
         """Show the choice of the next scenario, or hide it."""
@@ -196,16 +189,3 @@ class LiveControls:
             act(buttons.value)
 
         buttons.on_click(on_click)
-
-
-def carry_out(request: Request, activity: RunActivity, plant: PlantControls) -> None:
-    """Ask the plant for what is requested, during this activity; other requests do nothing."""
-    match request:
-        case Press(name) if name == PAUSE:
-            plant.pause(not activity.is_paused)
-        case Press(name) if name == STEP:
-            plant.step()
-        case Press(name) if name == RESET:
-            plant.reset()
-        case ChooseRate(rate) if rate in RATES:
-            plant.set_real_time_factor(RATES[rate])

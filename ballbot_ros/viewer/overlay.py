@@ -226,10 +226,13 @@ class Overlay:
             async for text in connection:
                 if text == _DRAWN:
                     self._drawn.add(client)
-                elif may_steer and isinstance(text, str):
-                    if request := parse_request(text, page, time.monotonic()):
-                        with contextlib.suppress(queue.Full):
-                            self._requests.put_nowait(request)
+                elif (
+                    may_steer
+                    and isinstance(text, str)
+                    and (request := parse_request(text, page, time.monotonic()))
+                ):
+                    with contextlib.suppress(queue.Full):
+                        self._requests.put_nowait(request)
         finally:
             self._clients.discard(client)
             self._drawn.discard(client)

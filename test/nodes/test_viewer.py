@@ -190,7 +190,9 @@ class EmptyViewer:
                 send_queued=act('sent'),
                 lost_plant=False,
                 forget_plant=act('another plant'),
-                pause=lambda is_paused: self.done.append(f'pause {is_paused}'),
+                carry_out=lambda request, activity: self.done.append(
+                    f'{request.name}, paused: {activity.is_paused}'
+                ),
             ),
             _robot=SimpleNamespace(hide=act('robot')),
             _show_plots=act('plots'),
@@ -233,11 +235,11 @@ def test_a_run_that_waits_for_its_start_begins_when_a_page_has_drawn_the_robot()
 
 
 def test_the_requests_of_a_page_reach_stick_and_plant():
-    """A press on Pause pauses or resumes, by the newest report about the run."""
+    """A press is carried out during what the newest report about the run says."""
     for report, done in (
-        (None, ['pause True', 'hold']),
-        (PlantReport('1 a', is_paused=True), ['pause False', 'hold']),
-        (PlantReport('1 b', is_paused=True), ['pause True', 'hold']),
+        (None, ['pause, paused: False', 'hold']),
+        (PlantReport('1 a', is_paused=True), ['pause, paused: True', 'hold']),
+        (PlantReport('1 b', is_paused=True), ['pause, paused: False', 'hold']),
     ):
         viewer = EmptyViewer(report=report, requests=(Press(PAUSE), Hold(0, 1.0, 0.0, 0.0)))
         assert viewer.update() == done, report

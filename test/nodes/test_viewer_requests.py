@@ -18,9 +18,14 @@ from ballbot_ros.nodes.endpoints import TopicPublisher, reliable_qos
 from ballbot_ros.nodes.viewer_requests import ViewerRequests
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.recording.messages.conversions import encode_push
+from ballbot_ros.recording.messages.run_reports import PlantReport
 from ballbot_ros.recording.messages.topics import PUSH, RUN
+from ballbot_ros.viewer.overlay import ChooseRate, Press, Seek
+from ballbot_ros.viewer.run_activity import PAUSE, RESET, STEP, RunActivity
 
 pytestmark = pytest.mark.graph
+
+HALF_SPEED = ChooseRate('0.5×')
 
 
 def test_a_plant_of_any_name_is_queried_until_it_answers(domain):
@@ -55,7 +60,7 @@ def test_a_player_announces_runs_but_has_no_parameters_of_a_plant(domain):
             return found and found.service_is_ready()
 
         client.spin_until(is_found)
-        requests.set_real_time_factor(0.5)
+        requests.carry_out(HALF_SPEED, RunActivity())
         client.spin_until(lambda: requests.send_queued() or told)
         assert told[0].startswith('parameters of plant_sim: ')
         requests.plant_parameters(['scenario', 'use_sim_time'], answers.append)
@@ -196,21 +201,27 @@ def test_each_request_is_sent_in_its_turn_to_its_service():
     assert not requests.can_start
     node.ready |= {'supervisor/start', '/plant_sim/set_parameters'}
     assert requests.can_start
-    requests.pause(True)
-    requests.step()
-    requests.reset()
+    paused = RunActivity(report=PlantReport('1 a', is_paused=True))
+    for request, activity in (
+        (Press(PAUSE), RunActivity()), (Press(PAUSE), paused), (Press(STEP), paused),
+        (Press(RESET), RunActivity()), (Press('x'), RunActivity()), (ChooseRate('x'), paused),
+        (Seek(1.0), paused),
+    ):  # fmt: skip
+        requests.carry_out(request, activity)
     requests.push((1.0, 0.0))
-    requests.set_real_time_factor(0.5)
+    requests.carry_out(HALF_SPEED, RunActivity())
     assert sent == []
     requests.send_queued()
     assert sent == [
-        SetBool.Request(data=True), Trigger.Request(), Trigger.Request(),
-        (PUSH, encode_push(8, (1.0, 0.0))),
+        SetBool.Request(data=True), SetBool.Request(data=False), Trigger.Request(),
+        Trigger.Request(), (PUSH, encode_push(8, (1.0, 0.0))),
     ]  # fmt: skip
     assert told == ['parameters of plant_sim: service not available']
     node.plant = 'plant_sim'
-    requests.set_real_time_factor(0.5)
+    requests.carry_out(HALF_SPEED, RunActivity())
+    requests.carry_out(ChooseRate('max'), RunActivity())
     requests.send_queued()
+    assert sent.pop().parameters[0].value.double_value == 0.0
     (parameter,) = sent[-1].parameters
     assert (parameter.name, parameter.value.double_value) == ('real_time_factor', 0.5)
     results = [SetParametersResult(successful=False, reason='too slow'),
@@ -218,6 +229,6 @@ def test_each_request_is_sent_in_its_turn_to_its_service():
     node.called[-1](SimpleNamespace(result=lambda: SetParameters.Response(results=results)))
     assert told[1:] == ['parameters of plant_sim: too slow']
     node.ready = set()
-    requests.reset()
+    requests.carry_out(Press(RESET), RunActivity())
     requests.send_queued()
     assert told[2:] == ['plant_sim/reset: service not available']

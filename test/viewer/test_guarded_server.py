@@ -76,7 +76,9 @@ class Served:
             Dimensions.from_parameters(ParameterSet().of(ViewerParameters)), 'test', '127.0.0.1', 0
         )
         self.server = self.page.server
-        self.controls = LiveControls(self.server.gui, self.robot, ['push', 'square'])
+        self.controls = LiveControls(
+            self.server.gui, self.robot.start, self.robot.push, ['push', 'square']
+        )
         self.controls.offer_scenarios(offer=True)
         ScenePanel(self.server.gui).show(Snapshot(0.0, (0.0, 0.0), (0.0, 0.0)))
         self.address = self.page.address

@@ -17,7 +17,7 @@ def page():
 
 def test_clicks_reach_the_robot_in_their_order(page):
     robot = StubRobot()
-    LiveControls(page.server.gui, robot, ['push'])
+    LiveControls(page.server.gui, robot.start, robot.push, ['push'])
     inputs = {each.label: each for each in page.server.gui._gui_input_handle_from_uuid.values()}
     clicks = [(inputs['Direction'], name) for name in ('forward', 'left', 'left', 'back')] * 50
     receive(page.server, *clicks)

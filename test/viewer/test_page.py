@@ -403,7 +403,9 @@ def test_a_browser_that_stops_reading_does_not_block_others(recording, monkeypat
 def test_scenarios_are_offered_where_they_can_be_started(recording):
     page = Page(PlaybackRun(recording).dimensions, 'test', '127.0.0.1', 0)
     robot = StubRobot()
-    controls = LiveControls(page.server.gui, robot, ['push', 'square', 'stationary'])
+    controls = LiveControls(
+        page.server.gui, robot.start, robot.push, ['push', 'square', 'stationary']
+    )
     ScenePanel(page.server.gui).show(Snapshot(0.0, (0.0, 0.0), (0.0, 0.0)))
     with browsing(page.address) as browser:
         assert browser.page.get_by_role('button', name='Start', exact=True).count() == 0

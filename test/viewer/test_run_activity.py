@@ -3,13 +3,11 @@
 from dataclasses import replace
 
 import pytest
-from browsing import StubRobot
 
 from ballbot_ros.analysis.metrics import Judgement
 from ballbot_ros.engine.scenario.scenario import Expectation
 from ballbot_ros.recording.messages.run_reports import PlantReport
-from ballbot_ros.viewer.live_controls import carry_out
-from ballbot_ros.viewer.overlay import Banner, BannerKind, ChooseRate, Press, Seek
+from ballbot_ros.viewer.overlay import Banner, BannerKind
 from ballbot_ros.viewer.run_activity import (
     PAUSE,
     RATES,
@@ -124,6 +122,7 @@ def test_buttons_and_speed_show_what_is_in_effect():
     assert not any(each.is_pressed for each in overlay.buttons)
     assert overlay.rate == '', 'none of the choices'
     assert running(pace=0.0).overlay.rate == 'max'
+    assert RATES['0.1×'] == 0.1
     assert overlay.can_drive
 
 
@@ -135,27 +134,6 @@ def test_what_has_ended_can_not_be_controlled():
     ):
         overlay = activity.overlay
         assert (overlay.buttons, overlay.rates, overlay.can_drive) == ((), (), False), activity
-
-
-def test_each_request_of_the_bar_reaches_the_plant():
-    robot = StubRobot()
-    for request, activity in (
-        (Press(PAUSE), running()),
-        (Press(PAUSE), running(is_paused=True)),
-        (Press(STEP), running()),
-        (Press(RESET), running()),
-        (ChooseRate('max'), running()),
-        (ChooseRate('0.5×'), running()),
-        (Press('x'), running()),
-        (ChooseRate('x'), running()),
-        (Seek(1.0), running()),
-    ):
-        carry_out(request, activity, robot)
-    assert robot.asked == [
-        ('pause', True), ('pause', False), ('step',), ('reset',),
-        ('set_real_time_factor', 0.0), ('set_real_time_factor', 0.5),
-    ]  # fmt: skip
-    assert RATES['0.1×'] == 0.1
 
 
 def test_a_session_survives_its_encoding():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -144,6 +144,16 @@ SHAPES = {'box': 1, 'sphere': 2, 'cylinder': 3, 'line': 4, 'text': 9, 'triangles
 """Marker types: CUBE, SPHERE, CYLINDER, LINE_STRIP, TEXT_VIEW_FACING, TRIANGLE_LIST."""
 
 
+_SCALES: Mapping[str, Callable[[Sequence[float]], Sequence[float]]] = {
+    'box': lambda size: size,
+    'cylinder': lambda size: (2.0 * size[0], 2.0 * size[0], size[1]),
+    'sphere': lambda size: (2.0 * size[0],) * 3,
+    'line': lambda size: (size[0], 0.0, 0.0),
+    'text': lambda size: (0.0, 0.0, size[0]),
+    'triangles': lambda size: (1.0, 1.0, 1.0),
+}
+
+
 def fill_marker(
     message: Any,
     namespace: str,
@@ -167,19 +177,7 @@ def fill_marker(
     """
     message.ns, message.id, message.type = namespace, number, SHAPES[shape]
     message.action = ADD
-    if shape == 'box':
-        scale = tuple(size)
-    elif shape == 'cylinder':
-        scale = (2.0 * size[0], 2.0 * size[0], size[1])
-    elif shape == 'sphere':
-        scale = (2.0 * size[0],) * 3
-    elif shape == 'line':
-        scale = (size[0], 0.0, 0.0)
-    elif shape == 'text':
-        scale = (0.0, 0.0, size[0])
-    else:
-        scale = (1.0, 1.0, 1.0)
-    message.scale.x, message.scale.y, message.scale.z = scale
+    message.scale.x, message.scale.y, message.scale.z = _SCALES[shape](size)
     red, green, blue = (channel / 255.0 for channel in colour)
     message.color.r, message.color.g, message.color.b = red, green, blue
     message.color.a = opacity
