@@ -15,7 +15,6 @@ from ballbot_ros.analysis.assessment import (
     PropertyResult,
     shown_metrics,
 )
-from ballbot_ros.analysis.extraction import Status
 from ballbot_ros.analysis.figure_parts import csv_text
 from ballbot_ros.analysis.interactive import MISSING, InteractiveFigures, interactive_figures
 from ballbot_ros.analysis.limit_cycle import render_spectrum
@@ -171,7 +170,10 @@ def report_page(
             {
                 'name': name,
                 'message': status.message,
-                'content': _diagnostics_text(status),
+                # Leave out the file's path, which is private to its machine.
+                'content': ', '.join(
+                    f'{key} {value}' for key, value in status.values if key != 'file'
+                ),
             }
             for name, status in statuses.items()
         ],
@@ -183,11 +185,6 @@ def report_page(
         ],
         versions=run.attached.versions,
     )
-
-
-def _diagnostics_text(status: Status) -> str:
-    # Leave out the file's path, which is private to its machine.
-    return ', '.join(f'{key} {value}' for key, value in status.values if key != 'file')
 
 
 def banner(run: RunData) -> list[str]:

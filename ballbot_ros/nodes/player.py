@@ -63,7 +63,7 @@ class Player(BallbotNode[PlayerParameters]):
             for name, type_name in topics.items()
             if (publisher := self._publisher(name, type_name)) is not None
         }
-        self._made_clock = None
+        self._made_clock: TopicPublisher | None = None
         if not chosen and CLOCK.name not in topics:
             self._made_clock = self.output(CLOCK)
         self._owned_clocks = int(CLOCK.name in self._outputs or self._made_clock is not None)
@@ -99,20 +99,15 @@ class Player(BallbotNode[PlayerParameters]):
             if topic in self._outputs and not self._is_derived_elsewhere(topic):
                 self._outputs[topic].publish(data)
             self.count_sample(stamp_ns)
-        if self._made_clock:
-            self._make_clock(self._made_clock)
+        if self._made_clock and self.playback.now_ns != self._clock_ns:
+            self._clock_ns = self.playback.now_ns
+            self._made_clock.publish(encode_clock(self._clock_ns))
         if self.playback.finished:
             self.finish()
 
     def _is_derived_elsewhere(self, topic: str) -> bool:
         """Return whether another node publishes a topic that is derived in the recording."""
         return topic in self._derived and self.count_publishers(topic) > 1
-
-    def _make_clock(self, output: TopicPublisher) -> None:
-        """Publish ``/clock`` if the time has changed."""
-        if self.playback.now_ns != self._clock_ns:
-            self._clock_ns = self.playback.now_ns
-            output.publish(encode_clock(self._clock_ns))
 
     def _watch(self) -> None:
         """End if a plant or another player appears in the domain."""

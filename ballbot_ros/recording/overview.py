@@ -10,7 +10,7 @@ from ballbot_ros.recording.reader import RecordingReader
 
 @dataclass
 class TopicOverview:
-    """Statistics of a topic's messages.
+    """Statistics of messages, such as those of a topic.
 
     Attributes
     ----------

@@ -19,6 +19,7 @@ from mcap.writer import MCAP0_MAGIC
 from ballbot_ros.errors import RecordingError
 from ballbot_ros.process import ProgressCallback
 from ballbot_ros.recording.mcap_records import MESSAGE, LimitedReader, LimitError
+from ballbot_ros.recording.overview import TopicOverview
 from ballbot_ros.recording.reader import DAMAGE, RecordingReader, summary_holds
 from ballbot_ros.recording.rosbag2 import METADATA_NAME, RecordedTopic
 from ballbot_ros.recording.writer import RecordingWriter
@@ -266,20 +267,6 @@ def _copy(salvage: Salvage, writer: RecordingWriter, progress: Callable[[int], N
         progress(place)
 
 
-@dataclass
-class _Messages:
-    """Number and stamps [ns] of messages."""
-
-    count: int = 0
-    oldest_ns: int = 2**63
-    newest_ns: int = -1
-
-    def add(self, stamp_ns: int) -> None:
-        self.count += 1
-        self.oldest_ns = min(self.oldest_ns, stamp_ns)
-        self.newest_ns = max(self.newest_ns, stamp_ns)
-
-
 class _Survey:
     """A first pass over the file: the damaged parts, and the messages before and behind the first.
 
@@ -288,7 +275,7 @@ class _Survey:
 
     def __init__(self, salvage: Salvage, progress: Callable[[int], None]) -> None:
         self.damage: list[Damage] = []
-        self.before, self.behind = _Messages(), _Messages()
+        self.before, self.behind = TopicOverview(''), TopicOverview('')
         self._without_topic = 0
         self._total = 0
         channels: set[int] = set()
@@ -309,10 +296,10 @@ class _Survey:
     def describe(self, salvage: Salvage, corruption: str | None) -> str:
         """Return where the file is damaged, what is kept and what is lost."""
         kept = f'{self.before.count} messages'
-        if self.before.count:
-            kept += f' up to {self.before.newest_ns * 1e-9:.3f} s'
-        if self.behind.count:
-            kept += f' and {self.behind.count} from {self.behind.oldest_ns * 1e-9:.3f} s on'
+        if self.before.last_ns is not None:
+            kept += f' up to {self.before.last_ns * 1e-9:.3f} s'
+        if self.behind.first_ns is not None:
+            kept += f' and {self.behind.count} from {self.behind.first_ns * 1e-9:.3f} s on'
         parts = [self._places(salvage, corruption), f'{kept} kept']
         if self._without_topic:
             parts.append(f'{self._without_topic} left out, because their topic is lost')

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import viser
-from numpy.typing import NDArray
 from viser import SceneNodeDragEvent
 
 from ballbot_ros.robot.plant.ground_truth import Pair
@@ -22,32 +21,25 @@ _STEEP = math.sin(math.radians(12.0))
 """Slope from which a line of sight meets the horizontal plane near enough."""
 
 
-def _drag_vector(eye: Point, grip: Point, pointer: Point) -> NDArray[np.float64]:
-    """Return how far a drag pulls the robot horizontally, x, y in ``map`` [m].
+def drag_force(eye: Point, grip: Point, pointer: Point) -> Pair:
+    """Return the force of a drag in plane signs [N], at most :data:`MAX_FORCE`.
+
+    It is horizontal, and proportional to how far the drag pulls the robot.
 
     Parameters
     ----------
     eye, grip : sequence of float
-        Position of the camera, and of the dragged point.
+        Position of the camera, and of the dragged point, in ``map`` [m].
     pointer : sequence of float
         A point under the pointer, on the plane through `grip` that faces the camera.
     """
     eye, grip, pointer = (np.asarray(point, float) for point in (eye, grip, pointer))
-    sight = pointer - eye
-    length = float(np.linalg.norm(sight))
-    if sight[2] * (grip[2] - eye[2]) > 0.0 and abs(sight[2]) > _STEEP * length:
-        pointer = eye + sight * ((grip[2] - eye[2]) / sight[2])
-    pull: NDArray[np.float64] = (pointer - grip)[:2]
-    return pull
-
-
-def drag_force(eye: Point, grip: Point, pointer: Point) -> Pair:
-    """Return the force of a drag in plane signs [N], at most :data:`MAX_FORCE`.
-
-    The points are as in `_drag_vector`.
-    """
     with np.errstate(all='ignore'):  # a page may send any numbers
-        force = NEWTONS_PER_METRE * _drag_vector(eye, grip, pointer)
+        sight = pointer - eye
+        length = float(np.linalg.norm(sight))
+        if sight[2] * (grip[2] - eye[2]) > 0.0 and abs(sight[2]) > _STEEP * length:
+            pointer = eye + sight * ((grip[2] - eye[2]) / sight[2])
+        force = NEWTONS_PER_METRE * (pointer - grip)[:2]
         size = float(np.linalg.norm(force))
     if not math.isfinite(size):
         return 0.0, 0.0

@@ -279,7 +279,6 @@ class RecordingPage:
             run, is_still = self._runs[0], not self.clock.is_playing
             until_us, interrupt_us = run.clock_us(time), run.interrupt_us
             self._processor.show(run.jobs if is_still else None, until_us, time, interrupt_us)
-            self._plots.update(self._plot)
-
-    def _plot(self, kind: PlotKind) -> PlotData:
-        return self._topics.plot(kind) or recorded_plot(kind, self._runs)
+            self._plots.update(
+                lambda kind: self._topics.plot(kind) or recorded_plot(kind, self._runs)
+            )

@@ -209,7 +209,11 @@ class RunActivity:
         assert self.report is not None
         return OverlayState(
             banner=self._banner,
-            buttons=_buttons(is_paused=self.is_paused),
+            buttons=(
+                Button(PAUSE, 'Pause', ' ', 'Pause, or resume', is_pressed=self.is_paused),
+                Button(STEP, 'Step', '.', 'Run one tick of a paused plant'),
+                Button(RESET, 'Reset', 'r', 'Begin a new run'),
+            ),
             rates=tuple(RATES),
             rate=next((name for name, pace in RATES.items() if pace == self.report.pace), ''),
             can_drive=True,
@@ -284,14 +288,6 @@ def _value_text(judgement: Judgement) -> str:
     name, unit = label(judgement.expectation.metric)
     value = '–' if math.isnan(judgement.value) else f'{judgement.value:.3f} {unit}'
     return f'{name} {value}'.rstrip()
-
-
-def _buttons(*, is_paused: bool) -> tuple[Button, ...]:
-    return (
-        Button(PAUSE, 'Pause', ' ', 'Pause, or resume', is_pressed=is_paused),
-        Button(STEP, 'Step', '.', 'Run one tick of a paused plant'),
-        Button(RESET, 'Reset', 'r', 'Begin a new run'),
-    )
 
 
 class RunReport:

@@ -198,13 +198,10 @@ class MessageLayout:
         With a column instead of each number, return the messages with those of each row.
         """
         if isinstance(stamp_ns, np.ndarray):
-            return self._encode_rows(stamp_ns, *numbers)
+            columns = (*divmod(stamp_ns, SECOND_NS), *numbers)
+            return fill(self._template, self._row, len(stamp_ns), columns)
         parts = self._constants + divmod(stamp_ns, SECOND_NS) + numbers
         return self._pack(*self._interleave(parts))
-
-    def _encode_rows(self, stamps_ns: Stamps, *columns: Floats) -> Messages:
-        numbers = (*divmod(stamps_ns, SECOND_NS), *columns)
-        return fill(self._template, self._row, len(stamps_ns), numbers)
 
     def decode(self, data: bytes) -> tuple[float, ...]:
         """Return the numbers of a message, also of one with other constants or another layout.
