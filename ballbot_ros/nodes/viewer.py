@@ -110,7 +110,8 @@ class Viewer(BallbotNode[ViewerParameters]):
         self._start = StartRequest(self)
         self._report = RunReport()
         self._page.server.serve_document(REPORT, self._report_page)
-        self._drag = DragPush(ForceArrow(self._page.server.scene, 'drag'), self._requests.push)
+        arrow = ForceArrow(self._page.server.scene, 'drag', with_size=True)
+        self._drag = DragPush(arrow, self._requests.push)
         self._show_robot(self._page.dimensions)
         self._sticks = PageSticks()
         self._controls = LiveControls(

@@ -41,7 +41,7 @@ from ballbot_ros.viewer.robot import (
     wheel_centres,
     wxyz,
 )
-from ballbot_ros.viewer.shapes import Arrow, Points, Trail, force_vector, line_mesh
+from ballbot_ros.viewer.shapes import ForceArrow, Points, Trail, line_mesh
 from ballbot_ros.viewer.snapshot import Snapshot
 from ballbot_ros.viewer.views import RollingOrientation, body_rotation
 
@@ -233,7 +233,7 @@ class DrawnRobot:
         self._add_meshes(api, paths, ghost=ghost)
         self._cone = self._display = self._force = self._heading = None
         if not ghost:
-            self._force = Arrow(api, f'{name}/force', colours.FORCE)
+            self._force = ForceArrow(api, f'{name}/force', with_size=False)
             self._heading = api.add_mesh_simple(
                 f'/{name}/heading', *shapes.flat_arrow(), color=colours.HEADING,
                 opacity=colours.HEADING_OPACITY, scale=HEADING_LENGTH, cast_shadow=False,
@@ -306,14 +306,14 @@ class DrawnRobot:
         self._root.visible = False
         self.show_trail([])
 
-    def _show_force(self, arrow: Arrow, ball: NDArray[np.float64], snapshot: Snapshot) -> None:
+    def _show_force(self, arrow: ForceArrow, ball: NDArray[np.float64], snapshot: Snapshot) -> None:
         """Show the force of the pushes at the side of the body to which it points."""
         x, y = snapshot.force
         if not 0.0 < math.hypot(x, y) < math.inf:
             arrow.hide()
             return
         at = body_rotation(snapshot.psi).apply(grip(self._dimensions, (x, -y)))
-        arrow.show(ball + at, force_vector(snapshot.force))
+        arrow.show(ball + at, snapshot.force)
 
     def show_trail(self, points: Points) -> None:
         """Show the trail."""
