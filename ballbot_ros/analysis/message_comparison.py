@@ -6,6 +6,7 @@ import math
 import struct
 from collections.abc import Iterable, Sequence
 from dataclasses import fields, is_dataclass
+from itertools import repeat
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -83,33 +84,24 @@ class _Waiting:
 
     Attributes
     ----------
-    stamps_ns, data : list
-        Stamps of the ticks [ns], and messages.
+    moments, data : list
+        Epochs and stamps of the ticks [ns], and messages.
     """
 
     def __init__(self) -> None:
-        self.stamps_ns: list[int] = []
+        self.moments: list[tuple[int, int]] = []
         self.data: list[bytes] = []
-        self._epochs: list[int] = []
-
-    def __len__(self) -> int:
-        """Return the number of messages."""
-        return len(self.data)
 
     def extend(self, epoch: int, stamps_ns: Sequence[int], data: Sequence[bytes]) -> None:
-        self.stamps_ns += stamps_ns
+        self.moments += zip(repeat(epoch), stamps_ns)
         self.data += data
-        self._epochs += [epoch] * len(data)
-
-    def moment(self, at: int) -> tuple[int, int]:
-        """Return epoch and stamp [ns] of a message."""
-        return self._epochs[at], self.stamps_ns[at]
 
     def difference(self, at: int, topic: Topic, what: str) -> MessageDifference:
-        return MessageDifference(self.stamps_ns[at], topic.name, what, self._epochs[at])
+        epoch, stamp_ns = self.moments[at]
+        return MessageDifference(stamp_ns, topic.name, what, epoch)
 
     def drop(self, count: int) -> None:
-        del self.stamps_ns[:count], self.data[:count], self._epochs[:count]
+        del self.moments[:count], self.data[:count]
 
 
 class _Pairs:
@@ -138,7 +130,7 @@ class _Pairs:
     def compare(self) -> int:
         """Compare what has its counterpart; return the number of all compared messages."""
         recorded, replayed = self.recorded, self.replayed
-        count = min(len(recorded), len(replayed))
+        count = min(len(recorded.data), len(replayed.data))
         if self.first is None and recorded.data[:count] != replayed.data[:count]:
             differences = map(self._difference, range(count))
             self.first = next(filter(None, differences), None)
@@ -150,7 +142,7 @@ class _Pairs:
     def unpaired(self) -> MessageDifference | None:
         """Return the first message without a counterpart, after :meth:`compare`."""
         for waiting, text in ((self.recorded, _EXTRA), (self.replayed, _MISSING)):
-            if len(waiting):
+            if waiting.data:
                 return waiting.difference(0, self._topic, text)
         return None
 
@@ -159,8 +151,8 @@ class _Pairs:
         recorded, replayed = self.recorded, self.replayed
         if recorded.data[at] == replayed.data[at]:
             return None
-        if self._is_stamped and recorded.moment(at) != replayed.moment(at):
-            is_extra = recorded.moment(at) < replayed.moment(at)
+        if self._is_stamped and recorded.moments[at] != replayed.moments[at]:
+            is_extra = recorded.moments[at] < replayed.moments[at]
             earlier, text = (recorded, _EXTRA) if is_extra else (replayed, _MISSING)
             return earlier.difference(at, self._topic, text)
         # Compare the content, since padding bytes may differ.

@@ -157,25 +157,21 @@ def command(
 
 def _require_different(recordings: Sequence[Path], checks: Sequence[Path]) -> None:
     """Raise an error if a file is given twice: it would count twice, or check itself."""
-    fitted, checked = _resolved(recordings), _resolved(checks)
-    for path, file in zip(recordings, fitted, strict=True):
-        if fitted.count(file) > 1:
-            raise click.UsageError(f'{path}: is given twice')
-    for path, file in zip(checks, checked, strict=True):
-        if file in fitted:
-            raise click.UsageError(
-                f'--check {path}: is fitted, too; check with a recording that is not'
-            )
-        if checked.count(file) > 1:
-            raise click.UsageError(f'--check {path}: is given twice')
+    options: dict[Path, str] = {}
+    for option, paths in (('', recordings), ('--check ', checks)):
+        for path in paths:
+            file = path.resolve()
+            if options.get(file) == option:
+                raise click.UsageError(f'{option}{path}: is given twice')
+            if file in options:
+                raise click.UsageError(
+                    f'{option}{path}: is fitted, too; check with a recording that is not'
+                )
+            options[file] = option
 
 
 def _is_log(path: Path) -> bool:
     return path.suffix.lower() == '.csv'
-
-
-def _resolved(paths: Sequence[Path]) -> list[Path]:
-    return [path.resolve() for path in paths]
 
 
 def _known(parameter_file: Path | None, assignments: Sequence[str]) -> dict[str, Value]:

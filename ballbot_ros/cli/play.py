@@ -8,7 +8,8 @@ import select
 import sys
 import termios
 import tty
-from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import click
@@ -51,18 +52,20 @@ def _play_file(parameters: PlayerParameters) -> int:
 
         def attend() -> None:
             playback = player.playback
-            for key in terminal.read_keys():
+            for key in _read_keys():
                 press(key)
-            paused = '' if playback.is_playing else '   paused'
-            terminal.show(
-                f'{playback.time:8.2f} / {playback.end:.2f} s   {playback.rate:.2f} ×'
-                f'{"   loop" if playback.is_looping else ""}{paused}'
-            )
+            if sys.stderr.isatty():
+                paused = '' if playback.is_playing else '   paused'
+                sys.stderr.write(
+                    f'\r{playback.time:8.2f} / {playback.end:.2f} s   {playback.rate:.2f} ×'
+                    f'{"   loop" if playback.is_looping else ""}{paused}\x1b[K'
+                )
+                sys.stderr.flush()
 
         player.create_wall_timer(KEYS_S, attend)
         return player
 
-    with _Terminal() as terminal:
+    with _key_by_key():
         return run_node(make)
 
 
@@ -71,34 +74,27 @@ def parse_keys(text: str) -> list[str]:
     return _KEY.findall(text)
 
 
-class _Terminal:
-    """Keys as they are pressed, and a status line."""
-
-    def __enter__(self) -> _Terminal:
-        self._restore: Callable[[], None] = lambda: None
-        if sys.stdin.isatty():
-            file = sys.stdin.fileno()
-            before = termios.tcgetattr(file)
-            self._restore = lambda: termios.tcsetattr(file, termios.TCSADRAIN, before)
-            tty.setcbreak(file, termios.TCSADRAIN)
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._restore()
-        if sys.stdin.isatty() and sys.stderr.isatty():
+@contextmanager
+def _key_by_key() -> Iterator[None]:
+    """Let a terminal give keys as they are pressed; leave the status line at the end."""
+    if not sys.stdin.isatty():
+        yield
+        return
+    before = termios.tcgetattr(sys.stdin)
+    tty.setcbreak(sys.stdin, termios.TCSADRAIN)
+    try:
+        yield
+    finally:
+        termios.tcsetattr(sys.stdin, termios.TCSADRAIN, before)
+        if sys.stderr.isatty():
             sys.stderr.write('\n')
 
-    def read_keys(self) -> list[str]:
-        """Return the keys that were pressed since the last call."""
-        if not select.select([sys.stdin], [], [], 0.0)[0]:
-            return []
-        return parse_keys(os.read(sys.stdin.fileno(), 64).decode(errors='replace'))
 
-    def show(self, text: str) -> None:
-        """Overwrite the status line."""
-        if sys.stderr.isatty():
-            sys.stderr.write(f'\r{text}\x1b[K')
-            sys.stderr.flush()
+def _read_keys() -> list[str]:
+    """Return the keys that were pressed since the last call."""
+    if not select.select([sys.stdin], [], [], 0.0)[0]:
+        return []
+    return parse_keys(os.read(sys.stdin.fileno(), 64).decode(errors='replace'))
 
 
 @click.command('play')
