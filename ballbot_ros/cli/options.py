@@ -143,7 +143,7 @@ def split_at_commas(
     for value in values:
         named = [name for name in value.split(',') if name]
         if not named:
-            raise click.BadParameter(f'{value!r} names nothing', context, parameter)
+            raise click.BadParameter(f'{value!r} names nothing')
         names += named
     return names
 

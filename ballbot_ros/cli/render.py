@@ -31,14 +31,10 @@ def _parse_size(context: click.Context, parameter: click.Parameter, value: str) 
     """Return width and height [px]."""
     found = re.fullmatch(r'(\d{1,9})x(\d{1,9})', value)
     if not found:
-        raise click.BadParameter(
-            f'{value!r} is not a width and a height, such as 960x528', context, parameter
-        )
+        raise click.BadParameter(f'{value!r} is not a width and a height, such as 960x528')
     width, height = int(found[1]), int(found[2])
     if not all(MIN_SIDE <= side <= MAX_SIDE for side in (width, height)):
-        raise click.BadParameter(
-            f'{value}: each side must have {MIN_SIDE} to {MAX_SIDE} pixels', context, parameter
-        )
+        raise click.BadParameter(f'{value}: each side must have {MIN_SIDE} to {MAX_SIDE} pixels')
     return width, height
 
 
@@ -50,15 +46,11 @@ def parse_view(context: click.Context, parameter: click.Parameter, value: str) -
     if len(points) != 2 or None in points:
         raise click.BadParameter(
             f'{value!r} is neither one of {", ".join(VIEWS)} nor a camera and the point it looks '
-            f'at, x,y,z:x,y,z in map [m], such as 1,-1,0.5:0,0,0.1{did_you_mean(value, VIEWS)}',
-            context,
-            parameter,
+            f'at, x,y,z:x,y,z in map [m], such as 1,-1,0.5:0,0,0.1{did_you_mean(value, VIEWS)}'
         )
     position, look_at = filter(None, points)
     if position == look_at:
-        raise click.BadParameter(
-            f'{value}: the camera must not be where it looks', context, parameter
-        )
+        raise click.BadParameter(f'{value}: the camera must not be where it looks')
     return FreeView(position, look_at)
 
 

@@ -8,7 +8,6 @@ from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot_ros.analysis.assessment import judge_recorded_properties
 from ballbot_ros.analysis.recorded_scenario import RecordedPush
@@ -141,29 +140,21 @@ class PlaybackRun:
         x, y = motion.position[tick].tolist()
         psi_x, psi_y = motion.psi[tick].tolist()
         duty_x, duty_y = motion.duty[tick].tolist()
-        sonar, cone_angle = self._newest_sonar(time)
+        sonar = self._run.series.get(SONAR_RANGE)
         w, i, j, k = wxyz(self._ball.at(tick)).tolist()
         return Snapshot(
             time=float(motion.time[tick]),
             position=(x, y),
             psi=(psi_x, psi_y),
             duty=(duty_x, duty_y),
-            sonar=sonar,
-            cone_angle=cone_angle,
-            battery=float(_held(self._run.series.get(BATTERY_STATE), np.array([time]))[0]),
+            sonar=_newest(sonar, time),
+            cone_angle=0.0 if sonar is None else float(sonar.values[0, 1]),  # it is constant
+            battery=_newest(self._run.series.get(BATTERY_STATE), time),
             state=self._run.states[state].name if state >= 0 else '',
             lcd=self._run.pages[page][1] if page >= 0 else '',
             ball=(w, i, j, k),
             force=acting_force(self._forces, time),
         )
-
-    def _newest_sonar(self, time: float) -> tuple[float, float]:
-        """Return the sonar's newest distance [m], and its cone angle [rad], which is constant."""
-        series = self._run.series.get(SONAR_RANGE)
-        if series is None or not len(series.values):
-            return math.nan, 0.0
-        distance = float(_held(series, np.array([time]))[0])
-        return distance, float(series.values[0, 1])
 
     def _tick(self, time: float) -> int:
         # Allow for 1 µs: the times of a slider are less exact than the stamps of ticks.
@@ -237,10 +228,8 @@ def _trail_ticks(position: Floats) -> list[int]:
     return ticks
 
 
-def _held(series: Series | None, times: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the newest sample at each time; NaN if there is none."""
-    if series is None:
-        return np.full(len(times), np.nan)
-    places = np.searchsorted(series.time, times + 1e-6, 'right') - 1
-    values = np.asarray(series.values[places.clip(min=0), 0], np.float64)
-    return np.where(places < 0, np.nan, values)
+def _newest(series: Series | None, time: float) -> float:
+    """Return the newest sample at a time [s]; NaN if there is none."""
+    if series is None or (place := int(np.searchsorted(series.time, time + 1e-6, 'right'))) == 0:
+        return math.nan
+    return float(series.values[place - 1, 0])
