@@ -8,6 +8,8 @@ import shlex
 import shutil
 import stat
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from io import BufferedReader, FileIO, TextIOWrapper
 from pathlib import Path
 from tempfile import TemporaryDirectory, TemporaryFile
@@ -74,6 +76,29 @@ def temporary_folder() -> TemporaryDirectory[str]:
         folder.cleanup()
         raise BallbotError(f'{folder.name!r}: not UTF-8; {remedy}') from None
     return folder
+
+
+@contextmanager
+def replacing(output: Path, kind: type[BallbotError] = BallbotError) -> Iterator[Path]:
+    """Give a path to write to; the file replaces `output` once it is complete.
+
+    Yields
+    ------
+    pathlib.Path
+
+    Raises
+    ------
+    BallbotError
+        Of this kind, if the file can't be written.
+    """
+    try:
+        with TemporaryDirectory(prefix='.ballbot_', dir=output.parent) as folder:
+            unfinished = Path(folder) / output.name
+            yield unfinished
+            unfinished.replace(output)
+    except (OSError, ImportError, ValueError) as error:
+        reason = getattr(error, 'strerror', None) or ' '.join(str(error).split())
+        raise kind(f'{output}: {reason}') from None
 
 
 def write_temporary(path: Path, data: bytes) -> None:

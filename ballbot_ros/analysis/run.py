@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,6 +20,7 @@ from ballbot_ros.analysis.signals import frame_of
 from ballbot_ros.engine.scenario.metrics import METRICS
 from ballbot_ros.engine.trajectory import Trajectory
 from ballbot_ros.errors import BallbotError
+from ballbot_ros.files import replacing
 from ballbot_ros.parameters import DOCUMENTS_PROGRAM
 
 if TYPE_CHECKING:
@@ -195,15 +195,8 @@ class Run:
                 content = content.read_bytes()
             except OSError as error:
                 raise BallbotError(f'{self._recording!s}: {error.strerror}') from None
-        partial = target.with_name(f'.{target.name}.{os.getpid()}')
-        try:
-            partial.write_bytes(content)
-            partial.replace(target)
-        except (OSError, ValueError) as error:
-            with suppress(OSError, ValueError):
-                partial.unlink()
-            reason = error.strerror if isinstance(error, OSError) else error
-            raise BallbotError(f'{target}: {reason}') from None
+        with replacing(target) as unfinished:
+            unfinished.write_bytes(content)
         return target
 
     def _repr_html_(self) -> str:

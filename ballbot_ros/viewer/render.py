@@ -12,7 +12,6 @@ from concurrent.futures import Future
 from dataclasses import dataclass
 from pathlib import Path
 from queue import Queue
-from tempfile import TemporaryDirectory
 from threading import Thread
 
 import imageio_ffmpeg
@@ -22,6 +21,7 @@ import PIL.ImageDraw
 import PIL.ImageFont
 
 from ballbot_ros.errors import ViewerError
+from ballbot_ros.files import replacing
 from ballbot_ros.parameters import Dimensions, PlantParameters
 from ballbot_ros.process import ProgressCallback
 from ballbot_ros.robot.plant.ground_truth import Pair
@@ -71,29 +71,6 @@ FORMATS = {
     '.gif': FilmFormat('gif', 'pal8', 50, options=('-filter_complex', _PALETTE, '-loop', '0')),
 }  # fmt: skip
 """Formats of films by their suffix."""
-
-
-@contextlib.contextmanager
-def replacing(output: Path) -> Iterator[Path]:
-    """Give a path to write to; the file replaces `output` once it is complete.
-
-    Yields
-    ------
-    pathlib.Path
-
-    Raises
-    ------
-    ViewerError
-        If the file can't be written.
-    """
-    try:
-        with TemporaryDirectory(prefix='.ballbot_', dir=output.parent) as folder:
-            unfinished = Path(folder) / output.name
-            yield unfinished
-            unfinished.replace(output)
-    except (OSError, ImportError, ValueError) as error:
-        reason = getattr(error, 'strerror', None) or ' '.join(str(error).split())
-        raise ViewerError(f'{output}: {reason}') from None
 
 
 def write_film(output: Path, images: Iterator[Image], fps: int) -> None:
@@ -259,7 +236,7 @@ class Rendering:
 
     def write_picture(self, output: Path, time: float) -> None:
         """Write a picture at `time` [s]; errors as in :meth:`write_film`."""
-        with replacing(output) as unfinished:
+        with replacing(output, ViewerError) as unfinished:
             image = next(self._images([time], lambda done, total: None))
             PIL.Image.fromarray(image).save(unfinished, optimize=True)
 
@@ -278,7 +255,7 @@ class Rendering:
         ViewerError
             If rendering fails, or the file can't be written.
         """
-        with replacing(output) as unfinished:
+        with replacing(output, ViewerError) as unfinished:
             write_film(unfinished, self._images(excerpt.times(), progress), excerpt.fps)
 
     def _images(self, times: Sequence[float], progress: ProgressCallback) -> Iterator[Image]:

@@ -10,13 +10,13 @@ from browsing import shared_page
 
 from ballbot_ros.cli.render import parse_view
 from ballbot_ros.errors import ViewerError
+from ballbot_ros.files import replacing
 from ballbot_ros.viewer import render
 from ballbot_ros.viewer.playback_run import PlaybackRun
 from ballbot_ros.viewer.render import (
     FORMATS,
     Excerpt,
     Rendering,
-    replacing,
     with_time_stamp,
     write_film,
 )
@@ -147,19 +147,22 @@ def test_a_folder_without_permission_is_named(tmp_path):
     tmp_path.chmod(0o500)
     with (
         pytest.raises(ViewerError, match=r'x.gif: Permission denied$'),
-        replacing(tmp_path / 'x.gif'),
+        replacing(tmp_path / 'x.gif', ViewerError),
     ):
         pass
 
 
 def test_a_missing_folder_is_named(tmp_path):
     expected = r'nowhere/run.gif: No such file or directory$'
-    with pytest.raises(ViewerError, match=expected), replacing(tmp_path / 'nowhere/run.gif'):
+    with (
+        pytest.raises(ViewerError, match=expected),
+        replacing(tmp_path / 'nowhere/run.gif', ViewerError),
+    ):
         pass
 
 
 def test_a_failed_encoder_is_one_line(tmp_path):
-    with pytest.raises(ViewerError) as error, replacing(tmp_path / 'x.mp4') as path:
+    with pytest.raises(ViewerError) as error, replacing(tmp_path / 'x.mp4', ViewerError) as path:
         write_film(path / 'not_a_folder.mp4', iter(np.zeros((2, 32, 32, 3), np.uint8)), 10)
     assert '\n' not in str(error.value)
 
