@@ -306,9 +306,7 @@ _PREDICTED = (
 )
 
 
-def power_density(
-    values: Floats, segment: int, step: float = TICK_S
-) -> tuple[NDArray[Any], NDArray[np.float64]]:
+def power_density(values: Floats, segment: int) -> tuple[NDArray[Any], NDArray[np.float64]]:
     """Return frequencies [Hz] and one-sided power density of each column, by Welch's method.
 
     The means of segments are removed; the segments overlap by half and have a Hann window. The
@@ -318,7 +316,7 @@ def power_density(
     Parameters
     ----------
     values : ndarray, shape (n, k)
-        Samples, one each `step` [s].
+        Samples, one each tick.
     segment : int
         Length of a segment, an even number of samples, at most n.
 
@@ -334,8 +332,8 @@ def power_density(
         part = values[start : start + segment]
         power += np.abs(np.fft.rfft(window * (part - part.mean(axis=0)), axis=0)) ** 2
     power[1:-1] *= 2.0  # those of the negative frequencies; the ends have none
-    power *= step / (len(starts) * np.sum(window**2))
-    return np.fft.rfftfreq(segment, step), power
+    power *= TICK_S / (len(starts) * np.sum(window**2))
+    return np.fft.rfftfreq(segment, TICK_S), power
 
 
 def spectrum_table(run: RunData) -> Table:

@@ -9,7 +9,7 @@ from importlib import import_module
 import click
 
 from ballbot_ros import __version__
-from ballbot_ros.cli.extras import YES, offer
+from ballbot_ros.cli.install import YES, offer
 from ballbot_ros.errors import BallbotError, MissingExtraError, printable, similar
 from ballbot_ros.files import program
 from ballbot_ros.process import STANDARD_OUTPUT, open_standard_streams, prepare_standard_output

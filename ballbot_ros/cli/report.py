@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from ballbot_ros.cli.extras import offer
+from ballbot_ros.cli.install import offer
 from ballbot_ros.cli.options import PATH, RECORDING
 
 

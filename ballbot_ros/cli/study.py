@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from ballbot_ros.cli.extras import offer, require
+from ballbot_ros.cli.install import offer, require
 from ballbot_ros.cli.options import PATH, controller_option, processes_option
 from ballbot_ros.errors import similar
 from ballbot_ros.run.requirements import Processes

@@ -11,7 +11,8 @@ import pytest
 from graph import call
 from packaging.requirements import Requirement
 
-from ballbot_ros.cli import extras, installation
+from ballbot_ros.cli import install as command
+from ballbot_ros.cli import installation
 from ballbot_ros.cli.command import load_command
 from ballbot_ros.cli.installation import CORE_MB, EXTRAS, Downloads, InstallationError, install
 from ballbot_ros.errors import BallbotError
@@ -138,8 +139,8 @@ def lacking(monkeypatch):
     """Let plotly be missing, and record what is installed."""
     installed = []
     monkeypatch.delenv('CI', raising=False)
-    monkeypatch.setattr(extras, 'missing', lambda extra: ['plotly>=5'] if extra == 'report' else [])
-    monkeypatch.setattr(extras, 'install', lambda *words: installed.append(words))
+    monkeypatch.setattr(command, 'missing', lambda name: ['plotly>=5'] * (name == 'report'))
+    monkeypatch.setattr(command, 'install', lambda *words: installed.append(words))
 
     def restart(program, words):
         raise RestartedError(program, words)
@@ -193,8 +194,6 @@ def test_all_is_every_extra_for_users():
 
 
 def test_the_command_lists_and_installs_extras(monkeypatch):
-    from ballbot_ros.cli import install as command
-
     installed = []
     monkeypatch.setattr(command, 'missing', lambda name: ['x>=1'] if name == 'film' else [])
     monkeypatch.setattr(command, 'install', lambda *words: installed.append(words))
