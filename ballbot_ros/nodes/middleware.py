@@ -114,9 +114,6 @@ def living_participants(domain: int) -> list[int]:
     return [number for number, port in enumerate(firsts) if {port, port + to_user} <= bound]
 
 
-_NAME = 'ballbot_ros_participant_{domain}_{namespace}_{role}_{process}_{instance}'
-
-
 class Presence:
     """Shows that a participant lives; the system removes it however its process ends.
 
@@ -143,9 +140,7 @@ def present_nodes(domain: int, namespace: str) -> dict[str, LocalNode]:
 def _name(domain: int, namespace: str, role: str, process: str, instance: str) -> str:
     # The name of a socket has at most 107 bytes, and a namespace may be longer.
     short = hashlib.sha256(namespace.encode()).hexdigest()[:8]
-    return _NAME.format(
-        domain=domain, namespace=short, role=role, process=process, instance=instance
-    )
+    return f'ballbot_ros_participant_{domain}_{short}_{role}_{process}_{instance}'
 
 
 PROFILES = 'FASTRTPS_DEFAULT_PROFILES_FILE'
