@@ -9,6 +9,7 @@ pytest.importorskip('rclpy')
 from rclpy.serialization import serialize_message
 from stubs import bare
 
+from ballbot_ros.lockstep.lockstep import GivenAnswers
 from ballbot_ros.nodes.device_driver import DeviceDriver, messages_of
 from ballbot_ros.parameters import SONAR, SonarParameters
 from ballbot_ros.parameters.timing import FIRST_TICK_NS, TICK_NS
@@ -20,7 +21,8 @@ def test_only_the_sampling_times_of_its_run_are_answered():
     published, counted, ignored = [], [], []
     driver = bare(
         DeviceDriver,
-        _source=messages_of(SonarParameters).source(SonarParameters()),
+        _source=messages_of(SonarParameters).source(SonarParameters(), FIRST_TICK_NS),
+        _answers=GivenAnswers(),
         _period_ns=5 * TICK_NS,
         _participation=SimpleNamespace(includes=lambda now_ns: now_ns >= FIRST_TICK_NS),
         _read=lambda measured, now_ns: 7,

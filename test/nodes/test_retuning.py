@@ -22,6 +22,7 @@ from ballbot_ros.lockstep.run_actions import ParameterChange
 from ballbot_ros.nodes.controller import ControllerNode
 from ballbot_ros.nodes.node_parameters import NEXT_RUN
 from ballbot_ros.parameters import CONTROLLER, ControllerParameters, parameters_of
+from ballbot_ros.parameters.changes import PendingChanges
 from ballbot_ros.parameters.timing import FIRST_TICK_NS, TICK_NS
 from ballbot_ros.recording.messages.conversions import stamp_ns
 from ballbot_ros.recording.messages.topics import (
@@ -149,6 +150,7 @@ def controller(**others):
         _program=program,
         _tasks=BrickTasks(before),
         _program_parameters=before,
+        _changes=PendingChanges(()),
         _is_running=True,
         _gate=SimpleNamespace(newest=lambda name: None),
         _messages=SimpleNamespace(

@@ -47,6 +47,7 @@ def test_each_run_is_recorded_and_replayed_with_its_own_values(
         ('my_encoder_driver', 'delay_jitter', 2),
         ('my_sonar_driver', 'seed', 3),
         ('my_controller', 'seed', 3),
+        ('my_gamepad_teleop', 'seed', 3),
         ('my_controller', 'ts2_period', 4),
         ('ball_plant', 'seed', 3),
         ('ball_plant', 'actuator_delay', 2),

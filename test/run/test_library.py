@@ -381,8 +381,8 @@ def test_the_package_imports_nothing_before_its_first_use():
     before, after, names = json.loads(done.stdout)
     assert (before, after) == ([], [])
     assert names == [
-        'BallbotError', 'Run', '__version__', 'linear_model', 'loop', 'open', 'sampled_loop',
-        'simulate', 'study',
+        'BallbotError', 'Run', '__version__', 'branch', 'linear_model', 'loop', 'open',
+        'sampled_loop', 'simulate', 'study',
     ]  # fmt: skip
     assert 'open' not in bb.__all__  # which `from ballbot_ros import *` would replace
     with pytest.raises(AttributeError, match="module 'ballbot_ros' has no attribute 'nope'"):

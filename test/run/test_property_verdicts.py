@@ -173,5 +173,6 @@ def test_pushes_from_outside_count(good):
     run = read_run(result.recording)
     assert [each.is_external for each in run.pushes] == [False, False]
     assert spec.scenario.events == {
-        'push': [(each.start, pytest.approx(each.end)) for each in run.pushes]
+        'push': [(each.start, pytest.approx(each.end)) for each in run.pushes],
+        'fault': [],
     }

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from ballbot_ros.analysis.figure_parts import Interval, IntervalKind
-from ballbot_ros.analysis.recorded_scenario import RecordedPush
+from ballbot_ros.analysis.recorded_scenario import RecordedAttachments, RecordedPush
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.robot.brick.brick import Tone
 from ballbot_ros.run.library import simulate
@@ -14,7 +14,10 @@ from ballbot_ros.viewer.playback_run import run_marks
 
 
 def run(end=100.0, states=(), pushes=(), wall_hits=(), tones=()):
-    return SimpleNamespace(end=end, states=states, pushes=pushes, wall_hits=wall_hits, tones=tones)
+    return SimpleNamespace(
+        end=end, states=states, pushes=pushes, wall_hits=wall_hits, tones=tones,
+        attached=RecordedAttachments(),
+    )  # fmt: skip
 
 
 def hit(time):
