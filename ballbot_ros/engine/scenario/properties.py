@@ -33,7 +33,7 @@ Events: TypeAlias = Mapping[str, Sequence[tuple[float, float]]]
 
 
 class Course(NamedTuple):
-    """What scopes need to know of a run: its events, of some :data:`EVENTS`, and drive mode."""
+    """What scopes need to know of a run: its events, of some `EVENTS`, and drive mode."""
 
     events: Events
     mode: str

@@ -110,7 +110,7 @@ class Fault:
     Attributes
     ----------
     component, type : str
-        Of :data:`COMPONENTS` and :data:`TYPES`.
+        Of `COMPONENTS` and `TYPES`.
     time : float
         Its onset, from the start of the run [s].
     duration : float or None
