@@ -232,8 +232,8 @@ def branch_spec(
     )
 
 
-def _changes(past: Past, future: Future) -> Iterator[TimedChange]:
-    """Yield the changes of parameters: those that happened, and those of the future."""
+def _changes(past: Past, future: Future) -> list[TimedChange]:
+    """Return the changes of parameters: those that happened, and those of the future."""
     start_ns = past.inputs.run.start_ns
     scheduled_text = past.parameters.of(ControllerParameters).changes
     scheduled = parse_changes(scheduled_text)
@@ -243,6 +243,7 @@ def _changes(past: Past, future: Future) -> Iterator[TimedChange]:
         if stamp_ns >= start_ns
     ]
     later = [each for each in scheduled if each.time > past.end]
+    found = []
     for time, values in (*happened, *later):
         if time >= future.at:
             # Another controller does not have the parameters that changed.
@@ -251,12 +252,13 @@ def _changes(past: Past, future: Future) -> Iterator[TimedChange]:
                 for name, each in values.items()
                 if name not in future.values and not future.controller
             }
-        yield TimedChange(time, values)
-    yield TimedChange(future.at, future.values)
+        found.append(TimedChange(time, values))
+    found.append(TimedChange(future.at, future.values))
     if future.controller:
-        yield TimedChange(future.at, {IMPLEMENTATION: future.controller})
+        found.append(TimedChange(future.at, {IMPLEMENTATION: future.controller}))
     elif after := parse_succession(scheduled_text):
-        yield after
+        found.append(after)
+    return found
 
 
 def _faults(past: Past) -> list[Fault]:
