@@ -27,7 +27,7 @@ from ballbot_ros.robot.world.world import World
 LEFT_ALONE = {
     'duration', 'timeout', 'startup_timeout', 'real_time_factor', 'push_duration', 'lockstep',
     'on_timeout', 'require_recorder', 'rejoin', 'hold_time', 'time_start', 'time_auto',
-    'time_stop', 'cone_rays', 'start_position_x', 'start_position_y',
+    'time_stop', 'cone_rays', 'start_position_x', 'start_position_y', 'live_from',
 }  # fmt: skip
 HALF_SIZES = {'track': (1.0, 1.0), 'corridor': (1.0, 0.5)}
 

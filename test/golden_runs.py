@@ -59,7 +59,7 @@ WITHOUT_FMA = {'GLIBC_TUNABLES': 'glibc.cpu.hwcaps=-FMA,-FMA4,-AVX2,-AVX2_Usable
 _LEFT_ALONE = {
     'duration', 'timeout', 'startup_timeout', 'real_time_factor', 'hold_time', 'push_duration',
     'start_position_x', 'start_position_y', 'start_pitch_rate_x', 'start_pitch_rate_y',
-    'body_width', 'body_depth', 'cone_rays',
+    'body_width', 'body_depth', 'cone_rays', 'live_from',
     'time_start', 'ts2_period', 'ts3_period',
     'actuator_delay', 'actuator_delay_jitter', 'delay', 'delay_jitter',
     *(each.name for cls in (KernelChoice, LinkParameters, TaskCosts) for each in fields(cls)),

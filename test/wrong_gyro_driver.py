@@ -17,8 +17,8 @@ class WrongDriver(DeviceDriver):
     def __init__(self):
         super().__init__(GyroParameters)
 
-    def _set_up(self):
-        super()._set_up()
+    def _set_up(self, start_ns):
+        super()._set_up(start_ns)
         self._answered = set()
 
     def _on_truth(self, topic, truth):

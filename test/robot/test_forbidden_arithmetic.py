@@ -18,6 +18,8 @@ FILES = {
 } - {
     PACKAGE / 'engine' / 'scenario' / 'metrics.py',
     PACKAGE / 'engine' / 'scenario' / 'task_timing.py',
+    PACKAGE / 'engine' / 'scenario' / 'formulas.py',
+    PACKAGE / 'engine' / 'scenario' / 'properties.py',
     PACKAGE / 'engine' / 'brick_schedule.py',
     PACKAGE / 'robot' / 'brick' / 'response_times.py',
     PACKAGE / 'robot' / 'world' / 'clearance.py',

@@ -299,7 +299,7 @@ class _CompiledEpisode:
             self.start,
             state_of(PlantState, self._row['plant']),
             state_of(ObserverState, self._row['observer']),
-            tuple(tuple(each[0].tolist()) for each in self._robots.rings),
+            tuple(tuple(each[0].tolist()) for each in self._robots.rings[:-1]),  # without faults
             self.measured,
             self.true,
         )
@@ -309,7 +309,7 @@ class _CompiledEpisode:
         self.begin(state.start)
         _, plant, observer, rings, self.measured, self.true = state
         self._row['plant'], self._row['observer'] = plant, observer
-        for ring, saved in zip(self._robots.rings, rings, strict=True):
+        for ring, saved in zip(self._robots.rings[:-1], rings, strict=True):
             ring[0] = saved
 
 
