@@ -72,7 +72,8 @@ if TYPE_CHECKING:
     '--drive',
     'is_live',
     is_flag=True,
-    help='Drive from then on, with the keys of the terminal, a gamepad, joy or cmd_vel, until q.',
+    help='Drive from then on, with the keys of the terminal, a gamepad, joy or cmd_vel, until q. '
+    'The robot waits at that moment for a key.',
 )
 @click.option(
     '--run',
