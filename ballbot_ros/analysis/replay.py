@@ -299,6 +299,8 @@ class _RetunedProgram(TunedProgram):
 
     def repeat(self, now_ns: int) -> None:
         """Repeat the changes before the tick at `now_ns` [ns]."""
+        if (next_ns := self.changes.next_ns) is None or next_ns > now_ns:
+            return
         with _RecordingErrorContext(self._reader, PARAMETER_EVENTS.name, now_ns):
             if values := self.advance(now_ns):
                 self._messages.retuned(now_ns, values)

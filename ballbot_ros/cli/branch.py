@@ -131,6 +131,7 @@ def command(
     arrangement = Processes(processes)
     with ForkClient() if arrangement is Processes.SEPARATE else nullcontext() as client:
         with DeferredSignals():
+            from ballbot_ros.analysis.run_data import read_run
             from ballbot_ros.cli.progress import Progress
             from ballbot_ros.files import temporary_folder
             from ballbot_ros.process import stdout_to_stderr
@@ -158,6 +159,7 @@ def command(
                 spec = branch_spec(past, future, scratch, processes=arrangement, output=output)
             if is_live:
                 return _drive(past, spec, at)
+            spec = replace(spec, earlier=read_run(past.path, past.number).trajectory)
             with Progress(spec.name, spec.plant.duration) as progress, stdout_to_stderr():
                 result = execute(spec, progress, client=client)
                 progress.release(result.reason)

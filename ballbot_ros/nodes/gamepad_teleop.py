@@ -326,6 +326,8 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
 
     def _arrived(self, now_ns: int, command: Command) -> Command:
         """Return what has reached the brick, which faults of the link make older."""
+        if not self._faults:
+            return command
         self._sent[now_ns] = command
         newest_ns = packet_time(self._faults, now_ns, noise_key(self.parameters.seed))
         known = [stamp for stamp in self._sent if stamp <= newest_ns]

@@ -16,7 +16,6 @@ from ballbot_ros.analysis.recorded_runs import RobotRecording, robot_topics
 from ballbot_ros.analysis.recorded_scenario import read_attachments
 from ballbot_ros.analysis.recording_replay import RecordingReplay
 from ballbot_ros.analysis.replay import STAMPED_TOPICS, RunInputs
-from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.controllers.codegen.implementation import compose_controller, public_changes
 from ballbot_ros.engine.scenario.reader import load_scenario
 from ballbot_ros.engine.scenario.scenario import Scenario, ScheduledPush, Segment, StickSignal
@@ -175,7 +174,6 @@ def branch_spec(
     *,
     processes: Processes = Processes.NONE,
     output: Path | None = None,
-    record: bool = True,
 ) -> RunSpec:
     """Return the run of a branch, ready to execute; its scenario goes to the folder `scratch`.
 
@@ -220,16 +218,7 @@ def branch_spec(
     # Without an output folder, the run makes one there.
     folder = output or Path('runs', 'new')
     parent = Parent.of(past.path, past.number, future.at, future.told, folder)
-    return RunSpec(
-        scenario,
-        parameters,
-        processes,
-        output,
-        record,
-        controller,
-        parent=parent,
-        earlier=read_run(past.path, past.number).trajectory if record else None,
-    )
+    return RunSpec(scenario, parameters, processes, output, controller=controller, parent=parent)
 
 
 def _changes(past: Past, future: Future) -> list[TimedChange]:
