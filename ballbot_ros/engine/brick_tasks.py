@@ -63,9 +63,7 @@ class BrickTasks:
     def copy(self) -> BrickTasks:
         """Return an object in the same state, which goes on by itself."""
         twin = copy(self)
-        if self._kernel:
-            twin._kernel = self._kernel.copy()
-            twin._duties = dict(self._duties)
+        twin._kernel, twin._duties = self._kernel and self._kernel.copy(), dict(self._duties)
         return twin
 
     @property

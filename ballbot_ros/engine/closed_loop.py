@@ -7,6 +7,7 @@ duties are therefore bit-identical to the graph's.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from copy import copy
 from types import MappingProxyType
 from typing import Any, NamedTuple, Protocol
 
@@ -118,6 +119,21 @@ class ClosedLoop:
         settings = parameters.of(ControllerParameters)
         self.program = program or implementation_for(settings).make()
         self.tasks = BrickTasks(settings, start_ns)
+
+    def copy(self, program: Program, scenario: ExternalInputs) -> ClosedLoop:
+        """Return a loop in the same state, which goes on by itself.
+
+        Parameters
+        ----------
+        program : Program
+            A copy of its program.
+        scenario : ExternalInputs
+            The sticks from then on; pushes remain.
+        """
+        twin = copy(self)
+        twin.plant, twin.tasks, twin.program = self.plant.copy(), self.tasks.copy(), program
+        twin._scenario = scenario
+        return twin
 
     def sample(self) -> DeviceInputs:
         """Return the samples of the devices and sticks that are due now."""

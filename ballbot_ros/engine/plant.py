@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from copy import copy
 from typing import Any, NamedTuple
 
 from ballbot_ros.engine.devices import numbers_of
@@ -206,6 +207,13 @@ class Plant:
     def _newest_step(self) -> tuple[float, ...]:
         c, s = self.constants, self.state
         return (*motor_angles(c, s), s.x[3], s.y[3], *position(c, s))
+
+    def copy(self) -> Plant:
+        """Return a plant in the same state, which goes on by itself."""
+        twin = copy(self)
+        twin.faults = []
+        twin.restore_state(self.save_state())
+        return twin
 
     def save_state(self) -> SavedPlant:
         """Return the present state."""
