@@ -177,16 +177,19 @@ def find_recorded(
     if identity.is_of_main:
         raise ControllerError(
             f'{recording}: its controller is {identity}, a class of a notebook or main program: '
-            'write it, with all that it uses, to a file and give it as --controller '
+            f'write it, with all that it uses, to a file and give it {_HOW_TO_GIVE} '
             f'FILE.py:{identity.class_name}' + (f' ({problem})' if requested else '')
         )
-    remedy = 'give your copy of that code as --controller FILE.py:Class or package.module:Class'
+    remedy = f'give your copy of that code {_HOW_TO_GIVE} FILE.py:Class or package.module:Class'
     if ':' not in identity.reference:
         remedy = f'install that code of {printable(identity.package) or "its package"}'
     raise ControllerError(
         f'{recording}: its controller is {identity}, but {problem}; {remedy}, or run the attached '
         'code by --trust-attached-code'
     )
+
+
+_HOW_TO_GIVE = 'as --controller of replay, or --code of branch and view,'
 
 
 def _find_copy(identity: ControllerIdentity, requested: str | None) -> ControllerCode:

@@ -11,7 +11,14 @@ from typing import TYPE_CHECKING
 
 import click
 
-from ballbot_ros.cli.options import PATH, RECORDING, FloatRange, processes_option
+from ballbot_ros.cli.options import (
+    PATH,
+    RECORDING,
+    FloatRange,
+    code_option,
+    processes_option,
+    trust_option,
+)
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.process import DeferredSignals
 from ballbot_ros.run.node_process import ForkClient
@@ -81,17 +88,8 @@ if TYPE_CHECKING:
     type=click.IntRange(1),
     help='Number of the run in a recording of several.',
 )
-@click.option(
-    '--code',
-    metavar='FILE.py:Class',
-    help="Your copy of the recorded controller's code, if it is not installed.",
-)
-@click.option(
-    '--trust-attached-code',
-    is_flag=True,
-    help='Run the code of the controller that is attached to the recording, which may come from '
-    'anybody.',
-)
+@code_option
+@trust_option
 @processes_option
 @click.option(
     '--output',

@@ -119,6 +119,21 @@ no_browser_option = click.option(
 )
 """Leaves it to the user to open the page."""
 
+code_option = click.option(
+    '--code',
+    metavar='FILE.py:Class',
+    help="Your copy of the recorded controller's code, if it is not installed.",
+)
+"""The code of a recorded controller."""
+
+trust_option = click.option(
+    '--trust-attached-code',
+    is_flag=True,
+    help='Run the code of the controller that is attached to the recording, which may come from '
+    'anybody.',
+)
+"""Whether to run attached code."""
+
 no_wait_option = click.option(
     '--no-wait', is_flag=True, help='Begin at once, not when the page is open or a key is pressed.'
 )

@@ -16,7 +16,7 @@ from ballbot_ros.analysis.message_comparison import Divergence, MessageDifferenc
 from ballbot_ros.analysis.recorded_controller import NOT_PORTABLE, ReplayedController
 from ballbot_ros.analysis.recording_replay import RecordingReplay, ReplayResult
 from ballbot_ros.analysis.replay import ReplayedTick
-from ballbot_ros.cli.options import RECORDING
+from ballbot_ros.cli.options import RECORDING, trust_option
 from ballbot_ros.cli.progress import Progress
 from ballbot_ros.files import temporary_folder
 from ballbot_ros.recording.reader import RecordingReader
@@ -193,12 +193,7 @@ def _print_divergences_json(
     '(arm); or the code of any other recorded one, as FILE.py:Class.  [default: the recorded one, '
     'or Python if that cannot run]',
 )
-@click.option(
-    '--trust-attached-code',
-    is_flag=True,
-    help='Run the code of the controller that is attached to the recording, which may come from '
-    'anybody.',
-)
+@trust_option
 @click.option(
     '--set',
     'assignments',

@@ -14,16 +14,20 @@ from ballbot_ros.cli.result import load_run, print_result, result_json
 from ballbot_ros.cli.web_page import PageOpening, PageOptions
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.files import temporary_folder
-from ballbot_ros.nodes.supervisor import Supervisor
+from ballbot_ros.nodes.supervisor import BACK, Supervisor
 from ballbot_ros.nodes.teleop.terminal import KeyPress, can_read_keys
 from ballbot_ros.parameters import VIEWER, ParameterSet, ViewerParameters
 from ballbot_ros.parameters.files import write_parameter_file
 from ballbot_ros.process import StopRequest, stdout_to_stderr
+from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.robot.brick.bluetooth import NEUTRAL
+from ballbot_ros.run.branch import branch_spec, read_past
 from ballbot_ros.run.execution import execute
+from ballbot_ros.run.future import Future
 from ballbot_ros.run.node_process import ForkClient, NodeProcess, stop_all
 from ballbot_ros.run.observer import RunObserver, StartObserver
 from ballbot_ros.run.one_process import NodeThread, ros
-from ballbot_ros.run.requirements import require_viewer
+from ballbot_ros.run.requirements import Processes, require_viewer
 from ballbot_ros.run.result import RunResult
 from ballbot_ros.run.spec import RunOptions, RunSpec
 
@@ -88,11 +92,12 @@ class _ViewerSession:
     ) -> None:
         self._client, self._stop, self._as_json = client, stop, as_json
         self._console = stderr_console()
+        self._recording: Path | None = None  # of the last run
         opening = PageOpening(page, self._print, can_press_key=can_read_keys())
         with ExitStack() as stack:
             stack.enter_context(ros())
-            folder = stack.enter_context(temporary_folder())
-            parameter_file = Path(folder) / 'parameters.yaml'
+            self._scratch = Path(stack.enter_context(temporary_folder()))
+            parameter_file = self._scratch / 'parameters.yaml'
             write_parameter_file(parameter_file, _address(spec.parameters), [VIEWER])
             self._viewer = NodeProcess(client, VIEWER, parameter_file, opening.on_line)
             stack.callback(stop_all, [self._viewer], last='')
@@ -132,6 +137,7 @@ class _ViewerSession:
                 starts_paused=starts_paused,
                 on_judged=partial(self._show_result, spec),
             )
+        self._recording = result.recording
         self._show_result(spec, result)
         print_result(spec, result, as_json=self._as_json)
         return result.exit_status
@@ -144,12 +150,29 @@ class _ViewerSession:
     def run_other(self, reference: str, options: RunOptions) -> int:
         """Run another scenario; an error is printed and shown on the page."""
         try:
-            return self.run(load_run(reference, options))
+            return self.run(self._back(reference, options) or load_run(reference, options))
         except BallbotError as error:
             self._print(f'error: {error}')
             failure = {'outcome': Verdict.FAILED, 'reason': str(error)}
             self._supervisor.announce(reference, failure)
             return 2
+
+    def _back(self, reference: str, options: RunOptions) -> RunSpec | None:
+        """Return the last run from an earlier time on, driven by hand; None if it is a scenario."""
+        if not reference.startswith(BACK):
+            return None
+        if self._recording is None:
+            raise BallbotError(f'{reference}: the last run has no recording')
+        try:
+            at = float(reference.removeprefix(BACK))
+        except ValueError:
+            raise BallbotError(f'{reference}: not {BACK} and a time in s, such as @3.2') from None
+        code = options.controller if isinstance(options.controller, str) else None
+        with RecordingReader(self._recording) as reader:
+            past = read_past(reader, None, self._scratch, code)
+            future = Future(at=at, sticks=NEUTRAL, is_live=True)
+            processes, output = Processes.SEPARATE, options.output
+            return branch_spec(past, future, self._scratch, processes=processes, output=output)
 
     def _show_result(self, spec: RunSpec, result: RunResult) -> None:
         """Show the result on the page, unless another run already replaces this one."""

@@ -29,6 +29,9 @@ class OperatingState(TextEnum):
     OUT_OF_CONTROL = 'out_of_control'
 
 
+OUT_OF_CONTROL = (OperatingState.CALIBRATION, OperatingState.OUT_OF_CONTROL)
+"""States in which the estimates mean nothing."""
+
 SAME_TICK, BUS_BUSY = 32, 64
 """Flags of :meth:`Program.run`, beyond the bits of the document's tasks: other tasks have run in
 this tick before, so that its inputs are not new, and the outputs are those of all of them; the bus

@@ -9,7 +9,7 @@ from typing import Any
 
 from rclpy.node import Node
 
-from ballbot_ros.controllers.interface import OperatingState
+from ballbot_ros.controllers.interface import OUT_OF_CONTROL
 from ballbot_ros.nodes.endpoints import drain, hidden_node, raw_subscription, requested_qos
 from ballbot_ros.parameters import PLANT
 from ballbot_ros.parameters.timing import SECOND_NS
@@ -45,7 +45,6 @@ from ballbot_ros.recording.messages.topics import (
 from ballbot_ros.viewer.run_activity import Session, decode_session
 from ballbot_ros.viewer.snapshot import UNKNOWN, ForceEvent, ShownRun, Snapshot, acting_force
 
-_OUT_OF_CONTROL = (OperatingState.CALIBRATION, OperatingState.OUT_OF_CONTROL)
 """States in which the controller's estimates mean nothing."""
 
 _PUBLISHED = 'source_timestamp'
@@ -174,7 +173,7 @@ def snapshot_of(newest: LatestMessages) -> Snapshot | None:
     duty, sonar, battery = newest[MOTOR_DUTY], newest[SONAR_RANGE], newest[BATTERY_STATE]
     state, lcd = newest[OPERATING_STATE], newest[LCD]
     estimates, sticks = newest[CONTROLLER_STATE], newest[GAMEPAD_JOY]
-    is_in_control = state is not None and state.data not in _OUT_OF_CONTROL
+    is_in_control = state is not None and state.data not in OUT_OF_CONTROL
     return Snapshot(
         time=stamp_ns(ball) / SECOND_NS,
         position=odometry_position(ball),

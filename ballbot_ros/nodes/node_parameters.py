@@ -105,7 +105,7 @@ class ParameterNode(Node, Generic[P]):
 
     def _declare(self, row: Parameter) -> Value:
         descriptor = ParameterDescriptor(
-            description=f'{row.description} [{row.unit}]' if row.unit else row.description,
+            description=row.hint,
             read_only=row.takes_effect is TakesEffect.READ_ONLY,
         )
         if row.choices:

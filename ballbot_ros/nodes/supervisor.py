@@ -35,8 +35,14 @@ class StartRequest:
             self._client.call_async(Trigger.Request())
 
 
+BACK = '@'
+"""Begins the name of a run that goes on from a time of the last one, such as @3.2 [s]."""
+
+
 class Supervisor(BallbotNode[SupervisorParameters]):
     """Requests a scenario, by its name or file; the command that runs the graph starts it.
+
+    Instead of a scenario, it can be a time of the last run, as in :data:`BACK`.
 
     Attributes
     ----------
@@ -54,12 +60,12 @@ class Supervisor(BallbotNode[SupervisorParameters]):
     def _start(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         name = self.parameters.scenario
         try:
-            scenario = load_scenario(name)
+            shown = name if name.startswith(BACK) else load_scenario(name).name
         except BallbotError as error:
             response.message = str(error)
             return response
         self.requested_scenario = name
-        self.announce(scenario.name)  # at once, while the run before is still ending
+        self.announce(shown)  # at once, while the run before is still ending
         response.success = True
         return response
 

@@ -90,7 +90,7 @@ class Viewer(BallbotNode[ViewerParameters]):
         super().__init__(ViewerParameters, parameters)
         require_viser()
         # Imported only here: viser takes a second.
-        from ballbot_ros.viewer.live_controls import DragPush, LiveControls
+        from ballbot_ros.viewer.live_controls import DragPush, PushButtons, ScenarioChooser
         from ballbot_ros.viewer.page import UPDATE_S, Page
         from ballbot_ros.viewer.plots import Plots
         from ballbot_ros.viewer.processor_panel import ProcessorPanel
@@ -114,9 +114,10 @@ class Viewer(BallbotNode[ViewerParameters]):
         self._drag = DragPush(arrow, self._requests.push)
         self._show_robot(self._page.dimensions)
         self._sticks = PageSticks()
-        self._controls = LiveControls(
-            self._page.server.gui, self._requests.start, self._requests.push, scenario_names()
+        self._scenarios = ScenarioChooser(
+            self._page.server.gui, self._requests.start, scenario_names()
         )
+        PushButtons(self._page.server.gui, self._requests.push)
         sliders = TuningSliders(self._page.server.gui)
         self._tuning = TuningRequests(self, self._page.notify, sliders)
         self._newest = LatestMessages(self, _SHOWN)
@@ -168,6 +169,7 @@ class Viewer(BallbotNode[ViewerParameters]):
             report=self._plant_report if self._plant_report.run == run else None,
             has_lost_plant=self._requests.lost_plant,
             is_out_of_control=robot is not None and robot.is_out_of_control,
+            time=robot.time if robot else 0.0,
         )
 
     def _take_requests(self, activity: RunActivity) -> None:
@@ -214,7 +216,7 @@ class Viewer(BallbotNode[ViewerParameters]):
             factor = self._real_time_factor.update(time.monotonic(), snapshot.time)
             self._panel.show(snapshot, factor)
             self._show_plots()
-            self._controls.offer_scenarios(offer=self._requests.can_start)
+            self._scenarios.offer(offer=self._requests.can_start)
 
     def _show_processor(self, *, is_paused: bool) -> None:
         """Show the last jobs that are known of a paused run, those before a multiple of 100 ms."""
@@ -268,7 +270,7 @@ class Viewer(BallbotNode[ViewerParameters]):
 
     def _take_parameters(self, parameters: PlantParameters) -> None:
         """Show the robot and the map that the plant simulates."""
-        self._controls.show_scenario(parameters.scenario)
+        self._scenarios.show(parameters.scenario)
         self._start_position = parameters.start_position_x, parameters.start_position_y
         dimensions = Dimensions.from_parameters(parameters)
         if dimensions != self._page.dimensions:

@@ -18,14 +18,16 @@ from ballbot_ros.lockstep.participants import TUNABLE, Announcement
 from ballbot_ros.nodes.base import AnyNode
 from ballbot_ros.nodes.endpoints import reliable_qos
 from ballbot_ros.nodes.participation import full_name
+from ballbot_ros.nodes.supervisor import BACK as EARLIER
 from ballbot_ros.parameters import CONTROLLER, PLANT, SUPERVISOR, PlantParameters, parameters_of
+from ballbot_ros.parameters.timing import FIRST_TICK_NS, SECOND_NS
 from ballbot_ros.recording.messages.conversions import encode_push
 from ballbot_ros.recording.messages.participation import decode_announcement
 from ballbot_ros.recording.messages.run_reports import decode_parameter_event
 from ballbot_ros.recording.messages.topics import HISTORY, PARAMETER_EVENTS, PARTICIPANTS, PUSH, RUN
 from ballbot_ros.robot.plant.ground_truth import Pair
 from ballbot_ros.viewer.overlay import ChooseRate, Press, Request
-from ballbot_ros.viewer.run_activity import PAUSE, RATES, RESET, STEP, RunActivity
+from ballbot_ros.viewer.run_activity import BACK, BACK_S, PAUSE, RATES, RESET, STEP, RunActivity
 from ballbot_ros.viewer.tuning_sliders import Numbers, Tunable
 
 if TYPE_CHECKING:
@@ -108,6 +110,9 @@ class ViewerRequests:
                 self._waiting.put(lambda: self._call(f'{PLANT}/pause', pause))
             case Press(name) if name in (STEP, RESET):
                 self._waiting.put(lambda: self._call(f'{PLANT}/{name}', Trigger.Request()))
+            case Press(name) if name == BACK:
+                elapsed = activity.time - FIRST_TICK_NS / SECOND_NS
+                self.start(f'{EARLIER}{max(0.0, elapsed - BACK_S):.3f}')
             case ChooseRate(rate) if rate in RATES:
                 setting = parameter_setting('real_time_factor', RATES[rate])
                 self._waiting.put(lambda: self._set_in_plant(setting))
@@ -351,7 +356,7 @@ class TuningRequests:
         tunable = self._tunables.get(name)
         if tunable is None:
             return
-        value = tunable.ros_value(numbers)
+        value = tunable.value_of(numbers)
         self._set_at[name] = time.monotonic()
         row = parameters_of(CONTROLLER).get(name)
         for role in row.nodes if row else (CONTROLLER,):

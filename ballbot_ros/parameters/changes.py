@@ -135,6 +135,10 @@ class PendingChanges:
         changes = parse_changes(parameters.changes)
         return cls((start_ns + round(each.time * SECOND_NS), each.values) for each in changes)
 
+    def add(self, now_ns: int, values: Mapping[str, Value]) -> None:
+        """Add a change that is due at once, at the tick at `now_ns` [ns]."""
+        self._pending.appendleft((now_ns, values))
+
     @property
     def next_ns(self) -> int | None:
         """When the next one is due [ns]; None if there is none."""

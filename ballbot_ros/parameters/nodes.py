@@ -350,7 +350,7 @@ class SupervisorParameters(NodeParameters):
     node: ClassVar[str] = 'supervisor'
 
     scenario: str = path(
-        'scenario (name or file) of the run that supervisor/start begins',
+        'scenario (name or file) that supervisor/start begins, or @T, the last run from T s on',
         'project',
         takes_effect=TakesEffect.IMMEDIATELY,
     )

@@ -107,6 +107,11 @@ class Parameter:
         """Whether a new value takes effect in a running node immediately."""
         return self.takes_effect is TakesEffect.IMMEDIATELY
 
+    @property
+    def hint(self) -> str:
+        """Its description, with the unit if it has one."""
+        return f'{self.description} [{self.unit}]' if self.unit else self.description
+
     def check(self, value: object, where: str) -> Value:
         """Return `value` in the parameter's own type; raise ParameterError if it is not allowed."""
         name = f'{where}{self.name}'

@@ -17,7 +17,7 @@ from ballbot_ros.analysis.recorded_scenario import read_attachments
 from ballbot_ros.analysis.recording_replay import RecordingReplay
 from ballbot_ros.analysis.replay import STAMPED_TOPICS, RunInputs
 from ballbot_ros.controllers.codegen.implementation import compose_controller, public_changes
-from ballbot_ros.engine.scenario.reader import load_scenario
+from ballbot_ros.engine.scenario.reader import load_scenario, window_fault
 from ballbot_ros.engine.scenario.scenario import Scenario, ScheduledPush, Segment, StickSignal
 from ballbot_ros.engine.scenario.writer import scenario_data
 from ballbot_ros.errors import BallbotError
@@ -49,7 +49,7 @@ from ballbot_ros.run.future import RECORDED, Future
 from ballbot_ros.run.requirements import Processes
 from ballbot_ros.run.spec import RunSpec
 
-HALF_PERIOD_S = 0.5 * SLOW_PERIOD_NS / SECOND_NS
+_HALF_PERIOD_NS = SLOW_PERIOD_NS // 2
 """Sticks step halfway between two samples."""
 
 _CAUSES = GAMEPAD_JOY, ACCEPTED_PUSH, PARAMETER_EVENTS
@@ -202,7 +202,7 @@ def branch_spec(
                     f'{option}: begins at {each.time:g} s, not within {future.at:g} … '
                     f'{duration:g} s'
                 )
-    changes = changes_text(_changes(past, future))
+    changes = changes_text(each for each in _changes(past, future) if each.time < duration)
     parameters.set(CONTROLLER, 'changes', changes)
     faults = (*_faults(past), *future.faults)
     for node, text in fault_texts(faults).items():
@@ -288,6 +288,16 @@ def _scenario_text(
         pushes=(*pushes, *future.pushes),
         faults=faults,
     )
+    # A shorter run, or one with fewer events, can't meet everything.
+    plant = parameters.of(PlantParameters)
+    has_map = bool(plant.map)
+    scenario = replace(
+        scenario,
+        expectations=tuple(e for e in before.expectations if not window_fault(e, plant)),
+        properties=tuple(
+            p for p in before.properties if not p.fault(scenario.events, has_map=has_map)
+        ),
+    )
     data, changes = scenario_data(scenario), parameters.of(ControllerParameters).changes
     data.pop('changes', None)
     if changes:
@@ -308,17 +318,18 @@ def _scenario_text(
     return yaml_text(data)
 
 
-def _samples(past: Past, number: int) -> Iterator[tuple[float, int]]:
-    """Yield the recorded samples of a stick: time [s] and value."""
+def _samples(past: Past, number: int) -> Iterator[tuple[int, int]]:
+    """Yield the recorded samples of a stick: time from the start of the run [ns] and value."""
     start_ns = past.inputs.run.start_ns
     for stamp_ns in range(start_ns, past.inputs.last_ns + 1, SLOW_PERIOD_NS):
         value = past.inputs.sticks.get(stamp_ns, NEUTRAL)[number]
-        yield (stamp_ns - start_ns) / SECOND_NS, value
+        yield stamp_ns - start_ns, value
 
 
 def _is_planned(past: Past, planned: StickSignal, number: int) -> bool:
     """Return whether a stick was that of the scenario."""
-    return all(planned.at(time) == value for time, value in _samples(past, number))
+    samples = _samples(past, number)
+    return all(planned.at(time_ns / SECOND_NS) == value for time_ns, value in samples)
 
 
 def _sticks(
@@ -332,24 +343,24 @@ def _sticks(
     segments = [each for each in planned.segments if is_planned and each.end <= future.at]
     begun = segments[-1].end if segments else 0.0
     end = math.inf if future.sticks == RECORDED else future.at
-    segments += _steps([each for each in _samples(past, number) if begun <= each[0] < end], begun)
+    samples = _samples(past, number)
+    segments += _steps([each for each in samples if begun <= each[0] / SECOND_NS < end], begun)
     if future.sticks != RECORDED and (value := future.sticks[number]):
         begun = segments[-1].end if segments else 0.0
-        first = -(-round(future.at * SECOND_NS) // SLOW_PERIOD_NS) * SLOW_PERIOD_NS / SECOND_NS
-        segments.append(Segment.step('branch', max(first - HALF_PERIOD_S, begun), math.inf, value))
+        first_ns = -(-round(future.at * SECOND_NS) // SLOW_PERIOD_NS) * SLOW_PERIOD_NS
+        start = max((first_ns - _HALF_PERIOD_NS) / SECOND_NS, begun)
+        segments.append(Segment.step('branch', start, math.inf, value))
     return StickSignal(tuple(each for each in segments if each.start < duration))
 
 
-def _steps(samples: Sequence[tuple[float, int]], begun: float) -> Iterator[Segment]:
+def _steps(samples: Sequence[tuple[int, int]], begun: float) -> Iterator[Segment]:
     """Yield segments from a time on [s] for samples that are held; none where they are 0."""
     points: list[tuple[float, float]] = []
-    for value, group in groupby((*samples, (math.inf, 0)), itemgetter(1)):
-        times = [time for time, _ in group]
+    for value, group in groupby((*samples, (0, 0)), itemgetter(1)):
+        times_ns = [time_ns for time_ns, _ in group]
         if value:
-            points += [
-                (max(times[0] - HALF_PERIOD_S, begun), value),
-                (times[-1] + HALF_PERIOD_S, value),
-            ]
+            start, end = times_ns[0] - _HALF_PERIOD_NS, times_ns[-1] + _HALF_PERIOD_NS
+            points += [(max(start / SECOND_NS, begun), value), (end / SECOND_NS, value)]
         elif points:
             yield Segment(RECORDED, points)
             points = []

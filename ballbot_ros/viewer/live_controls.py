@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from html import escape
 from typing import Any
 
 import numpy as np
 import viser
 from viser import SceneNodeDragEvent
 
+from ballbot_ros.robot.brick.faults import COMPONENTS, EFFECTS, Effect, kind_of_component
 from ballbot_ros.robot.plant.ground_truth import Pair
 from ballbot_ros.viewer.overlay import MAX_HELD, Hold
 from ballbot_ros.viewer.shapes import NEWTONS_PER_METRE, ForceArrow, Point
@@ -129,31 +131,30 @@ DIRECTIONS: dict[str, Pair] = {
 """Forward and rightward for each direction, in plane signs."""
 
 
-class LiveControls:
-    """The controls of a live page.
+def note(html: str) -> str:
+    """Return a small note for a folder, as HTML."""
+    return (
+        '<div style="font-size:11px;line-height:1.35;opacity:0.7;margin:0 1em 0.6em;'
+        f'overflow-wrap:anywhere">{html}</div>'
+    )
+
+
+class PushButtons:
+    """A folder with buttons that push the robot.
 
     Parameters
     ----------
-    start : callable
-        Ends the run, and starts one of another scenario; called from the page's threads.
     push : callable
         Pushes the body with a force [N] in plane signs; called from the page's threads.
-    scenarios : sequence of str
-        The choices for the next run.
+
+    Attributes
+    ----------
+    folder : viser.GuiFolderHandle
     """
 
-    def __init__(
-        self,
-        gui: viser.GuiApi,
-        start: Callable[[str], None],
-        push: Callable[[Pair], None],
-        scenarios: Sequence[str],
-    ) -> None:
-        self._chooser = gui.add_folder('Scenario', order=1.5, visible=False)
-        with self._chooser:
-            self._next: Any = gui.add_dropdown('Next', tuple(scenarios))
-            self._on_press(gui.add_button('Start'), lambda _: start(self._next.value))
-        with gui.add_folder('Push', order=2.0, expand_by_default=False):
+    def __init__(self, gui: viser.GuiApi, push: Callable[[Pair], None]) -> None:
+        self.folder = gui.add_folder('Push', order=2.0, expand_by_default=False)
+        with self.folder:
             size = gui.add_slider('Force [N]', MIN_FORCE, MAX_FORCE, 0.1, 1.0)
             directions = gui.add_button_group('Direction', tuple(DIRECTIONS))
 
@@ -161,23 +162,95 @@ class LiveControls:
                 x, y = DIRECTIONS[name]
                 push((x * size.value, y * size.value))
 
-            self._on_press(directions, give)
+            _on_press(directions, give)
 
-    def offer_scenarios(self, *, offer: bool) -> None:
+
+class FaultChooser:
+    """A folder in which a fault is chosen that begins at once.
+
+    Parameters
+    ----------
+    begin : callable
+        Takes the fault as an entry of the parameter `faults`; called from the page's threads.
+
+    Attributes
+    ----------
+    folder : viser.GuiFolderHandle
+    """
+
+    def __init__(self, gui: viser.GuiApi, begin: Callable[[str], None]) -> None:
+        self.folder = gui.add_folder('Fault', order=3.0, expand_by_default=False)
+        with self.folder:
+            self._component: Any = gui.add_dropdown('Component', COMPONENTS)
+            self._type: Any = gui.add_dropdown('Type', tuple(EFFECTS['gyro']))
+            self._meaning = gui.add_html('')
+            self._amount: Any = gui.add_number('Amount', 0.0)
+            self._duration = gui.add_number('Duration [s]', 1.0, min=0.0, hint='0: to the end')
+            _on_press(gui.add_button('Begin'), lambda _: begin(self._text))
+        self._component.on_update(lambda _: self._offer_types())
+        self._type.on_update(lambda _: self._show_effect())
+        self._show_effect()
+
+    @property
+    def _effect(self) -> Effect:
+        return EFFECTS[kind_of_component(self._component.value)][self._type.value]
+
+    @property
+    def _text(self) -> str:
+        words = [self._component.value, self._type.value]
+        words += [f'amount={self._amount.value!r}'] if self._effect.amount else []
+        words += [f'duration={self._duration.value!r}'] if self._duration.value else []
+        return ' '.join(words)
+
+    def _offer_types(self) -> None:
+        types = tuple(EFFECTS[kind_of_component(self._component.value)])
+        if types != self._type.options:
+            self._type.options = types
+        self._show_effect()
+
+    def _show_effect(self) -> None:
+        effect = self._effect
+        unit = f' [{effect.amount.unit}]' if effect.amount else ''
+        self._meaning.content = note(escape(effect.meaning + unit))
+        self._amount.visible = effect.amount is not None
+        if effect.amount:
+            self._amount.value = effect.amount.default
+
+
+class ScenarioChooser:
+    """A folder in which the scenario of the next run is chosen, hidden at first.
+
+    Parameters
+    ----------
+    start : callable
+        Ends the run, and starts one of another scenario; called from the page's threads.
+    scenarios : sequence of str
+        The choices.
+    """
+
+    def __init__(
+        self, gui: viser.GuiApi, start: Callable[[str], None], scenarios: Sequence[str]
+    ) -> None:
+        self._chooser = gui.add_folder('Scenario', order=1.5, visible=False)
+        with self._chooser:
+            self._next: Any = gui.add_dropdown('Next', tuple(scenarios))
+            _on_press(gui.add_button('Start'), lambda _: start(self._next.value))
+
+    def offer(self, *, offer: bool) -> None:
         """Show the choice of the next scenario, or hide it."""
         if self._chooser.visible != offer:
             self._chooser.visible = offer
 
-    def show_scenario(self, name: str) -> None:
+    def show(self, name: str) -> None:
         """Show the running scenario, if it is one of the choices."""
         if name in self._next.options:
             self._next.value = name
 
-    @staticmethod
-    def _on_press(buttons: Any, act: Callable[[str], None]) -> None:
-        # A coroutine keeps the clicks in order: viser calls it before it handles the next click. It
-        # would call a plain function in another thread.
-        async def on_click(_: object) -> None:
-            act(buttons.value)
 
-        buttons.on_click(on_click)
+def _on_press(buttons: Any, act: Callable[[str], None]) -> None:
+    # A coroutine keeps the clicks in order: viser calls it before it handles the next click. It
+    # would call a plain function in another thread.
+    async def on_click(_: object) -> None:
+        act(buttons.value)
+
+    buttons.on_click(on_click)

@@ -77,6 +77,8 @@ class PlaybackRun:
 
     Attributes
     ----------
+    name, number : str, int
+        Its name, and its number in the file, from 1.
     end : float
         Time of the last tick [s].
     damage : str or None
@@ -107,7 +109,7 @@ class PlaybackRun:
         run = self._run = read_run(path, number, progress)
         if not {PLANT_IMU, PLANT_ODOM} <= run.series.keys() or not len(run.trajectory.time):
             raise ViewerError(f'{path}: nothing to show: it has no poses of the robot')
-        self.name = run.name
+        self.name, self.number = run.name, run.number
         self.end = run.end
         self.damage = run.damage
         self.dimensions = Dimensions.from_parameters(run.plant)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from html import escape
@@ -17,6 +17,7 @@ from ballbot_ros.analysis.topic_samples import TopicSamples
 from ballbot_ros.errors import RecordingError
 from ballbot_ros.process import ProgressCallback
 from ballbot_ros.recording.playback import KEYS, RATES, PlaybackAction, PlaybackClock
+from ballbot_ros.viewer.live_controls import note
 from ballbot_ros.viewer.overlay import (
     Button,
     ChooseRate,
@@ -42,23 +43,28 @@ from ballbot_ros.viewer.scene import PERIOD, Scene, ScenePanel
 
 
 class RecordedRobots:
-    """The robot of a run and, if there is a second run, that of the other one as its ghost."""
+    """The robot of a run and, if there is a second run, that of the other one as its ghost.
+
+    Attributes
+    ----------
+    drawn : list of DrawnRobot
+    """
 
     def __init__(self, scene: Scene, runs: Sequence[PlaybackRun]) -> None:
         self._runs = runs
-        self._robots = [
+        self.drawn = [
             scene.add_robot(name, run.dimensions, ghost=name != 'robot')
             for name, run in zip(('robot', 'ghost'), runs, strict=False)
         ]
 
     def show(self, time: float) -> None:
         """Show the robots at `time` [s]."""
-        for robot, run in zip(self._robots, self._runs, strict=True):
+        for robot, run in zip(self.drawn, self._runs, strict=True):
             robot.show(run.snapshot(time))
 
     def show_trails(self, time: float) -> None:
         """Show the paths until `time` [s]."""
-        for robot, run in zip(self._robots, self._runs, strict=True):
+        for robot, run in zip(self.drawn, self._runs, strict=True):
             robot.show_trail(run.trail(time))
 
 
@@ -192,13 +198,10 @@ def _unchanging(constants: Mapping[str, float]) -> str:
         f'{escape(name)} {"–" if math.isnan(value) else format(value, "g")}'
         for name, value in constants.items()
     )
-    return (
-        '<div style="font-size:11px;line-height:1.35;opacity:0.7;margin:0 1em 0.6em;'
-        f'overflow-wrap:anywhere">{f"never changes: {values}" if values else "no numbers"}</div>'
-    )
+    return note(f'never changes: {values}' if values else 'no numbers')
 
 
-_RATE_LABELS = {f'{rate:g}×': rate for rate in RATES}
+RATE_LABELS = {f'{rate:g}×': rate for rate in RATES}
 _RATES_WITH_TONES = (0.5, 1.0, 2.0)
 _LABELS = {
     PlaybackAction.START: 'Start',
@@ -211,8 +214,10 @@ _LABELS = {
 _ACTIONS = {action.value: action for action in PlaybackAction}
 
 
-def playback_overlay(clock: PlaybackClock, timeline: Timeline) -> OverlayState:
-    """Return the transport bar of a playback."""
+def playback_overlay(
+    clock: PlaybackClock, timeline: Timeline, further: Sequence[Button] = ()
+) -> OverlayState:
+    """Return the transport bar of a playback, with further buttons."""
     labels = _LABELS | {PlaybackAction.PAUSE: 'Pause' if clock.is_playing else 'Play'}
     buttons = tuple(
         Button(
@@ -224,8 +229,8 @@ def playback_overlay(clock: PlaybackClock, timeline: Timeline) -> OverlayState:
         )
         for key in KEYS
     )
-    rates, rate = tuple(_RATE_LABELS), f'{clock.rate:g}×'
-    return OverlayState(buttons=buttons, rates=rates, rate=rate, timeline=timeline)
+    rates, rate = tuple(RATE_LABELS), f'{clock.rate:g}×'
+    return OverlayState(buttons=(*buttons, *further), rates=rates, rate=rate, timeline=timeline)
 
 
 def take_request(clock: PlaybackClock, request: Request) -> None:
@@ -233,52 +238,69 @@ def take_request(clock: PlaybackClock, request: Request) -> None:
     match request:
         case Press(name) if name in _ACTIONS:
             clock.apply(_ACTIONS[name])
-        case ChooseRate(rate) if rate in _RATE_LABELS:
-            clock.rate = _RATE_LABELS[rate]
+        case ChooseRate(rate) if rate in RATE_LABELS:
+            clock.rate = RATE_LABELS[rate]
         case Seek(time):
             clock.seek(time)
 
 
 class RecordingPage:
-    """Shows recorded runs on a page: a run, and optionally a second one as its ghost."""
+    """Shows recorded runs on a page: a run, and optionally a second one as its ghost.
+
+    Attributes
+    ----------
+    page, runs : Page, sequence of PlaybackRun
+    clock : PlaybackClock
+    panel, processor, plots, robots : ScenePanel, ProcessorPanel, Plots, RecordedRobots
+    updates : int
+        Number of updates.
+    """
 
     def __init__(self, page: Page, runs: Sequence[PlaybackRun]) -> None:
-        self._page = page
-        self._runs = runs
+        self.page = page
+        self.runs = runs
         self.clock = PlaybackClock(max(run.end for run in runs))
         self._timeline = Timeline(self.clock.end, runs[0].marks)
-        self._panel = ScenePanel(page.server.gui)
-        self._processor = ProcessorPanel(page.server.gui)
-        self._plots = Plots(page.server.gui, recorded_kinds(runs))
+        self.panel = ScenePanel(page.server.gui)
+        self.processor = ProcessorPanel(page.server.gui)
+        self.plots = Plots(page.server.gui, recorded_kinds(runs))
         self._topics = RecordedTopics(runs)
-        TopicChooser(page.server.gui, self._plots, self._topics, page.notify)
-        self._robots = RecordedRobots(page.scene, runs)
+        TopicChooser(page.server.gui, self.plots, self._topics, page.notify)
+        self.robots = RecordedRobots(page.scene, runs)
         page.show_floor(runs[0].floor_map, runs[0].start)
-        self._updates = 0
+        self.updates = 0
 
     def update(self, seconds: float) -> None:
         """Show the state after another `seconds` of wall time."""
-        for request in self._page.overlay.take():
+        self.play(seconds, self.page.overlay.take())
+
+    def play(
+        self, seconds: float, requests: Iterable[Request], further: Sequence[Button] = ()
+    ) -> None:
+        """Show the recorded state after another `seconds`, with further buttons."""
+        for request in requests:
             take_request(self.clock, request)
         start, end = self.clock.advance(seconds)
-        if self.clock.rate in _RATES_WITH_TONES and (tone := self._runs[0].tone(start, end)):
-            self._panel.play(tone)
-        self._page.overlay.show(playback_overlay(self.clock, self._timeline))
-        self.show(self.clock.time, panel=self._updates % PERIOD == 0)
-        self._updates += 1
+        if self.clock.rate in _RATES_WITH_TONES and (tone := self.runs[0].tone(start, end)):
+            self.panel.play(tone)
+        self.page.overlay.show(playback_overlay(self.clock, self._timeline, further))
+        self.show(self.clock.time, panel=self.updates % PERIOD == 0)
+        self.updates += 1
 
     def show(self, time: float, *, panel: bool) -> None:
         """Show the robots at `time` [s]; with `panel`, also update the panel."""
-        snapshot = self._runs[0].snapshot(time)
-        self._robots.show(time)
-        self._page.update_cameras(snapshot)
-        self._page.overlay.move_playhead(time)
+        snapshot = self.runs[0].snapshot(time)
+        self.robots.show(time)
+        self.page.update_cameras(snapshot)
+        self.page.overlay.move_playhead(time)
         if panel:
-            self._robots.show_trails(time)
-            self._panel.show(snapshot)
-            run, is_still = self._runs[0], not self.clock.is_playing
+            self.robots.show_trails(time)
+            self.panel.show(snapshot)
+            run, is_still = self.runs[0], not self.clock.is_playing
             until_us, interrupt_us = run.clock_us(time), run.interrupt_us
-            self._processor.show(run.jobs if is_still else None, until_us, time, interrupt_us)
-            self._plots.update(
-                lambda kind: self._topics.plot(kind) or recorded_plot(kind, self._runs)
-            )
+            self.processor.show(run.jobs if is_still else None, until_us, time, interrupt_us)
+            self.plots.update(self.recorded_plot)
+
+    def recorded_plot(self, kind: PlotKind) -> PlotData:
+        """Return a plot of the whole runs."""
+        return self._topics.plot(kind) or recorded_plot(kind, self.runs)

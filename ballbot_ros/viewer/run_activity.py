@@ -146,7 +146,10 @@ def _distance(metres: float) -> str:
     return f'{metres * 100.0:.0f} cm' if math.isfinite(metres) else 'no echo'
 
 
-PAUSE, STEP, RESET = 'pause', 'step', 'reset'
+PAUSE, STEP, RESET, BACK = 'pause', 'step', 'reset', 'back'
+BACK_S = 5.0
+"""The part of a run that is taken back."""
+
 RATES = {'0.1×': 0.1, '0.25×': 0.25, '0.5×': 0.5, '1×': 1.0, '2×': 2.0, 'max': 0.0}
 """Real-time factors by their labels; 0 is as fast as possible."""
 
@@ -178,6 +181,8 @@ class RunActivity:
         Whether there was a plant, and is none.
     is_out_of_control : bool
         Whether the controller has given up, as after a fall.
+    time : float
+        Sim time [s].
     """
 
     session: Session | None = None
@@ -185,6 +190,7 @@ class RunActivity:
     report: PlantReport | None = None
     has_lost_plant: bool = False
     is_out_of_control: bool = False
+    time: float = 0.0
 
     @property
     def is_controllable(self) -> bool:
@@ -207,12 +213,16 @@ class RunActivity:
         if not self.is_controllable:
             return OverlayState(banner=self._banner)
         assert self.report is not None
+        back = Button(
+            BACK, f'Back {BACK_S:g} s', 'b', 'End the run, and go on from an earlier time'
+        )
         return OverlayState(
             banner=self._banner,
             buttons=(
                 Button(PAUSE, 'Pause', ' ', 'Pause, or resume', is_pressed=self.is_paused),
                 Button(STEP, 'Step', '.', 'Run one tick of a paused plant'),
                 Button(RESET, 'Reset', 'r', 'Begin a new run'),
+                *([back] if self.session else []),
             ),
             rates=tuple(RATES),
             rate=next((name for name, pace in RATES.items() if pace == self.report.pace), ''),

@@ -153,7 +153,7 @@ class History:
 
     def __init__(self) -> None:
         self._samples: deque[Snapshot] = deque()
-        self._trail: list[tuple[float, float]] = []
+        self._trail: list[tuple[float, float, float]] = []  # time, x and y
 
     def clear(self) -> None:
         """Start over with a new run."""
@@ -173,14 +173,21 @@ class History:
         while self._samples[0].time < snapshot.time - WINDOW_S:
             self._samples.popleft()
         point = snapshot.position[0], -snapshot.position[1]
-        if not self._trail or math.dist(point, self._trail[-1]) > TRAIL_STEP:
-            self._trail.append(point)
+        if not self._trail or math.dist(point, self._trail[-1][1:]) > TRAIL_STEP:
+            self._trail.append((snapshot.time, *point))
         if len(self._trail) > TRAIL_POINTS + TRAIL_PIECE:
             del self._trail[:TRAIL_PIECE]
 
+    def forget(self, time: float) -> None:
+        """Forget what was from a time on [s]."""
+        while self._samples and self._samples[-1].time >= time:
+            self._samples.pop()
+        while self._trail and self._trail[-1][0] >= time:
+            self._trail.pop()
+
     def trail(self) -> list[tuple[float, float]]:
         """Return the trail, x and y in ``map`` [m]."""
-        return list(self._trail)
+        return [(x, y) for _, x, y in self._trail]
 
     def columns(self, ball_radius: float, start: Pair | None) -> tuple[Floats, Columns]:
         """Return the times [s] of the samples and their columns, named as in ``Run.frame``.

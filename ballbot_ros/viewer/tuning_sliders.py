@@ -54,8 +54,8 @@ class Tunable:
         low, high = min(0.0, reach), max(0.0, reach)
         return max(self.low, low), min(self.high, high)
 
-    def ros_value(self, numbers: Numbers) -> float | int | list[float]:
-        """Return numbers as the value of a ROS parameter."""
+    def value_of(self, numbers: Numbers) -> float | int | list[float]:
+        """Return numbers as the value of the parameter."""
         if self.is_array:
             return list(numbers)
         return round(numbers[0]) if self.is_whole else numbers[0]

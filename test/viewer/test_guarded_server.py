@@ -28,7 +28,7 @@ from websockets.sync.client import connect
 from ballbot_ros.errors import ViewerError
 from ballbot_ros.parameters import Dimensions, ParameterSet, ViewerParameters
 from ballbot_ros.viewer import guarded_server
-from ballbot_ros.viewer.live_controls import LiveControls
+from ballbot_ros.viewer.live_controls import PushButtons, ScenarioChooser
 from ballbot_ros.viewer.overlay import Banner, OverlayState, Press
 from ballbot_ros.viewer.page import Page
 from ballbot_ros.viewer.scene import ScenePanel
@@ -76,10 +76,9 @@ class Served:
             Dimensions.from_parameters(ParameterSet().of(ViewerParameters)), 'test', '127.0.0.1', 0
         )
         self.server = self.page.server
-        self.controls = LiveControls(
-            self.server.gui, self.robot.start, self.robot.push, ['push', 'square']
-        )
-        self.controls.offer_scenarios(offer=True)
+        self.controls = ScenarioChooser(self.server.gui, self.robot.start, ['push', 'square'])
+        PushButtons(self.server.gui, self.robot.push)
+        self.controls.offer(offer=True)
         ScenePanel(self.server.gui).show(Snapshot(0.0, (0.0, 0.0), (0.0, 0.0)))
         self.address = self.page.address
         self.place = urlsplit(self.address).netloc

@@ -37,7 +37,7 @@ from ballbot_ros.robot.world.floor_map import (  # noqa: E402
     LINE,
     load_map,
 )
-from ballbot_ros.viewer.live_controls import LiveControls  # noqa: E402
+from ballbot_ros.viewer.live_controls import PushButtons, ScenarioChooser  # noqa: E402
 from ballbot_ros.viewer.markers import Area  # noqa: E402
 from ballbot_ros.viewer.page import Page  # noqa: E402
 from ballbot_ros.viewer.playback_run import PlaybackRun  # noqa: E402
@@ -403,14 +403,13 @@ def test_a_browser_that_stops_reading_does_not_block_others(recording, monkeypat
 def test_scenarios_are_offered_where_they_can_be_started(recording):
     page = Page(PlaybackRun(recording).dimensions, 'test', '127.0.0.1', 0)
     robot = StubRobot()
-    controls = LiveControls(
-        page.server.gui, robot.start, robot.push, ['push', 'square', 'stationary']
-    )
+    controls = ScenarioChooser(page.server.gui, robot.start, ['push', 'square', 'stationary'])
+    PushButtons(page.server.gui, robot.push)
     ScenePanel(page.server.gui).show(Snapshot(0.0, (0.0, 0.0), (0.0, 0.0)))
     with browsing(page.address) as browser:
         assert browser.page.get_by_role('button', name='Start', exact=True).count() == 0
-        controls.offer_scenarios(offer=True)
-        controls.show_scenario('square')
+        controls.offer(offer=True)
+        controls.show('square')
         browser.press('Start')
         wait_until(lambda: robot.asked == [('start', 'square')], browser)
         browser.page.get_by_label('Next').click()
@@ -419,7 +418,7 @@ def test_scenarios_are_offered_where_they_can_be_started(recording):
         wait_until(lambda: robot.asked[1:] == [('start', 'push')], browser)
         page.notify('push begins')
         browser.wait_for_text('push begins')
-        controls.offer_scenarios(offer=False)
+        controls.offer(offer=False)
         browser.page.get_by_role('button', name='Start').wait_for(state='hidden')
         assert browser.errors == []
     page.stop()

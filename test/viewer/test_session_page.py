@@ -20,9 +20,11 @@ from ros_client import Client  # noqa: E402
 from std_srvs.srv import SetBool  # noqa: E402
 from terminal import Terminal  # noqa: E402
 
+from ballbot_ros.analysis.parent import Parent  # noqa: E402
 from ballbot_ros.nodes.viewer_requests import parameter_setting  # noqa: E402
 from ballbot_ros.parameters.timing import FIRST_TICK_NS, SECOND_NS  # noqa: E402
 from ballbot_ros.recording.messages.topics import PLANT_IMU  # noqa: E402
+from ballbot_ros.recording.reader import RecordingReader  # noqa: E402
 
 DURATION_S = 4
 SLOW = '0.1'
@@ -77,6 +79,7 @@ def test_the_page_of_a_run_says_what_it_is_doing(start_run, client, tmp_path):
         it_shows_the_processor_after_some_steps(browser)
         outcome = it_ends_with_a_verdict(browser, client, run)
         another_scenario_shows_nothing_of_it(browser)
+        it_goes_back(browser, tmp_path / 'runs')
         assert browser.errors == [], browser.errors
     run.process.send_signal(signal.SIGINT)
     assert run.finish() == 128 + signal.SIGINT
@@ -84,6 +87,17 @@ def test_the_page_of_a_run_says_what_it_is_doing(start_run, client, tmp_path):
     _, offline = record(tmp_path / 'offline', 'stationary', *OPTIONS)
     assert result['outcome'] == outcome == offline['outcome']
     assert result['duty_sha256'] == offline['duty_sha256']
+
+
+def it_goes_back(browser, folder):
+    """The run so far happens again up to then, and is driven from then on."""
+    wait_until(lambda: (browser.shown_time() or 0.0) > FIRST_TICK_NS / SECOND_NS, browser)
+    browser.press('Back 5 s')
+    wait_until(lambda: browser.banner().startswith('starting @0.000'), browser)
+    wait_until(lambda: (browser.shown_time() or 0.0) > END_S, browser)
+    with RecordingReader(folder / '3' / 'square_branch.mcap') as reader:
+        parent = Parent.decode(reader.attachments())
+    assert (parent.at, parent.changes) == (0.0, ('driven by hand',))
 
 
 def it_is_paused_from_anywhere(browser, client):
