@@ -38,9 +38,14 @@ from ballbot_ros.run.execution import execute
 from ballbot_ros.run.future import Future
 from ballbot_ros.run.observer import RunObserver
 from ballbot_ros.run.spec import RunSpec
+from ballbot_ros.run.tick_timer import TickTimer
 
 _REST_S, _TICKS_WITHOUT_REST = 1e-3, 25
 """States are made beside a page, which needs the interpreter, too."""
+
+_MAX_STATES = 300
+_LONGEST_WAIT_S = 5.0
+"""For a state; a tick that does not return ends only in the main thread."""
 
 
 class LiveInputs:
@@ -110,8 +115,8 @@ class _Robot:
 class ContinuedRun:
     """A recorded run from any of its moments on, changed by pushes, sticks, parameters and faults.
 
-    What was recorded later happens again, unless somebody takes the sticks. A state for each
-    second of the run is kept, so that a moment is near; they are made in a thread. A program that
+    What was recorded later happens again, unless somebody takes the sticks. A thread makes states
+    of the run, a second apart, or further in a long one, so that a moment is near. A program that
     can't be copied runs again from the start instead, and so does a robot that gets a fault, which
     may depend on what was before.
 
@@ -142,6 +147,8 @@ class ContinuedRun:
         settings = spec.parameters.of(ControllerParameters)
         self._implementation = implementation_for(settings, spec.controller)
         self._push_ns = round(spec.plant.push_duration * SECOND_NS)
+        self._timer = TickTimer(spec.controller, spec.plant)
+        self._period_ns = (1 + int(past.end / _MAX_STATES)) * SECOND_NS
         self._states: list[_Robot] = []
         self._later_states: list[_Robot] = []
         self._begun_ns = FIRST_TICK_NS
@@ -169,7 +176,7 @@ class ContinuedRun:
             inputs = _DrivenInputs(self._spec.scenario, LiveInputs())
             robot = self._new_robot(inputs)
             while robot.now_ns <= self._past.inputs.last_ns and not self._is_closed:
-                if robot.now_ns % SECOND_NS == 0:
+                if robot.now_ns % self._period_ns == 0 or not self._states:
                     self._states.append(robot.copy(inputs))
                 if robot.now_ns // TICK_NS % _TICKS_WITHOUT_REST == 0 and not self._is_awaited:
                     time.sleep(_REST_S)
@@ -225,23 +232,18 @@ class ContinuedRun:
             self._live.forget(to_ns)
         else:
             self._live.forget(0)
-            self._begun_ns = to_ns
+            self._begun_ns, self._later_states = to_ns, []
         self._later_states = [each for each in self._later_states if each.now_ns <= to_ns]
         if self._live.faults != faults:
             self._set_faults(self._live.faults)
-        if not self._live.pushes and to_ns == self._begun_ns:
-            self._later_states = []
         self._robot = self._robot_at(to_ns)
-
-    def again(self) -> None:
-        """Return to the moment at which it began to be changed."""
-        self.go_to(self.begun)
 
     def _robot_at(self, to_ns: int) -> _Robot:
         """Return the robot at a tick, after all that has been done."""
         robot = self._nearest(to_ns)
-        while robot.now_ns < to_ns and not robot.loop.plant.stopped:
-            self._tick(robot)
+        with self._timer:
+            while robot.now_ns < to_ns and not robot.loop.plant.stopped:
+                self._tick(robot)
         return robot
 
     def _nearest(self, to_ns: int) -> _Robot:
@@ -256,10 +258,10 @@ class ContinuedRun:
 
     def _await_states(self, until_ns: int) -> None:
         """Wait for the last state before a tick, which is made faster meanwhile."""
-        self._is_awaited = True
-        while self._maker.is_alive() and (
-            not self._states or self._states[-1].now_ns <= until_ns - SECOND_NS
-        ):
+        self._is_awaited, end_s = True, time.monotonic() + _LONGEST_WAIT_S
+        while self._maker.is_alive() and time.monotonic() < end_s:
+            if self._states and self._states[-1].now_ns > until_ns - self._period_ns:
+                break
             self._maker.join(_REST_S)
         self._is_awaited = False
 
@@ -270,8 +272,10 @@ class ContinuedRun:
             return None
         if robot.now_ns % SECOND_NS == 0 and robot.now_ns > self._begun_ns:
             with suppress(TypeError):
-                self._later_states.append(robot.copy(self._inputs))
-        return self._tick(robot)
+                latest = self._later_states[1 - _MAX_STATES :]
+                self._later_states = [*latest, robot.copy(self._inputs)]
+        with self._timer:
+            return self._tick(robot)
 
     def _tick(self, robot: _Robot) -> Tick:
         now_ns, live = robot.now_ns, self._live

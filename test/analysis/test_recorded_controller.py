@@ -85,7 +85,7 @@ def test_other_code_does_not_replay_it(folder):
     Path('mine.py').write_text(BALANCE + "\nopen('executed', 'w')\n")
     words = refusal(path, folder, 'mine.py:Balance')
     assert re.search(r'but mine.py has changed \(sha256 \w{12}\); give your copy', words)
-    assert 'of that code as --controller FILE.py:Class or package.module:Class, or' in words
+    assert '--code of branch and view, FILE.py:Class or package.module:Class, or' in words
     refusal(path, folder, 'none.py:Balance')
     for name in ('python', 'c'):
         assert 'can be replayed only by mine.py:Balance (sha256' in refusal(path, folder, name)

@@ -62,7 +62,8 @@ def test_the_text_of_its_cell_is_attached_for_reading(notebook, tmp_path, comman
         status, output, errors = command('replay', path, *options)
         assert (status, output, errors.count('\n')) == (2, '', 1)
         assert 'its controller is __main__:Mine (sha256 ' in errors
-        assert 'to a file and give it FILE.py:Mine' in errors
+        assert 'to a file and give it as --controller of replay' in errors
+        assert 'FILE.py:Mine' in errors
     for gain, expected in ((4, 0), (5, 1)):
         own = tmp_path / f'own{gain}.py'
         own.write_text(f'{IMPORT}\n{cell}\ngain = {gain}\n')

@@ -107,10 +107,10 @@ def test_again_returns_to_the_moment_and_the_recorded_run_goes_on(continued, par
     assert run.begun == pytest.approx(2.0)
     first = duties(run, 300)
     assert first == duties_of(parents['python'], run.begun, run.time)
-    run.again()
+    run.go_to(run.begun)
     run.push((0.5, 0.0))
     assert duties(run, 300) != first
-    run.again()
+    run.go_to(run.begun)
     assert run.pushes == run.pushes[: len(run._robot.loop.pushes)]
     assert duties(run, 300) == first
 
@@ -136,7 +136,7 @@ def test_what_is_refused_changes_nothing(continued):
         with pytest.raises(BallbotError, match=reason):
             wrong()
     first = duties(run, 100)
-    run.again()
+    run.go_to(run.begun)
     assert duties(run, 100) == first
 
 
@@ -156,7 +156,7 @@ def test_a_controller_that_can_not_be_copied_runs_again_from_the_start(continued
     first = duties(run, 100)
     run.go_to(1.7)
     assert run.begun == pytest.approx(1.5)
-    run.again()
+    run.go_to(run.begun)
     assert duties(run, 100) == first
     assert run._states == []
 
@@ -174,6 +174,6 @@ def test_a_wall_ends_it_until_one_goes_back(continued, tmp_path):
     assert 'wall' in run.wall_hit
     kept = run.keep(LogObserver())
     assert kept is not None
-    run.again()
+    run.go_to(run.begun)
     assert run.wall_hit == ''
     assert len(duties(run, 10)) == 10

@@ -45,7 +45,7 @@ def test_every_value_is_in_the_range_of_its_slider(value, below, above, is_whole
 
 
 def test_numbers_become_values_of_the_parameters_type():
-    assert tunable(1.0).ros_value((2.5,)) == 2.5
-    whole = tunable(1, is_whole=True).ros_value((2.0,))
+    assert tunable(1.0).value_of((2.5,)) == 2.5
+    whole = tunable(1, is_whole=True).value_of((2.0,))
     assert (whole, type(whole)) == (2, int)
-    assert tunable(1.0, is_array=True).ros_value((2.5, 3.0)) == [2.5, 3.0]
+    assert tunable(1.0, is_array=True).value_of((2.5, 3.0)) == [2.5, 3.0]
