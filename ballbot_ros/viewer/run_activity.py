@@ -36,12 +36,15 @@ class SessionResult:
         Path of the recording; '' if there is none.
     judgements : tuple of Judgement
         The expectations with their measured values; empty if the run was not judged.
+    missed_properties : tuple of str
+        The properties that do not hold, each with the moment that decides it.
     """
 
     verdict: str
     reason: str = ''
     recording: str = ''
     judgements: tuple[Judgement, ...] = ()
+    missed_properties: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -77,7 +80,18 @@ def _result(content: Mapping[str, Any]) -> SessionResult:
             for each in content.get('expectations', ())
             if each['holds'] is not None
         ),
+        missed_properties=tuple(
+            _missed_property(each)
+            for each in content.get('properties', ())
+            if each['holds'] is False
+        ),
     )
+
+
+def _missed_property(content: Mapping[str, Any]) -> str:
+    """Return the name of a property, and the moment that decides it."""
+    moment = content['moment_s']
+    return str(content['name']) + ('' if moment is None else f': missed at {moment:.2f} s')
 
 
 def _judgement(content: Mapping[str, Any]) -> Judgement:
@@ -279,11 +293,11 @@ def _result_banner(scenario: str, result: SessionResult) -> Banner:
 
 def _result_details(result: SessionResult) -> tuple[str, ...]:
     """Return what was not met, or else the reason of a failure and a few metrics."""
-    missed = [each for each in result.judgements if not each.holds]
+    missed = [_missed_text(each) for each in result.judgements if not each.holds]
+    missed += result.missed_properties
     if missed:
         rest = len(missed) - _MAX_DETAILS
-        more = (f'and {rest} more',) if rest > 0 else ()
-        return (*map(_missed_text, missed[:_MAX_DETAILS]), *more)
+        return (*missed[:_MAX_DETAILS], *([f'and {rest} more'] if rest > 0 else []))
     whole = [each for each in result.judgements if each.expectation.covers_whole_run]
     return (*_lines(result.reason), *map(_value_text, whole[:_MAX_DETAILS]))
 

@@ -9,6 +9,7 @@ from ballbot_ros.engine.scenario.scenario import Expectation
 from ballbot_ros.recording.messages.run_reports import PlantReport
 from ballbot_ros.viewer.overlay import Banner, BannerKind
 from ballbot_ros.viewer.run_activity import (
+    BACK,
     PAUSE,
     RATES,
     REPORT,
@@ -96,6 +97,19 @@ def test_the_details_of_a_result_are_what_was_not_met():
     assert details[-1] == 'and 5 more'
 
 
+def test_missed_properties_are_details_with_their_moments():
+    properties = [
+        {'name': 'stands', 'holds': False, 'moment_s': 3.216},
+        {'name': 'stops', 'holds': False, 'moment_s': None},
+        {'name': 'drives', 'holds': True, 'moment_s': 1.0},
+        {'name': 'falls', 'holds': None, 'moment_s': 1.0},
+    ]
+    result = {'outcome': 'properties not met', 'reason': '', 'properties': properties}
+    session = decode_session(encode_session('square', result))
+    details = RunActivity(session=session, has_pose=True).overlay.banner.details
+    assert details == ('stands: missed at 3.22 s', 'stops')
+
+
 def test_a_run_that_passed_shows_a_few_metrics_of_the_whole_run():
     met = Judgement(Expectation('final_position_x_m', 0.3, end=7.5), 0.3218)
     details = ended('passed', '', met, *[MET] * 20).overlay.banner.details
@@ -119,6 +133,8 @@ def test_buttons_and_speed_show_what_is_in_effect():
     assert overlay.rate in overlay.rates
     overlay = running(pace=0.3).overlay
     assert [each.name for each in overlay.buttons] == [PAUSE, STEP, RESET]
+    of_command = running(STARTING).overlay.buttons
+    assert [each.name for each in of_command] == [PAUSE, STEP, RESET, BACK]
     assert not any(each.is_pressed for each in overlay.buttons)
     assert overlay.rate == '', 'none of the choices'
     assert running(pace=0.0).overlay.rate == 'max'
