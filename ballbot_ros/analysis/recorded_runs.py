@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Collection, Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -19,6 +20,7 @@ from ballbot_ros.errors import RecordingError
 from ballbot_ros.lockstep.participants import MAP_HASH, Participant
 from ballbot_ros.lockstep.recording_order import MAX_AHEAD_NS
 from ballbot_ros.parameters import (
+    CONTROLLER,
     NODES,
     PATHS,
     PLANT,
@@ -42,6 +44,7 @@ from ballbot_ros.recording.messages.topics import (
 from ballbot_ros.recording.reader import AttachedFile, RecordingReader
 from ballbot_ros.recording.rosbag2 import MAPS
 from ballbot_ros.recording.schemas import typestore
+from ballbot_ros.robot.brick.faults import performed_faults
 from ballbot_ros.robot.world.floor_map import is_file_name
 
 IDENTIFYING_TOPICS = (
@@ -423,10 +426,10 @@ class RobotRecording:
 
 
 class AnnouncedParameters:
-    """Collects the announcements of the participants in a recording."""
+    """Collects the announcements of the participants in a recording; `by_run` has their names."""
 
     def __init__(self) -> None:
-        self._participants: dict[str, list[Participant]] = {}
+        self.by_run: dict[str, list[Participant]] = {}
         self._members: dict[str, Mapping[str, str]] = {}
 
     def add(self, topic: Topic, data: bytes) -> None:
@@ -439,15 +442,19 @@ class AnnouncedParameters:
             announcement = decode_announcement(data)
         except ValueError:
             return
-        self._participants.setdefault(announcement.run, []).append(announcement.participant)
+        self.by_run.setdefault(announcement.run, []).append(announcement.participant)
 
     def _of_run(self, run: str) -> dict[str, Mapping[str, object]]:
-        """Return the parameters by role, only of participants that the run status lists."""
-        values: dict[str, Mapping[str, object]] = {}
-        for each in self._participants.get(run, ()):
-            if each.role in NODES and each.parameters and self._took_part(each, run):
-                values.setdefault(each.role, each.parameters)
-        return values
+        """Return the parameters by role, only of participants that the run status lists.
+
+        They are the last ones that each has announced: faults may be given during a run.
+        """
+        found: dict[str, Participant] = {}
+        for each in self.by_run.get(run, ()):
+            is_known = each.role in NODES and each.parameters and self._took_part(each, run)
+            if is_known and found.setdefault(each.role, each).instance == each.instance:
+                found[each.role] = each
+        return {role: each.parameters for role, each in found.items()}
 
     def _took_part(self, participant: Participant, run: str) -> bool:
         member = self._members.get(run, {}).get(participant.role, '')
@@ -455,7 +462,7 @@ class AnnouncedParameters:
 
     def participant(self, run: str, role: str) -> Participant | None:
         """Return who took a role in the run with this name; None if nobody was announced."""
-        announced = (each for each in self._participants.get(run, ()) if each.role == role)
+        announced = (each for each in self.by_run.get(run, ()) if each.role == role)
         return next((each for each in announced if self._took_part(each, run)), None)
 
     def foreign(self, run: str) -> dict[str, Participant]:
@@ -469,7 +476,7 @@ class AnnouncedParameters:
 
     def is_of_another_scenario(self, run: str) -> bool:
         """Return whether the scenario of a run differs from that of the first announced run."""
-        runs = run, next(iter(self._participants), run)
+        runs = run, next(iter(self.by_run), run)
         one, other = (self._of_run(each).get(PLANT, {}).get('scenario') for each in runs)
         return bool(one != other)
 
@@ -483,7 +490,8 @@ class AnnouncedParameters:
         """
         parameters = ParameterSet()
         parameters.update(attached)
-        for role, values in self._of_run(run).items():
+        told = self._of_run(run)
+        for role, values in told.items():
             for name, value in values.items():
                 if name in PATHS and name != 'map':
                     continue  # a path is useless on another machine
@@ -493,6 +501,12 @@ class AnnouncedParameters:
                     parameters.set(role, name, value)
                 except ParameterError:
                     continue  # a foreign controller has its own parameters
+        texts = {
+            role: str(told[role].get('faults', '')) for role in (PLANT, CONTROLLER) if role in told
+        }
+        if len({*texts.values()}) == 2:
+            with suppress(ParameterError):
+                parameters.set(PLANT, 'faults', performed_faults(texts))
         return parameters
 
 

@@ -29,7 +29,7 @@ from ballbot_ros.parameters.timing import SECOND_NS
 from ballbot_ros.parameters.yaml_document import YamlDocument
 from ballbot_ros.recording.messages.conversions import push_forces, stamp_ns
 from ballbot_ros.recording.messages.message_types import WrenchStamped
-from ballbot_ros.recording.messages.topics import ACCEPTED_PUSH
+from ballbot_ros.recording.messages.topics import ACCEPTED_PUSH, PARTICIPANTS, RUN_STATUS
 from ballbot_ros.recording.reader import AttachedFile, RecordingReader
 from ballbot_ros.recording.rosbag2 import MAPS, PARAMETERS, SCENARIO, VERSIONS
 from ballbot_ros.robot.brick.faults import Fault, all_faults
@@ -269,6 +269,16 @@ def known_faults(parameters: ParameterSet) -> tuple[Fault, ...]:
         return all_faults(parameters.of)
     except ParameterError:
         return ()
+
+
+def faults_in(reader: RecordingReader, parameters: ParameterSet) -> list[Fault]:
+    """Return the faults of all runs of a recording, whose attached parameters are these."""
+    topics = {each.resolved(): each for each in (PARTICIPANTS, RUN_STATUS)}
+    announced = AnnouncedParameters()
+    for raw in reader.raw_messages(topics):
+        announced.add(topics[raw.topic], raw.data)
+    runs = [announced.of(run, parameters, {}) for run in announced.by_run] or [parameters]
+    return list(dict.fromkeys(each for run in runs for each in known_faults(run)))
 
 
 def fault_intervals(parameters: ParameterSet, end: float) -> list[Interval]:

@@ -15,7 +15,7 @@ from ballbot_ros.analysis.parent import Parent
 from ballbot_ros.analysis.recorded_controller import ControllerIdentity, decode_controller
 from ballbot_ros.analysis.recorded_scenario import (
     external_push,
-    known_faults,
+    faults_in,
     outside_pushes,
     outside_pushes_in,
     read_attachments,
@@ -83,7 +83,7 @@ def _read(reader: RecordingReader, progress: ProgressCallback) -> dict[str, obje
         'runs_s': [stamp_ns / 1e9 for stamp_ns in runs_ns],
         'outcome': outcome,
         'external_pushes': [push.as_json() for push in outside_pushes_in(reader, runs_ns)],
-        'faults': [str(each) for each in known_faults(attached.parameters)],
+        'faults': [str(each) for each in faults_in(reader, attached.parameters)],
         'made_by': _made_by(reader.attachments()),
         'parent': (parent := Parent.decode(reader.attachments())) and asdict(parent),
         'topics': {

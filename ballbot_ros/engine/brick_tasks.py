@@ -54,7 +54,7 @@ class BrickTasks:
     def __init__(self, parameters: ControllerParameters, start_ns: int = FIRST_TICK_NS) -> None:
         self._parameters = parameters
         self.is_timed = is_timed(parameters)
-        self._faults = fault_row(faults_of(parameters), start_ns)
+        self.faults = fault_row(faults_of(parameters), start_ns)
         self._start_ns = self._begun_ns = start_ns
         self._kernel: OsekKernel | None = None
         self._duties: dict[int, tuple[int, int]] = {}
@@ -69,7 +69,7 @@ class BrickTasks:
     @property
     def changes(self) -> Mapping[int, bool]:
         """Ticks [ns] at which the program starts anew (True) or stops (False)."""
-        return program_changes(self._faults, self._start_ns)
+        return program_changes(self.faults, self._start_ns)
 
     def tick(self, program: Program, now_ns: int, inputs: DeviceInputs) -> DeviceOutputs:
         """Run the tasks that are due."""
@@ -94,7 +94,7 @@ class BrickTasks:
         self, program: ControlProgram, last_ns: int, kernel_state: Sequence[int]
     ) -> None:
         """Continue after a tick from a state of the program and the kernel."""
-        self._begun_ns = program_start(self._faults, self._start_ns, last_ns)
+        self._begun_ns = program_start(self.faults, self._start_ns, last_ns)
         if not self.is_timed:
             return
         kernel = self._kernel or self._begin(program, self._start_ns)
@@ -104,7 +104,7 @@ class BrickTasks:
 
     def _is_on(self, program: Program, now_ns: int) -> bool:
         """Return whether the program runs at a tick; restart it if it starts anew."""
-        begun_ns, before_ns = program_start(self._faults, self._start_ns, now_ns), self._begun_ns
+        begun_ns, before_ns = program_start(self.faults, self._start_ns, now_ns), self._begun_ns
         self._begun_ns = begun_ns
         if begun_ns not in (before_ns, OFF_NS):
             program.restart()
@@ -142,7 +142,7 @@ class BrickTasks:
                 time_us = program.job_time(names[0], outputs, self._times)
                 if names[0] in COMPONENTS:
                     component = COMPONENTS.index(names[0])
-                    time_us += active_amount(self._faults, component, SLOW, now_ns)
+                    time_us += active_amount(self.faults, component, SLOW, now_ns)
                 kernel.take_time(task, varied(self._times, time_us, self._key, task, now_ns))
         effect_ns = 1000 * duty_effect(kernel.constants, kernel.state)
         outputs.duty = kernel.state[DUTY_X], kernel.state[DUTY_Y]

@@ -32,6 +32,7 @@ from ballbot_ros.parameters import (
     SonarParameters,
 )
 from ballbot_ros.parameters.timing import FIRST_TICK_NS, SLOW_PERIOD_NS, STEP_NS, TICK_NS
+from ballbot_ros.robot.arithmetic import Reals
 from ballbot_ros.robot.brick import fault_effects as components
 from ballbot_ros.robot.brick.fault_effects import (
     active_amount,
@@ -352,10 +353,9 @@ class Device(Generic[P, Reading]):
         """Sampling period in sim time [ns]."""
         return self.parameters.period_ns
 
-    def reader(self, parameters: P, start_ns: int) -> Read[Any]:
-        """Return the function of `make`, with the faults of a run that begins at a time [ns]."""
-        read, faults = self.make(parameters), fault_row(faults_of(parameters), start_ns)
-        key, period_ns = noise_key(parameters.seed), self.period_ns
+    def reader(self, parameters: P, faults: Reals) -> Read[Any]:
+        """Return the function of `make`, with the row of faults, which may change later."""
+        read, key, period_ns = self.make(parameters), noise_key(parameters.seed), self.period_ns
 
         def faulty(measured: Pair, stamp_ns: int) -> Any:
             reading: Any = read(measured, stamp_ns)
@@ -366,7 +366,7 @@ class Device(Generic[P, Reading]):
             )
             return left[0] if isinstance(reading, int) else left
 
-        return faulty if faults else read
+        return faulty
 
     def age_of(
         self, parameters: P, start_ns: int = FIRST_TICK_NS

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple, cast
 
 from ballbot_ros.errors import one_line
@@ -71,6 +71,10 @@ class Participant:
     def is_foreign(self) -> bool:
         """Whether it is a node of another package."""
         return self.implementation.split()[:1] != [OUR_PACKAGE]
+
+    def with_faults(self, text: str) -> Participant:
+        """Return the participant with other faults; all else stays the same during a run."""
+        return replace(self, parameters={**self.parameters, 'faults': text})
 
     def longest_delay(self) -> int:
         """Return the longest dead time of its samples [physics steps]; 0 unless it announces one.

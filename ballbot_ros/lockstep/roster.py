@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum, auto
+from operator import attrgetter
 
 from ballbot_ros.errors import one_line
 from ballbot_ros.lockstep.participants import (
@@ -134,9 +135,12 @@ class Roster:
         if not any(participant.role in roles for roles in self._owners.values()):
             return
         known = run.heard.get(participant.instance)
-        if known and known.announcement.participant != participant:
-            run.problem = f'{participant} claims to be {known.announcement.participant}'
+        before = known.announcement.participant if known else participant
+        if before.with_faults('') != participant.with_faults(''):
+            run.problem = f'{participant} claims to be {before}'
             return
+        if run.members.get(participant.role) == before:
+            run.members[participant.role] = participant
         run.heard[participant.instance] = _Heard(announcement, self._calls)
         objection = announcement.objection
         if objection and objection.topic:
@@ -294,6 +298,8 @@ class Roster:
     def _disagreement(self) -> str:
         """Return the parameter on which two participants disagree, or ''."""
         for name, roles in self._shared.items():
+            if name == 'faults' and self._run.has_begun:
+                continue  # each has been given its own
             members = self._run.members.values()
             tellers = [each for each in members if each.role in roles and name in each.parameters]
             tellers.sort(key=lambda each: each.node)
@@ -445,7 +451,6 @@ def wrong_stamp_text(topic: str, stamp_ns: int | None) -> str:
 
 
 def _are_equal(one: Participant, other: Participant) -> bool:
-    return (one.implementation, one.parameters_sha256) == (
-        other.implementation,
-        other.parameters_sha256,
-    )
+    identify = attrgetter('implementation', 'parameters_sha256')
+    is_same = one.parameters.get('faults') == other.parameters.get('faults')
+    return bool(is_same and identify(one) == identify(other))

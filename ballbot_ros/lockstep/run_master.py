@@ -33,6 +33,8 @@ from ballbot_ros.parameters import CONTROLLER, PLANT, PlantParameters, Value, pa
 from ballbot_ros.parameters.changes import scheduled_at
 from ballbot_ros.parameters.timing import FIRST_TICK_NS, SECOND_NS, TICK_NS, next_start_ns
 from ballbot_ros.robot.brick.brick import MotorDuty
+from ballbot_ros.robot.brick.fault_effects import change_faults
+from ballbot_ros.robot.brick.faults import faults_of
 from ballbot_ros.robot.plant.ground_truth import Pair, Push
 
 DISCOVERY_S = 1.0
@@ -105,6 +107,7 @@ class RunMaster(ABC):
     """
 
     is_lockstep: bool
+    _parameters: PlantParameters
 
     def __init__(
         self,
@@ -252,7 +255,10 @@ class RunMaster(ABC):
 
     @event
     def on_parameters(self, parameters: PlantParameters) -> None:
-        """Apply new parameters, such as another pace."""
+        """Apply new parameters, such as another pace or other faults."""
+        if parameters.faults != self._parameters.faults:
+            change_faults(self._plant.faults, faults_of(parameters), self._run.start_ns)
+            self._participants.announce_faults(parameters.faults)
         self._parameters = parameters
         self._act(do.Report())
         self._pacer.restart()
@@ -346,9 +352,9 @@ class RunMaster(ABC):
         self._run = RunIdentity(f'{self._number} {self._token}', self._run.start_ns)
         self._phase = Phase.GATHERING
         self._waiting_since_s = self._now_s
-        self._participants.gather(
-            self._run, self._setup.participant, requires_recorder=self._parameters.require_recorder
-        )
+        plant = self._setup.participant.with_faults(self._parameters.faults)
+        requires_recorder = self._parameters.require_recorder
+        self._participants.gather(self._run, plant, requires_recorder=requires_recorder)
         if self._setup.world is None:
             self._act(do.ClearMap())
         self._act(do.AnnounceRun(self._run))

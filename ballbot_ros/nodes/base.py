@@ -68,7 +68,6 @@ class BallbotNode(ParameterNode[P]):
         self.logs_failure = True
         self.awaits = ''
         self.on_destroy = ExitStack()
-        self.now_ns = 0
         self._samples = 0
         self._reported_samples = 0
         self._last_sample_at = self._reported_at = time.monotonic()

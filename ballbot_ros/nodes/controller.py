@@ -54,6 +54,7 @@ from ballbot_ros.recording.messages.topics import (
     PARTICIPANTS,
     Topic,
 )
+from ballbot_ros.robot.brick.faults import faults_of
 from ballbot_ros.robot.brick.schedule import TaskTiming
 
 
@@ -216,10 +217,15 @@ class ControllerNode(BallbotNode[ControllerParameters]):
             )
         require_implementation(after)
         self._implementation.check(parameters)
+        faults_of(parameters, [task.name for task in self._implementation.tasks])
+
+    def on_parameters_changed(self) -> None:
+        """Let other faults act; what the program takes over waits for its next tick."""
+        self._participation.change_faults(self._tasks.faults)
 
     def is_live(self, row: Parameter) -> bool:
         """Return whether the program takes over a new value during a run."""
-        return row in self._implementation.tunable
+        return row in self._implementation.tunable or self.is_of_run(row)
 
     def apply_parameters(self) -> None:
         """Apply the new parameter values at the start of a run."""
@@ -333,7 +339,9 @@ class ControllerNode(BallbotNode[ControllerParameters]):
         before = self._program_parameters.values()
         self._program_parameters = self.parameters
         changed = {
-            name: value for name, value in self.parameters.values().items() if value != before[name]
+            name: value
+            for name, value in self.parameters.values().items()
+            if value != before[name] and name != 'faults'
         }
         if changed:
             self._messages.retuned(now_ns, changed)

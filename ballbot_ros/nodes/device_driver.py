@@ -14,6 +14,8 @@ from ballbot_ros.parameters.timing import FIRST_TICK_NS
 from ballbot_ros.recording.messages.devices import DEVICE_MESSAGES, AnyDeviceMessages
 from ballbot_ros.recording.messages.raw import stamp_of
 from ballbot_ros.recording.messages.topics import HISTORY, Topic
+from ballbot_ros.robot.brick.fault_effects import fault_row
+from ballbot_ros.robot.brick.faults import faults_of
 
 
 class DeviceDriver(BallbotNode[P]):
@@ -36,10 +38,16 @@ class DeviceDriver(BallbotNode[P]):
 
     def check(self, parameters: P) -> None:
         """Check that the device can be created with these parameters."""
-        self._device.reader(parameters, FIRST_TICK_NS)
+        faults_of(parameters)
+        self._device.make(parameters)
+
+    def on_parameters_changed(self) -> None:
+        """Let other faults act."""
+        self._participation.change_faults(self._faults)
 
     def _set_up(self, start_ns: int) -> None:
-        self._read = self._device.reader(self.parameters, start_ns)
+        self._faults = fault_row(faults_of(self.parameters), start_ns)
+        self._read = self._device.reader(self.parameters, self._faults)
         self._answers = GivenAnswers[object]()
         self._encode = self._messages.encoder(self.parameters)
         self._source = self._messages.source(self.parameters, start_ns)

@@ -266,6 +266,10 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
         if parameters.device not in ('', ANY):
             SdlBackend()
 
+    def on_parameters_changed(self) -> None:
+        """Let other faults act."""
+        self._participation.change_faults(self._faults)
+
     def apply_parameters(self) -> None:
         """Apply the new parameter values at the start of a run."""
         before = self.parameters
@@ -326,8 +330,6 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
 
     def _arrived(self, now_ns: int, command: Command) -> Command:
         """Return what has reached the brick, which faults of the link make older."""
-        if not self._faults:
-            return command
         self._sent[now_ns] = command
         newest_ns = packet_time(self._faults, now_ns, noise_key(self.parameters.seed))
         known = [stamp for stamp in self._sent if stamp <= newest_ns]

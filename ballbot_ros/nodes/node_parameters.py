@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from itertools import starmap
 from typing import Generic, TypeVar
 
 from rcl_interfaces.msg import (
@@ -17,6 +18,7 @@ from rclpy.parameter import Parameter as RosParameter
 from ballbot_ros.errors import BallbotError, one_line
 from ballbot_ros.parameters import (
     CONTROLLER,
+    DRIVER_PERIODS_NS,
     NOT_DESIGNED,
     TABLE,
     NodeParameters,
@@ -28,8 +30,11 @@ from ballbot_ros.parameters import (
     parameters_of,
     suggest,
 )
+from ballbot_ros.parameters.timing import SECOND_NS, TICK_NS
+from ballbot_ros.robot.brick.faults import faults_from
 
 SIM_TIME = 'use_sim_time'
+THIS_RUN = TakesEffect.THIS_RUN
 _ROS_PARAMETERS = {SIM_TIME, 'start_type_description_service'}
 """Parameters that every ROS node has."""
 
@@ -59,6 +64,8 @@ class ParameterNode(Node, Generic[P]):
     ----------
     parameters : NodeParameters
         The values in effect.
+    start_ns, now_ns : int or None
+        Start of its run, None before the first; stamp of its newest sample in it, or 0 [ns].
 
     Raises
     ------
@@ -78,6 +85,9 @@ class ParameterNode(Node, Generic[P]):
         self.role = cls.node
         self._rows = parameters_of(cls.node)
         self._sim_time_reason = ''
+        self.start_ns: int | None = None
+        self.now_ns = 0
+        self._lasting: dict[str, Value] = {}
         requested = cls().with_values(self._declare_all(self._rows))
         further = {row.name: row for row in self.further_parameters(requested)}
         self._rows = {**self._rows, **further}
@@ -168,6 +178,8 @@ class ParameterNode(Node, Generic[P]):
             for each in changes:
                 if row := self._rows.get(each.name):
                     value = row.check(_read(row, each), f'{self.get_name()}.')
+                    if self.is_of_run(row):
+                        value = faults_from(self.earliest_change, str(value), self.parameters)
                     requested = requested.with_values({row.name: value})
                 elif each.name == SIM_TIME:
                     self._check_sim_time(each.value)
@@ -180,7 +192,9 @@ class ParameterNode(Node, Generic[P]):
                 self.check(live)
         except BallbotError as error:
             return SetParametersResult(successful=False, reason=one_line(error))
-        result = super().set_parameters_atomically([self._in_own_type(each) for each in changes])
+        values = requested.values()
+        given = [_ros_parameter(each.name, values.get(each.name, each.value)) for each in changes]
+        result = super().set_parameters_atomically(given)
         if result.successful:
             self._requested = requested
             if live != self.parameters:
@@ -211,11 +225,25 @@ class ParameterNode(Node, Generic[P]):
 
     def is_live(self, row: Parameter) -> bool:
         """Return whether a new value of a parameter takes effect immediately."""
-        return row.is_live
+        return row.is_live or self.is_of_run(row)
+
+    def is_of_run(self, row: Parameter) -> bool:
+        """Return whether a new value takes effect in the present run, and only in it."""
+        return row.takes_effect is THIS_RUN and self.start_ns is not None
+
+    @property
+    def earliest_change(self) -> float:
+        """When faults given now can begin [s]: after the next sample, which they may hold."""
+        period_ns, start_ns = DRIVER_PERIODS_NS.get(self.role, TICK_NS), self.start_ns or 0
+        return (max(self.now_ns + period_ns - start_ns, 0) + period_ns) / SECOND_NS
 
     def apply_parameters(self) -> None:
         """Apply the new parameter values at the start of a run."""
+        self._requested = self._requested.with_values(self._lasting)
+        super().set_parameters_atomically(list(starmap(_ros_parameter, self._lasting.items())))
         self.parameters = self._requested
+        of_run = [name for name, row in self._rows.items() if row.takes_effect is THIS_RUN]
+        self._lasting = {name: self.parameters.values()[name] for name in of_run}
 
     def check(self, parameters: P) -> None:
         """Raise BallbotError if values are not compatible; called before they are applied."""

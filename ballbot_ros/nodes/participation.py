@@ -40,6 +40,8 @@ from ballbot_ros.recording.messages.message_types import Header
 from ballbot_ros.recording.messages.participation import encode_announcement
 from ballbot_ros.recording.messages.raw import stamp_of
 from ballbot_ros.recording.messages.topics import PARTICIPANTS, ROLL_CALL, Topic, periodic_topics
+from ballbot_ros.robot.brick.fault_effects import change_faults
+from ballbot_ros.robot.brick.faults import faults_of
 from ballbot_ros.robot.world.floor_map import read_map_file
 
 _PREFIX = 24
@@ -240,6 +242,14 @@ class Participation:
         if self._member.objects(objection):
             self._announce()
 
+    def change_faults(self, row: list[float]) -> None:
+        """Let a row be that of the faults that the node has now, and announce them."""
+        member, parameters = self._member, self._node.parameters
+        if member.run and parameters.faults != member.participant.parameters['faults']:
+            change_faults(row, faults_of(parameters), member.run.start_ns)
+            member.participant = member.participant.with_faults(parameters.faults)
+            self._announce()
+
     def _on_roll_call(self, header: Header) -> None:
         run = RunIdentity(header.frame_id, time_ns(header.stamp))
         if run != self._member.run:
@@ -251,7 +261,7 @@ class Participation:
         member = self._member
         if member.join(run):
             self._node.recreate_publishers(exclude=PARTICIPANTS)
-        self._node.now_ns = 0
+        self._node.start_ns, self._node.now_ns = run.start_ns, 0
         self._node.apply_parameters()
         member.participant = with_parameters(
             member.participant, self._node.parameters, self._node.announced_values()

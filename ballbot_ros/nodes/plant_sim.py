@@ -332,7 +332,7 @@ class PlantSim(BallbotNode[PlantParameters]):
         World.of(parameters)
 
     def on_parameters_changed(self) -> None:
-        """Apply the new pace and push duration."""
+        """Apply the new pace, push duration and faults."""
         if self._free_timer is not None:
             self._free_timer.timer_period_ns = round(self._tick_s * SECOND_NS)
         self.dispatch(self.master.on_parameters, self.parameters)
@@ -344,7 +344,7 @@ class PlantSim(BallbotNode[PlantParameters]):
 
     def _set_up(self, start_ns: int) -> RunSetup:
         """Apply the parameters of a new run, and create its plant."""
-        before = self.parameters
+        before, self.start_ns = self.parameters, start_ns
         self.apply_parameters()
         if self.parameters != before:
             self._scenario = scenario_of(self.parameters.scenario)

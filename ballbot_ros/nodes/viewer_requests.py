@@ -14,7 +14,8 @@ from rclpy.parameter import Parameter as RosParameter
 from rclpy.parameter import parameter_value_to_python
 from std_srvs.srv import SetBool, Trigger
 
-from ballbot_ros.lockstep.participants import TUNABLE, Announcement
+from ballbot_ros.errors import BallbotError
+from ballbot_ros.lockstep.participants import TUNABLE, Announcement, Participant
 from ballbot_ros.nodes.base import AnyNode
 from ballbot_ros.nodes.endpoints import reliable_qos
 from ballbot_ros.nodes.participation import full_name
@@ -25,6 +26,7 @@ from ballbot_ros.recording.messages.conversions import encode_push
 from ballbot_ros.recording.messages.participation import decode_announcement
 from ballbot_ros.recording.messages.run_reports import decode_parameter_event
 from ballbot_ros.recording.messages.topics import HISTORY, PARAMETER_EVENTS, PARTICIPANTS, PUSH, RUN
+from ballbot_ros.robot.brick.faults import parse_fault, performer_of
 from ballbot_ros.robot.plant.ground_truth import Pair
 from ballbot_ros.viewer.overlay import ChooseRate, Press, Request
 from ballbot_ros.viewer.run_activity import BACK, BACK_S, PAUSE, RATES, RESET, STEP, RunActivity
@@ -254,7 +256,8 @@ class TuningRequests:
     ) -> None:
         self._node, self._notify, self._sliders = node, notify, sliders
         self._clients: dict[tuple[str, Any], Any] = {}
-        self._nodes: dict[str, str] = {}
+        self._participants: dict[str, Participant] = {}
+        self._faults: queue.SimpleQueue[str] = queue.SimpleQueue()
         self._controller = ('', '')
         self._query: Announcement | None = None
         self._queried_at = -math.inf
@@ -270,8 +273,31 @@ class TuningRequests:
         )
         node.subscribe(PARAMETER_EVENTS, self._on_event, depth=HISTORY, raw=True)
 
+    def add_fault(self, text: str) -> None:
+        """Queue a fault, such as ``gyro_x stuck duration=2``, for the node that has it."""
+        self._faults.put(text)
+
+    def _send_fault(self, text: str) -> None:
+        try:
+            role = performer_of(parse_fault(text).component)
+        except BallbotError as error:
+            self._notify(str(error))
+            return
+        if participant := self._participants.get(role):
+            texts = filter(None, (participant.parameters.get('faults'), text))
+            request = parameter_setting('faults', '; '.join(map(str, texts)))
+            self._call(participant.node, request, self._notify_refusal)
+        else:
+            self._notify(f'{role} takes no part in the run')
+
+    def _notify_refusal(self, answer: SetParameters.Response) -> None:
+        for reason in (each.reason for each in answer.results if not each.successful):
+            self._notify(reason)
+
     def send_queued(self) -> None:
-        """Send the numbers that the page wants, and an unanswered query again."""
+        """Send the faults and numbers that the page wants, and an unanswered query again."""
+        while not self._faults.empty():
+            self._send_fault(self._faults.get())
         for name, numbers in self._sliders.take().items():
             self._set(name, numbers)
         now_s = time.monotonic()
@@ -290,7 +316,8 @@ class TuningRequests:
             self._node.warn_malformed(PARTICIPANTS, error)
             return
         participant = announcement.participant
-        self._nodes[participant.role] = participant.node
+        self._participants[participant.role] = participant
+        self._client(participant.node, SetParameters)
         joined = (announcement.run, participant.instance)
         if participant.role == CONTROLLER and joined != self._controller:
             self._controller = joined
@@ -360,9 +387,9 @@ class TuningRequests:
         self._set_at[name] = time.monotonic()
         row = parameters_of(CONTROLLER).get(name)
         for role in row.nodes if row else (CONTROLLER,):
-            if role in self._nodes:
+            if role in self._participants:
                 self._call(
-                    self._nodes[role],
+                    self._participants[role].node,
                     parameter_setting(name, value),
                     lambda answer: self._take_answer(name, numbers, answer),
                 )
@@ -377,12 +404,15 @@ class TuningRequests:
 
     def _call(self, node: str, request: object, on_response: Callable[[Any], None]) -> None:
         kind = next(kind for kind in _TUNING_SERVICES if isinstance(request, kind.Request))
+        is_there = send(self._client(node, kind), request, on_response)
+        if kind is SetParameters and not is_there:
+            self._notify(f'{node}: service not available')
+
+    def _client(self, node: str, kind: Any) -> Any:
         if (node, kind) not in self._clients:
             service = f'{node}/{_TUNING_SERVICES[kind]}'
             self._clients[node, kind] = self._node.create_client(kind, service)
-        is_there = send(self._clients[node, kind], request, on_response)
-        if kind is SetParameters and not is_there:
-            self._notify(f'{node}: service not available')
+        return self._clients[node, kind]
 
 
 def _tunable_names(announcement: Announcement) -> list[str]:

@@ -59,6 +59,7 @@ class TakesEffect(Enum):
 
     IMMEDIATELY = 'at once'
     NEXT_RUN = 'next run'
+    THIS_RUN = 'at once, and only in the present run'
     READ_ONLY = 'never'
 
 
@@ -248,7 +249,8 @@ def dead_time(description: str) -> int:
 
 def fault_list(components: str) -> str:
     """Declare the faults of some components."""
-    return setting('', f'faults of {components}, see docs/scenarios.md; empty: none', 'project')
+    text = f'faults of {components}, see docs/scenarios.md; empty: none'
+    return setting('', text, 'project', takes_effect=TakesEffect.THIS_RUN)
 
 
 def setting(

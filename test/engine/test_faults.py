@@ -209,7 +209,8 @@ def test_drivers_read_what_the_closed_loop_samples(device):
     parameters = parameters_with(faults)
     expected = ticks_with(faults)
     node = parameters.of(device.parameters)
-    read, sampled = device.reader(node, FIRST_TICK_NS), device.sampled(node)
+    row = fault_row(faults_of(node), FIRST_TICK_NS)
+    read, sampled = device.reader(node, row), device.sampled(node)
     for tick in expected:
         if tick.truth.stamp_ns % device.period_ns == 0:
             found = read(sampled(tick.truth), tick.truth.stamp_ns)

@@ -52,6 +52,18 @@ def fault_row(faults: Iterable[Fault], start_ns: int) -> list[float]:
     return row
 
 
+def change_faults(row: list[float], faults: Iterable[Fault], start_ns: int) -> None:
+    """Let a row be that of other faults; what has begun in both holds what it held."""
+    before = [row[at : at + FAULT_VALUES] for at in range(0, len(row), FAULT_VALUES)]
+    row[:] = fault_row(faults, start_ns)
+    for at in range(0, len(row), FAULT_VALUES):
+        for each in before:
+            if (*each[:3], each[4]) == (*row[at : at + 3], row[at + 4]):
+                row[at + 5] = each[5]
+                before.remove(each)
+                break
+
+
 def after_faults(
     faults: Reals, component: int, value: int, now_ns: int, period_ns: int, key: Key
 ) -> int:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 from ballbot_ros.errors import did_you_mean
@@ -176,10 +176,11 @@ def parse_faults(text: str) -> tuple[Fault, ...]:
 
     ParameterError if it is not valid; the message is one line without a place.
     """
-    return tuple(map(_parse, text.split(';'))) if text.strip() else ()
+    return tuple(map(parse_fault, text.split(';'))) if text.strip() else ()
 
 
-def _parse(entry: str) -> Fault:
+def parse_fault(entry: str) -> Fault:
+    """Return the fault of an entry of such a text; ParameterError as there."""
     try:
         component, kind, *others = entry.split()
         values = {name: float(x) for name, _, x in (each.partition('=') for each in others)}
@@ -248,6 +249,48 @@ def _problem(fault: Fault, parameters: NodeParameters, tasks: Collection[str]) -
     if kind == 'task' and fault.component not in tasks:
         return f'the controller has no such task; it has {", ".join(tasks)}'
     return ''
+
+
+def performer_of(component: str) -> str:
+    """Return the node that carries out the faults of a component, and takes them during a run."""
+    is_task = kind_of_component(component) == 'task'
+    return ControllerParameters.node if is_task else node_of(component)
+
+
+def performed_faults(texts: Mapping[str, str]) -> str:
+    """Return the faults that nodes carry out, by the text of each, as one text."""
+    faults = ((node, each) for node, text in texts.items() for each in parse_faults(text))
+    return '; '.join(str(each) for node, each in faults if performer_of(each.component) == node)
+
+
+def faults_from(earliest: float, text: str, parameters: NodeParameters) -> str:
+    """Return the faults of a run as text, whose node is given another text from a time on [s].
+
+    Faults without a time begin then. What acts and is not given ends; what has ended, or is another
+    node's, stays. A run that has the result from its start is the same. ParameterError if it can't.
+    """
+    given = list(faults_of(parameters.with_values({'faults': text})))
+    kept, changed = [], []
+    for each in faults_of(parameters):
+        if each in given:
+            given.remove(each)
+        elif each.end > earliest and performer_of(each.component) == parameters.node:
+            changed.append(each)
+            if each.time >= earliest:
+                continue
+            each = replace(each, duration=round(earliest - each.time, 9))
+        kept.append(each)
+    given = [each if each.time else replace(each, time=earliest) for each in given]
+    for each in (*changed, *given):
+        where, performer = f'{parameters.node}.faults: {each}: ', performer_of(each.component)
+        if performer != parameters.node:
+            raise ParameterError(f'{where}belongs to {performer}.faults')
+        is_sensor = each.component != 'gamepad'
+        if each.type in ('restart', 'brown-out') or (each.type == 'delayed' and is_sensor):
+            raise ParameterError(f'{where}must be known at the start: make a branch with it')
+        if each in given and each.time < earliest:
+            raise ParameterError(f'{where}can begin only from {earliest:.9g} s on')
+    return '; '.join(map(str, (*kept, *given)))
 
 
 def all_faults(of: Callable[[type[Any]], NodeParameters]) -> tuple[Fault, ...]:

@@ -35,7 +35,11 @@ def default_file() -> str:
     return '\n'.join(lines) + '\n'
 
 
-_NOTES = {TakesEffect.IMMEDIATELY: ' (*at once*)', TakesEffect.READ_ONLY: ' (*read-only*)'}
+_NOTES = {
+    TakesEffect.IMMEDIATELY: ' (*at once*)',
+    TakesEffect.THIS_RUN: ' (*at once, for the run*)',
+    TakesEffect.READ_ONLY: ' (*read-only*)',
+}
 
 
 def parameter_tables() -> str:

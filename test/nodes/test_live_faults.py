@@ -1,0 +1,64 @@
+"""Faults given to the nodes of a running graph: recorded, replayed and branched identically."""
+
+import contextlib
+import json
+
+import pytest
+
+pytest.importorskip('rclpy')
+
+from graph import call
+from ros_client import Client
+from std_srvs.srv import SetBool
+
+from ballbot_ros.analysis.figure_parts import IntervalKind
+from ballbot_ros.analysis.run_data import read_run
+from ballbot_ros.recording.messages.topics import PLANT_IMU
+
+GIVEN = {
+    'gyro_driver': ('gyro_x stuck duration=0.02', 'gyro_y wrong amount=3'),
+    'encoder_driver': ('encoder_x slow amount=12', 'encoder_y intermittent duration=0.1'),
+    'sonar_driver': ('sonar stuck', 'sonar off'),
+    'gamepad_teleop': ('gamepad delayed amount=80', 'gamepad off duration=0.2'),
+    'plant_sim': ('motor_x stuck duration=0.012', 'battery sag amount=0.5', 'motor_y weak'),
+    'controller': ('task_ts1 slow amount=300', 'task_lcd slow duration=0.5'),
+}
+
+
+@pytest.mark.graph
+@pytest.mark.parametrize('processes', ['separate', 'one'])
+def test_faults_given_on_the_way_are_part_of_the_run(start_run, domain, tmp_path, processes):
+    run = start_run(
+        'stationary', '--profile=hardware', '--processes', processes, '--json',
+        '--real-time-factor', 1, '--output', tmp_path / 'run', '--set=plant_sim.duration=3',
+        '--set=plant_sim.faults=battery sag time=0.2 duration=0.1; task_ts2 slow time=0.1',
+    )  # fmt: skip
+    with contextlib.closing(Client(domain)) as client:
+        client.watch(PLANT_IMU)
+        client.spin_until(lambda: PLANT_IMU.name in client.newest)
+        client.spin_until(lambda: client.now_ns() > 1_500_000_000)
+        pause = SetBool.Request(data=True)
+        assert client.call(SetBool, 'plant_sim/pause', pause).success
+        for node, texts in GIVEN.items():
+            for number in range(len(texts)):
+                answer = client.set_value(node, 'faults', '; '.join(texts[: number + 1]))
+                assert (answer.successful, answer.reason) == (True, '')
+        answer = client.set_value('gyro_driver', 'faults', 'gyro_x delayed')
+        assert answer.reason.startswith('gyro_driver.faults: gyro_x delayed time=')
+        pause.data = False
+        assert client.call(SetBool, 'plant_sim/pause', pause).success
+    assert run.finish() == 0, run.stderr
+    path = run.result['recording']
+    recorded = read_run(path)
+    shaded = {each.name for each in recorded.marked if each.kind is IntervalKind.FAULT}
+    assert shaded == {
+        'task_ts2 slow', *(' '.join(each.split()[:2]) for texts in GIVEN.values() for each in texts)
+    }  # fmt: skip
+    told = json.loads(call('info', path, '--json').stdout)['faults']
+    assert {' '.join(each.split()[:2]) for each in told} == shaded
+    assert [each for each in told if each.startswith('task_ts2 slow time=0.1 duration=')]
+    replayed = call('replay', path)
+    assert replayed.returncode == 0, replayed.stdout + replayed.stderr
+    branch = call('branch', path, '--at', 2.5, '--output', tmp_path / 'branch', '--json')
+    assert branch.returncode == 0, branch.stderr
+    assert json.loads(branch.stdout)['duty_sha256'] == recorded.duty_sha256
