@@ -445,10 +445,7 @@ class AnnouncedParameters:
         self.by_run.setdefault(announcement.run, []).append(announcement.participant)
 
     def _of_run(self, run: str) -> dict[str, Mapping[str, object]]:
-        """Return the parameters by role, only of participants that the run status lists.
-
-        They are the last ones that each has announced: faults may be given during a run.
-        """
+        """Return the last parameters by role, only of participants that the run status lists."""
         found: dict[str, Participant] = {}
         for each in self.by_run.get(run, ()):
             is_known = each.role in NODES and each.parameters and self._took_part(each, run)

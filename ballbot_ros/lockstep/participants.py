@@ -65,7 +65,7 @@ class Participant:
     parameters_sha256: str
     guid_prefix: str = ''
     topics: tuple[str, ...] = ()
-    parameters: Mapping[str, object] = field(default_factory=dict)
+    parameters: Mapping[str, object] = field(default_factory=dict, compare=False)
 
     @property
     def is_foreign(self) -> bool:
@@ -73,7 +73,7 @@ class Participant:
         return self.implementation.split()[:1] != [OUR_PACKAGE]
 
     def with_faults(self, text: str) -> Participant:
-        """Return the participant with other faults; all else stays the same during a run."""
+        """Return the participant with other faults, which it was given during the run."""
         return replace(self, parameters={**self.parameters, 'faults': text})
 
     def longest_delay(self) -> int:

@@ -135,11 +135,10 @@ class Roster:
         if not any(participant.role in roles for roles in self._owners.values()):
             return
         known = run.heard.get(participant.instance)
-        before = known.announcement.participant if known else participant
-        if before.with_faults('') != participant.with_faults(''):
-            run.problem = f'{participant} claims to be {before}'
+        if known and known.announcement.participant != participant:
+            run.problem = f'{participant} claims to be {known.announcement.participant}'
             return
-        if run.members.get(participant.role) == before:
+        if run.members.get(participant.role) == participant:
             run.members[participant.role] = participant
         run.heard[participant.instance] = _Heard(announcement, self._calls)
         objection = announcement.objection

@@ -34,7 +34,6 @@ from ballbot_ros.parameters.changes import scheduled_at
 from ballbot_ros.parameters.timing import FIRST_TICK_NS, SECOND_NS, TICK_NS, next_start_ns
 from ballbot_ros.robot.brick.brick import MotorDuty
 from ballbot_ros.robot.brick.fault_effects import change_faults
-from ballbot_ros.robot.brick.faults import faults_of
 from ballbot_ros.robot.plant.ground_truth import Pair, Push
 
 DISCOVERY_S = 1.0
@@ -257,8 +256,9 @@ class RunMaster(ABC):
     def on_parameters(self, parameters: PlantParameters) -> None:
         """Apply new parameters, such as another pace or other faults."""
         if parameters.faults != self._parameters.faults:
-            change_faults(self._plant.faults, faults_of(parameters), self._run.start_ns)
-            self._participants.announce_faults(parameters.faults)
+            change_faults(self._plant.faults, parameters, self._run.start_ns)
+            if self._phase is not Phase.DISCOVERING:
+                self._act(do.CallRoll(self._run, self._setup.participant))
         self._parameters = parameters
         self._act(do.Report())
         self._pacer.restart()
@@ -352,9 +352,9 @@ class RunMaster(ABC):
         self._run = RunIdentity(f'{self._number} {self._token}', self._run.start_ns)
         self._phase = Phase.GATHERING
         self._waiting_since_s = self._now_s
-        plant = self._setup.participant.with_faults(self._parameters.faults)
-        requires_recorder = self._parameters.require_recorder
-        self._participants.gather(self._run, plant, requires_recorder=requires_recorder)
+        self._participants.gather(
+            self._run, self._setup.participant, requires_recorder=self._parameters.require_recorder
+        )
         if self._setup.world is None:
             self._act(do.ClearMap())
         self._act(do.AnnounceRun(self._run))

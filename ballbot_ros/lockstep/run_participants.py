@@ -130,12 +130,6 @@ class RunParticipants:
         self._graph.stop_listening()
         self.liveness.reset()
 
-    def announce_faults(self, text: str) -> None:
-        """Announce other faults of the plant."""
-        if self._run and self._plant:
-            self._plant = self._plant.with_faults(text)
-            self._act(CallRoll(self._run, self._plant))
-
     def on_announcement(self, announcement: Announcement) -> None:
         """Process a participant's announcement."""
         participant, objection = announcement.participant, announcement.objection

@@ -336,12 +336,10 @@ class ControllerNode(BallbotNode[ControllerParameters]):
             self.parameters = self._implementation.changed(self.parameters, values)
         if self.parameters is self._program_parameters:
             return
-        before = self._program_parameters.values()
+        before = {**self._program_parameters.values(), 'faults': self.parameters.faults}
         self._program_parameters = self.parameters
         changed = {
-            name: value
-            for name, value in self.parameters.values().items()
-            if value != before[name] and name != 'faults'
+            name: value for name, value in self.parameters.values().items() if value != before[name]
         }
         if changed:
             self._messages.retuned(now_ns, changed)

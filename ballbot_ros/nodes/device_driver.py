@@ -38,8 +38,7 @@ class DeviceDriver(BallbotNode[P]):
 
     def check(self, parameters: P) -> None:
         """Check that the device can be created with these parameters."""
-        faults_of(parameters)
-        self._device.make(parameters)
+        self._device.reader(parameters, fault_row(faults_of(parameters), FIRST_TICK_NS))
 
     def on_parameters_changed(self) -> None:
         """Let other faults act."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from itertools import starmap
 from typing import Generic, TypeVar
 
 from rcl_interfaces.msg import (
@@ -34,7 +33,6 @@ from ballbot_ros.parameters.timing import SECOND_NS, TICK_NS
 from ballbot_ros.robot.brick.faults import faults_from
 
 SIM_TIME = 'use_sim_time'
-THIS_RUN = TakesEffect.THIS_RUN
 _ROS_PARAMETERS = {SIM_TIME, 'start_type_description_service'}
 """Parameters that every ROS node has."""
 
@@ -229,7 +227,7 @@ class ParameterNode(Node, Generic[P]):
 
     def is_of_run(self, row: Parameter) -> bool:
         """Return whether a new value takes effect in the present run, and only in it."""
-        return row.takes_effect is THIS_RUN and self.start_ns is not None
+        return row.takes_effect is TakesEffect.THIS_RUN and self.start_ns is not None
 
     @property
     def earliest_change(self) -> float:
@@ -240,10 +238,11 @@ class ParameterNode(Node, Generic[P]):
     def apply_parameters(self) -> None:
         """Apply the new parameter values at the start of a run."""
         self._requested = self._requested.with_values(self._lasting)
-        super().set_parameters_atomically(list(starmap(_ros_parameter, self._lasting.items())))
-        self.parameters = self._requested
-        of_run = [name for name, row in self._rows.items() if row.takes_effect is THIS_RUN]
-        self._lasting = {name: self.parameters.values()[name] for name in of_run}
+        super().set_parameters_atomically([_ros_parameter(*each) for each in self._lasting.items()])
+        self.parameters, values = self._requested, self._requested.values()
+        self._lasting = {
+            name: values[name] for name in self._rows if self.is_of_run(self._rows[name])
+        }
 
     def check(self, parameters: P) -> None:
         """Raise BallbotError if values are not compatible; called before they are applied."""

@@ -41,7 +41,6 @@ from ballbot_ros.recording.messages.participation import encode_announcement
 from ballbot_ros.recording.messages.raw import stamp_of
 from ballbot_ros.recording.messages.topics import PARTICIPANTS, ROLL_CALL, Topic, periodic_topics
 from ballbot_ros.robot.brick.fault_effects import change_faults
-from ballbot_ros.robot.brick.faults import faults_of
 from ballbot_ros.robot.world.floor_map import read_map_file
 
 _PREFIX = 24
@@ -246,7 +245,7 @@ class Participation:
         """Let a row be that of the faults that the node has now, and announce them."""
         member, parameters = self._member, self._node.parameters
         if member.run and parameters.faults != member.participant.parameters['faults']:
-            change_faults(row, faults_of(parameters), member.run.start_ns)
+            change_faults(row, parameters, member.run.start_ns)
             member.participant = member.participant.with_faults(parameters.faults)
             self._announce()
 

@@ -136,6 +136,7 @@ class PlantActions:
                 messages.send_unrecorded(truth)
             case do.CallRoll(run, plant):
                 self._roll_call.publish(encode_header(run.start_ns, run.name))
+                plant = plant.with_faults(node.parameters.faults)
                 self._participants.publish(encode_announcement(Announcement(plant, run.name)))
             case do.AnnounceRun(run):
                 messages.announce(run.start_ns, run.name)

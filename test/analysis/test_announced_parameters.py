@@ -1,5 +1,6 @@
 """The parameters of a run, as its participants announce them; invalid values."""
 
+import dataclasses
 import hashlib
 
 import pytest
@@ -110,3 +111,28 @@ def test_the_controller_of_a_run_is_known_even_without_its_parameters():
     assert found.foreign(RUN)[CONTROLLER] == stranger
     assert found.foreign('2 abc') == {}
     assert not found.has_parameters(RUN)
+
+
+def test_the_last_faults_of_each_participant_count():
+    early, late = (a(GYRO, 'd', faults=text) for text in ('', 'gyro_x off time=3'))
+    successor = a(GYRO, 'd', faults='gyro_y off')
+    successor = dataclasses.replace(successor, instance='another')
+    assert values(told(*SIMULATED, early, late, successor), GYRO).faults == 'gyro_x off time=3'
+
+
+@pytest.mark.parametrize(
+    ('plant', 'controller', 'both'),
+    [
+        ('', '', ''),
+        ('task_ts1 slow; motor_x off', 'task_ts1 slow; motor_x off', 'task_ts1 slow; motor_x off'),
+        ('task_ts1 slow; motor_x off time=3', 'task_ts1 slow duration=2',
+         'motor_x off time=3; task_ts1 slow duration=2'),
+        ('motor_x off', 'no fault', 'no fault'),
+    ],
+)  # fmt: skip
+def test_plant_and_controller_tell_the_faults_that_they_carry_out(plant, controller, both):
+    found = told(
+        *SIMULATED[1:4], a(PLANT, 'c', faults=plant), a(CONTROLLER, 'f', faults=controller)
+    )
+    for role in (PLANT, CONTROLLER):
+        assert values(found, role).faults == both

@@ -35,6 +35,8 @@ from ballbot_ros.lockstep.run_master import DISCOVERY_POLL_S, DISCOVERY_S
 from ballbot_ros.parameters import COMMON_PERIOD_NS, CONTROLLER, GYRO, PLANT, RECORDER, SONAR
 from ballbot_ros.parameters.timing import MAX_LEAD_TICKS, TICK_NS, next_start_ns
 from ballbot_ros.robot.brick.brick import MotorDuty
+from ballbot_ros.robot.brick.fault_effects import fault_row
+from ballbot_ros.robot.brick.faults import faults_of
 from ballbot_ros.robot.plant.ground_truth import STEP_VALUES
 
 START_NS = 1_000_000_000
@@ -1226,3 +1228,15 @@ def test_an_ack_of_an_earlier_run_changes_nothing():
     world.dispatch(world.master.on_ack, START_NS - TICK_NS)
     world.settle()
     assert world.truths[-1] - acked_ns == (MAX_LEAD_TICKS + 1) * TICK_NS
+
+
+def test_faults_given_to_the_plant_act_and_are_announced():
+    world = begun(3)
+    before = len(world.actions(do.CallRoll))
+    parameters = world.master._parameters
+    world.dispatch(world.master.on_parameters, parameters)
+    assert len(world.actions(do.CallRoll)) == before
+    given = replace(parameters, faults='battery sag time=0.02 amount=2')
+    world.dispatch(world.master.on_parameters, given)
+    assert len(world.actions(do.CallRoll)) == before + 1
+    assert world.master._plant.faults == fault_row(faults_of(given), START_NS)

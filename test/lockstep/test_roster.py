@@ -239,6 +239,32 @@ def test_a_driver_is_not_replaced_by_a_different_one(change):
     assert is_refused(run.watch(), 'replaces', 'other parameters', '/gyro_driver')
 
 
+def test_a_driver_that_was_given_faults_is_not_replaced_by_one_without_them():
+    run = world().begin()
+    faulty = dataclasses.replace(a('gyro_driver'), parameters={'faults': 'gyro_x off time=3'})
+    run.roster.on_announcement(Announcement(faulty, RUN))
+    assert run.watch().state is ReadinessState.COMPLETE
+    assert run.roster.members['gyro_driver'].parameters == faulty.parameters
+    run.kill(faulty).join(a('gyro_driver', 'the other'))
+    assert is_refused(run.watch(), 'replaces', 'other parameters', '/gyro_driver')
+
+
+@pytest.mark.parametrize('has_begun', [False, True])
+def test_plant_and_controller_have_the_same_faults_only_at_the_start(has_begun):
+    run = world()
+    run.roster._shared = {'faults': ('controller', 'gyro_driver')}
+    texts = {'controller': 'task_ts1 slow', 'gyro_driver': ''}
+    if has_begun:
+        run.begin()
+    for role, text in texts.items():
+        run.roster.on_announcement(Announcement(a(role, values={'faults': text}), RUN))
+    standing = run.watch()
+    if has_begun:
+        assert standing.state is ReadinessState.COMPLETE
+    else:
+        assert is_refused(standing, "faults is 'task_ts1 slow' in /controller, but '' in")
+
+
 def test_before_the_run_begins_any_participant_may_be_replaced():
     run = world()
     assert run.watch().state is ReadinessState.COMPLETE

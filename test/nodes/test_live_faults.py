@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+from types import SimpleNamespace
 
 import pytest
 
@@ -13,7 +14,11 @@ from std_srvs.srv import SetBool
 
 from ballbot_ros.analysis.figure_parts import IntervalKind
 from ballbot_ros.analysis.run_data import read_run
+from ballbot_ros.nodes.gamepad_teleop import GamepadTeleop
+from ballbot_ros.nodes.teleop.sticks import Command
+from ballbot_ros.parameters import GamepadParameters
 from ballbot_ros.recording.messages.topics import PLANT_IMU
+from ballbot_ros.robot.brick.fault_effects import change_faults
 
 GIVEN = {
     'gyro_driver': ('gyro_x stuck duration=0.02', 'gyro_y wrong amount=3'),
@@ -62,3 +67,16 @@ def test_faults_given_on_the_way_are_part_of_the_run(start_run, domain, tmp_path
     branch = call('branch', path, '--at', 2.5, '--output', tmp_path / 'branch', '--json')
     assert branch.returncode == 0, branch.stderr
     assert json.loads(branch.stdout)['duty_sha256'] == recorded.duty_sha256
+
+
+def test_packets_before_a_fault_of_the_gamepad_are_known():
+    node = SimpleNamespace(_sent={}, _faults=[], parameters=GamepadParameters())
+    start_ns, found = 1_000_000_000, []
+    for number in range(12):
+        if number == 4:
+            given = node.parameters.with_values({'faults': 'gamepad off time=0.1 duration=0.06'})
+            change_faults(node._faults, given, start_ns)
+        command = Command('', (number, 0))
+        arrived = GamepadTeleop._arrived(node, start_ns + number * 20_000_000, command)
+        found.append(arrived.sticks[0])
+    assert found == [0, 1, 2, 3, 4, 4, 4, 4, 8, 9, 10, 11]

@@ -428,3 +428,41 @@ def test_an_unknown_name_is_refused_with_the_known_ones(make):
     result = set_one(make(CONTROLLER), 'k_y', 1.0)
     assert not result.successful
     assert "controller has no parameter 'k_y'; did you mean k_f or k_i?" in result.reason
+
+
+def test_faults_take_effect_in_the_present_run_and_end_with_it(make):
+    node = make(GYRO)
+    assert set_one(node, 'faults', 'gyro_y off').reason == NEXT_RUN
+    assert set_one(node, 'faults', 'gyro_z off').reason.startswith(
+        "gyro_driver.faults: 'gyro_z' is"
+    )
+    node.start_ns = 1_000_000_000
+    node.apply_parameters()
+    node.now_ns = 3_200_000_000
+    answer = set_one(node, 'faults', 'gyro_x off')
+    assert (answer.successful, answer.reason) == (True, '')
+    text = 'gyro_y off duration=2.208; gyro_x off time=2.208'
+    assert node.get_parameter('faults').value == node.parameters.faults == text
+    refused = set_one(node, 'faults', 'gyro_x off time=1')
+    reason = 'gyro_driver.faults: gyro_x off time=1: can begin only from 2.208 s on'
+    assert (refused.successful, refused.reason) == (False, reason)
+    assert node.get_parameter('faults').value == text
+    node.apply_parameters()
+    assert node.get_parameter('faults').value == node.parameters.faults == 'gyro_y off'
+
+
+@pytest.mark.parametrize('role', [PLANT, SONAR, GAMEPAD, CONTROLLER])
+def test_faults_begin_after_the_next_sample(make, role):
+    node = make(role, **{**VALUES[role], **({'kernel': True} if role == CONTROLLER else {})})
+    component = {PLANT: 'motor_x weak', SONAR: 'sonar off', GAMEPAD: 'gamepad off'}
+    fault = component.get(role, 'task_ts1 slow')
+    node.start_ns = 1_000_000_000
+    period = {SONAR: 0.02, GAMEPAD: 0.02}.get(role, 0.004)
+    for now_ns, next_sample in ((0, 0.0), (1_000_000_000, period), (2_000_000_000, 1.0 + period)):
+        node.now_ns = now_ns
+        answer = set_one(node, 'faults', f'{fault} time=9')
+        assert answer.successful, answer.reason
+        assert set_one(node, 'faults', f'{fault} duration=1').successful
+        begins = round(next_sample + period, 3)
+        assert node.parameters.faults.endswith(f'{fault} time={begins} duration=1')
+        assert 'time=9' not in node.parameters.faults

@@ -78,6 +78,8 @@ class Page:
         ]
         if any(each.name == 'count' for each in parameters):
             return Result(successful=False, reason='controller.count: no')
+        if any('garbage' in str(each.value) for each in parameters):
+            return Result(successful=False, reason='gyro_driver.faults: no')
         return Result(successful=True)
 
     def announce(self, run='1', role='controller', *, tunable, **values):
@@ -179,3 +181,27 @@ def test_malformed_messages_are_told(page):
     page.participants.publish(b'\0\1\0\0')
     page.until(lambda: len(page.told) == 2, what='the warnings')
     assert page.sliders.shown == page.sliders.followed == []
+
+
+def test_faults_are_added_to_those_of_their_node_and_refusals_are_told(page):
+    node = page.client.node
+    node.declare_parameter('faults', '')
+    node.add_on_set_parameters_callback(page._on_set)
+    for text in ('gyro_x weak', 'sonar off'):
+        page.requests.add_fault(text)
+    page.until(lambda: len(page.told) == 2, what='the mistakes')
+    assert page.told[0].startswith('gyro_x weak: only motor can have this')
+    assert page.told[1] == 'sonar_driver takes no part in the run'
+    for role, text in (('gyro_driver', 'gyro_y off time=1'), ('controller', '')):
+        page.announce(role=role, tunable=[], faults=text)
+        page.until(lambda role=role: role in page.requests._participants, what='the participant')
+    (client,) = page.requests._clients.values()
+    page.client.spin_until(client.service_is_ready)
+    for text in ('gyro_x stuck duration=2', 'task_ts1 slow'):
+        page.requests.add_fault(text)
+    page.until(lambda: len(page.set) == 2, what='the faults')
+    texts = [''.join(value) for _, value in page.set]
+    assert texts == ['gyro_y off time=1; gyro_x stuck duration=2', 'task_ts1 slow']
+    page.requests.add_fault('gyro_x garbage')
+    page.until(lambda: len(page.told) == 3, what='the refusal')
+    assert page.told[2] == 'gyro_driver.faults: no'

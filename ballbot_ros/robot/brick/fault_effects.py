@@ -11,9 +11,10 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from ballbot_ros.parameters import NodeParameters
 from ballbot_ros.parameters.timing import MILLISECOND_NS, SLOW_PERIOD_NS, TICK_NS
 from ballbot_ros.robot.arithmetic import Reals
-from ballbot_ros.robot.brick.faults import COMPONENTS, OWN_TASK, TASKS, TYPES, Fault
+from ballbot_ros.robot.brick.faults import COMPONENTS, OWN_TASK, TASKS, TYPES, Fault, faults_of
 from ballbot_ros.robot.brick.sensors import ADC_MAX, INT32_MAX, INT32_MIN, NO_ECHO_CM, quantise
 from ballbot_ros.robot.random_numbers import Key, device_number, noise_bits, uniform
 
@@ -52,10 +53,10 @@ def fault_row(faults: Iterable[Fault], start_ns: int) -> list[float]:
     return row
 
 
-def change_faults(row: list[float], faults: Iterable[Fault], start_ns: int) -> None:
-    """Let a row be that of other faults; what has begun in both holds what it held."""
+def change_faults(row: list[float], parameters: NodeParameters, start_ns: int) -> None:
+    """Let a row be that of the faults of a node; what has begun in both holds what it held."""
     before = [row[at : at + FAULT_VALUES] for at in range(0, len(row), FAULT_VALUES)]
-    row[:] = fault_row(faults, start_ns)
+    row[:] = fault_row(faults_of(parameters), start_ns)
     for at in range(0, len(row), FAULT_VALUES):
         for each in before:
             if (*each[:3], each[4]) == (*row[at : at + 3], row[at + 4]):

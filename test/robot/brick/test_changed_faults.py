@@ -181,7 +181,7 @@ def test_a_run_that_has_the_last_text_from_its_start_is_the_same(life):
                 given.append(new)
             text = faults_from(earliest, '; '.join(map(str, given)), now)
             now = now.with_values({'faults': text})
-            change_faults(row, parse_faults(text), FIRST_TICK_NS)
+            change_faults(row, now, FIRST_TICK_NS)
         found.append(simulated(row, component, stamp_ns, period_ns, memory))
     row, memory = fault_row(parse_faults(now.faults), FIRST_TICK_NS), {}
     expected = [simulated(row, component, each, period_ns, memory) for each in stamps]
