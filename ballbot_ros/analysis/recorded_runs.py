@@ -426,7 +426,7 @@ class RobotRecording:
 
 
 class AnnouncedParameters:
-    """Collects the announcements of the participants in a recording; `by_run` has their names."""
+    """Collects the announcements of participants in a recording: `by_run`, by its name."""
 
     def __init__(self) -> None:
         self.by_run: dict[str, list[Participant]] = {}

@@ -240,9 +240,8 @@ class ParameterNode(Node, Generic[P]):
         self._requested = self._requested.with_values(self._lasting)
         super().set_parameters_atomically([_ros_parameter(*each) for each in self._lasting.items()])
         self.parameters, values = self._requested, self._requested.values()
-        self._lasting = {
-            name: values[name] for name in self._rows if self.is_of_run(self._rows[name])
-        }
+        of_run = filter(self.is_of_run, self._rows.values())
+        self._lasting = {row.name: values[row.name] for row in of_run}
 
     def check(self, parameters: P) -> None:
         """Raise BallbotError if values are not compatible; called before they are applied."""
