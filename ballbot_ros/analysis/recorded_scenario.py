@@ -273,8 +273,8 @@ def known_faults(parameters: ParameterSet) -> tuple[Fault, ...]:
 
 def faults_in(reader: RecordingReader, parameters: ParameterSet) -> list[Fault]:
     """Return the faults of all runs of a recording, whose attached parameters are these."""
-    topics = {each.resolved(): each for each in (PARTICIPANTS, RUN_STATUS)}
-    announced = AnnouncedParameters()
+    announced, named = AnnouncedParameters(), {x.resolved(): x for x in (PARTICIPANTS, RUN_STATUS)}
+    topics = {name: topic for name, topic in named.items() if name in reader.topics()}
     for raw in reader.raw_messages(topics):
         announced.add(topics[raw.topic], raw.data)
     runs = [announced.of(run, parameters, {}) for run in announced.by_run] or [parameters]
