@@ -26,6 +26,7 @@ from ballbot_ros.analysis.recorded_scenario import (
     RecordedAttachments,
     RecordedPush,
     fault_intervals,
+    known_faults,
     read_attachments,
     recorded_pushes,
 )
@@ -58,6 +59,7 @@ from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.writer import RUN_OUTCOME
 from ballbot_ros.robot.arithmetic import Floats
 from ballbot_ros.robot.brick.brick import Tone
+from ballbot_ros.robot.brick.faults import performer_of
 from ballbot_ros.robot.world.floor_map import FloorMap, OccupancyGrid
 
 Integers = NDArray[np.int64]
@@ -299,6 +301,14 @@ def _changes(
             yield ParameterChange(time, CONTROLLER, name, value)
 
 
+def _fault_changes(before: ParameterSet, after: ParameterSet) -> Iterator[ParameterChange]:
+    """Yield the faults that nodes were given during a run."""
+    known = known_faults(before)
+    for each in known_faults(after):
+        if each not in known:
+            yield ParameterChange(each.time, performer_of(each.component), 'faults', str(each))
+
+
 def run_data(
     path: Path,
     extraction: Extraction,
@@ -311,7 +321,7 @@ def run_data(
     """Return a run of what was extracted from a recording; RecordingError if it has no ticks."""
     runs = extraction.runs
     run = runs[number - 1]
-    attached = attached.for_run(run.name, extraction.announced)
+    before, attached = attached, attached.for_run(run.name, extraction.announced)
     notices = [*extraction.notices, *attached.notices]
     if len(runs) > 1:
         notices.append(f'The file holds {len(runs)} runs; this is run {number}.')
@@ -354,7 +364,10 @@ def run_data(
         statuses=_events(extraction.statuses, run),
         pages=_events(extraction.pages, run),
         tones=_events(extraction.tones, run),
-        parameter_changes=tuple(_changes(extraction, run, attached.parameters)),
+        parameter_changes=(
+            *_changes(extraction, run, attached.parameters),
+            *_fault_changes(before.parameters, attached.parameters),
+        ),
         topic_statistics=tuple(extraction.topic_statistics.values()),
         attached=attached,
         damage=damage,

@@ -34,6 +34,7 @@ from ballbot_ros.parameters.changes import scheduled_at
 from ballbot_ros.parameters.timing import FIRST_TICK_NS, SECOND_NS, TICK_NS, next_start_ns
 from ballbot_ros.robot.brick.brick import MotorDuty
 from ballbot_ros.robot.brick.fault_effects import change_faults
+from ballbot_ros.robot.brick.faults import new_faults, performer_of
 from ballbot_ros.robot.plant.ground_truth import Pair, Push
 
 DISCOVERY_S = 1.0
@@ -170,8 +171,18 @@ class RunMaster(ABC):
     @event
     def on_announcement(self, announcement: Announcement) -> None:
         """Process a participant's announcement."""
+        role, members = announcement.participant.role, self._participants.roster.members
+        before = members.get(role)
         self._participants.on_announcement(announcement)
+        if before and (after := members.get(role)):
+            self._note_faults(*(str(each.parameters.get('faults', '')) for each in (before, after)))
         self._on_news()
+
+    def _note_faults(self, before: str, after: str) -> None:
+        self._changes += [
+            ParameterChange(each.time, performer_of(each.component), 'faults', str(each))
+            for each in new_faults(before, after)
+        ]
 
     @event
     def on_unreadable_announcement(self) -> None:
@@ -257,6 +268,7 @@ class RunMaster(ABC):
         """Apply new parameters, such as another pace or other faults."""
         if parameters.faults != self._parameters.faults:
             change_faults(self._plant.faults, parameters, self._run.start_ns)
+            self._note_faults(self._parameters.faults, parameters.faults)
             if self._phase is not Phase.DISCOVERING:
                 self._act(do.CallRoll(self._run, self._setup.participant))
         self._parameters = parameters

@@ -90,7 +90,12 @@ class Viewer(BallbotNode[ViewerParameters]):
         super().__init__(ViewerParameters, parameters)
         require_viser()
         # Imported only here: viser takes a second.
-        from ballbot_ros.viewer.live_controls import DragPush, PushButtons, ScenarioChooser
+        from ballbot_ros.viewer.live_controls import (
+            DragPush,
+            FaultChooser,
+            PushButtons,
+            ScenarioChooser,
+        )
         from ballbot_ros.viewer.page import UPDATE_S, Page
         from ballbot_ros.viewer.plots import Plots
         from ballbot_ros.viewer.processor_panel import ProcessorPanel
@@ -120,6 +125,7 @@ class Viewer(BallbotNode[ViewerParameters]):
         PushButtons(self._page.server.gui, self._requests.push)
         sliders = TuningSliders(self._page.server.gui)
         self._tuning = TuningRequests(self, self._page.notify, sliders)
+        FaultChooser(self._page.server.gui, self._tuning.add_fault)
         self._newest = LatestMessages(self, _SHOWN)
         diagnostics = raw_subscription(self._newest.inbox, DIAGNOSTICS, QoSProfile(depth=_DEPTH))
         self._plant_reports = partial(_reports, diagnostics)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -255,6 +256,14 @@ def performer_of(component: str) -> str:
     """Return the node that carries out the faults of a component, and takes them during a run."""
     is_task = kind_of_component(component) == 'task'
     return ControllerParameters.node if is_task else node_of(component)
+
+
+def new_faults(before: str, after: str) -> list[Fault]:
+    """Return the faults of a text that another lacks; none if one of them is not valid."""
+    with suppress(ParameterError):
+        known = parse_faults(before)
+        return [each for each in parse_faults(after) if each not in known]
+    return []
 
 
 def performed_faults(texts: Mapping[str, str]) -> str:
