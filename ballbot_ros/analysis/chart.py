@@ -300,6 +300,7 @@ def _draw_scale(axes: Axes, which: str, scale: Scale) -> None:
             axis.set_tick_params(labelrotation=90 if scale.is_upright else 30 * is_slanted)
             for text in axis.get_ticklabels():
                 text.set_horizontalalignment('right' if is_slanted else 'center')
+                text.set_fontsize(min(text.get_fontsize(), 220.0 / len(scale.words)))
     if scale.is_log:
         from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 

@@ -92,43 +92,41 @@ def run(
     2 for a mistake in the arguments; 130 after Ctrl-C.
     """
     require('study', *(['cluster'] if cluster else []))
-    from ballbot_ros.cli.study_output import StudyProgress, print_study_json, print_summary
+    from ballbot_ros.cli.study_output import StudyProgress, print_results
     from ballbot_ros.lab.studies.execution import LocalWorkers, run_study
     from ballbot_ros.lab.studies.job import job_of
-    from ballbot_ros.lab.studies.reader import read_study
+    from ballbot_ros.lab.studies.reader import read_studies
     from ballbot_ros.lab.studies.sampling import Sampler
     from ballbot_ros.lab.studies.study import grid_shape
-    from ballbot_ros.lab.studies.study_data import StudyData
     from ballbot_ros.process import stdout_to_stderr
 
     with stdout_to_stderr():  # a controller may print while its class is loaded
-        described = read_study(
-            study, runs=runs, seed=seed, controller=controller, parameter_file=parameter_file
-        )
+        studies = list(read_studies(study, runs, seed, controller, parameter_file))
+        described = studies[0]
         if runs not in (None, described.runs):
             levels = ' × '.join(map(str, grid_shape(described.variables)))
             note = f'the nearest grid has {levels} points; {described.runs:,} runs'
             click.echo(f'note: {note}', err=True)
-        folder = output or Path('studies') / described.name
-        job = job_of(described, folder)
+        place = output or Path('studies') / Path(study).stem
         workers: WorkersOfJob = LocalWorkers
         if cluster is not None:
             # Imported here, because most studies have no cluster.
             from ballbot_ros.lab.studies.cluster import workers_of
 
             workers = workers_of(cluster)
-        try:
-            with StudyProgress(described.name) as progress:
-                stopped = run_study(job, Sampler(described).part, progress, workers, again=again)
-        except KeyboardInterrupt:
-            # Ctrl-C once more: Python would wait for its threads, one of which may be compiling.
-            _say_stopped(folder)
-            os._exit(130)
-    if stopped:
-        _say_stopped(folder)
-        return 128 + stopped
-    data = StudyData.open(folder)
-    (print_study_json if as_json else print_summary)(data)
+        for each in studies:
+            job = job_of(each, place.joinpath(*each.case.values()))
+            try:
+                with StudyProgress(each.name) as progress:
+                    stopped = run_study(job, Sampler(each).part, progress, workers, again=again)
+            except KeyboardInterrupt:
+                # Ctrl-C once more: Python would wait for its threads, one of which may compile.
+                _say_stopped(place)
+                os._exit(130)
+            if stopped:
+                _say_stopped(place)
+                return 128 + stopped
+    print_results(place, as_json=as_json)
     return 0
 
 
@@ -197,12 +195,11 @@ def report(folder: Path, output: Path | None) -> int:
     require('study')
     offer('report')
     from ballbot_ros.lab.studies.report import study_report
-    from ballbot_ros.lab.studies.report_page import check_output
+    from ballbot_ros.lab.studies.report_page import check_output, several_report
     from ballbot_ros.lab.studies.study_data import StudyData
 
-    data = StudyData.open(folder)
     place = check_output(folder, output)
-    study_report(data).write(place)
+    (several_report(folder) or study_report(StudyData.open(folder))).write(place)
     click.echo(f'report  {place / "index.html"}')
     return 0
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import threading
 import time
+from collections.abc import Sequence
+from pathlib import Path
 
 from rich.console import Console
 from rich.measure import Measurement
@@ -18,6 +20,7 @@ from ballbot_ros.engine.scenario.scenario import bounds_text
 from ballbot_ros.files import own_command
 from ballbot_ros.lab.studies.execution import StudyObserver
 from ballbot_ros.lab.studies.manifest import PartSummary
+from ballbot_ros.lab.studies.outcomes import Ending, ending_table, endings_below, endings_of
 from ballbot_ros.lab.studies.study_data import (
     QUANTILES,
     MeasureSummary,
@@ -148,8 +151,33 @@ def print_summary(data: StudyData) -> None:
     )  # fmt: skip
     console.print(quantiles)
     console.print(worst)
+    print_endings(endings_of(data))
     for line in _lines(data, summary):
         console.print(line, soft_wrap=True)
+
+
+def print_endings(endings: Sequence[Ending]) -> None:
+    """Print how runs ended, with the number of the worst, if words vary."""
+    if len(endings) > 1:
+        head, *rows = ending_table(endings)
+        table = Table(*head, title='endings, and the worst runs', title_justify='left')
+        for each in rows:
+            table.add_row(*each)
+        Console(highlight=False, markup=False, width=_UNLIMITED).print(table)
+
+
+def print_results(folder: Path, *, as_json: bool) -> None:
+    """Print the results of a study, or the endings of several studies, in a folder."""
+    endings = endings_below(folder)
+    if not endings:
+        (print_study_json if as_json else print_summary)(StudyData.open(folder))
+    elif as_json:
+        content = {'outcomes': [each._asdict() for each in endings], 'results': str(folder)}
+        print(json.dumps({'study': folder.name, **content}, indent=2))
+    else:
+        print_endings(endings)
+        again = own_command('study', 'rerun', folder / 'SCENARIO/CONTROLLER', 'NUMBER')
+        print(f'results  {folder}\nagain    {again}')
 
 
 def _lines(data: StudyData, summary: StudySummary) -> list[str]:
@@ -208,6 +236,7 @@ def print_study_json(data: StudyData) -> None:
             }
             for each in summary.measures
         },
+        'outcomes': [each._asdict() for each in endings_of(data)],
         'results': str(data.path),
     }
     print(json.dumps(content, indent=2, allow_nan=False))

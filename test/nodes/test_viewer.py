@@ -88,7 +88,7 @@ def test_the_robot_is_shown_with_the_dimensions_of_the_plant():
     shown = []
     node = bare(
         Viewer,
-        _controls=SimpleNamespace(show_scenario=lambda name: None),
+        _scenarios=SimpleNamespace(show=lambda name: None),
         _newest={PLANT_IMU: None, PLANT_ODOM: None},
         _page=SimpleNamespace(dimensions=DIMENSIONS),
         _show_robot=shown.append,
@@ -105,7 +105,7 @@ def test_a_run_whose_plant_is_gone_has_ended():
         node = bare(
             Viewer,
             _activity=lambda has_pose, lost=lost_plant: RunActivity(has_lost_plant=lost),
-            _controls=SimpleNamespace(offer_scenarios=lambda *, offer: offered.append(offer)),
+            _scenarios=SimpleNamespace(offer=lambda *, offer: offered.append(offer)),
             _history=History(),
             _newest=SimpleNamespace(take=lambda: (SNAPSHOT, set())),
             _page=SimpleNamespace(

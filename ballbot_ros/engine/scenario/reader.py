@@ -118,7 +118,25 @@ class DocumentReader:
 
 
 class ExpectationReader(DocumentReader):
-    """Reads documents with expectations and properties."""
+    """Reads documents with faults, expectations and properties."""
+
+    def _faults(self, data: Mapping[str, object], duration: float) -> tuple[Fault, ...]:
+        faults = self._each(data.get('faults', []), ('faults',), self._fault)
+        for index, each in enumerate(faults):
+            if each.time >= duration:
+                raise self._error(('faults', index), 'a fault begins after the end of the run')
+        return tuple(faults)
+
+    def _fault(self, data: object, keys: Keys) -> Fault:
+        names = ('component', 'type', 'time', 'duration', 'amount')
+        values: Mapping[str, Any] = self._mapping(data, keys, names)
+        for required in names[:2]:
+            if required not in values:
+                raise self._error(keys, f'a fault needs a {required}')
+        try:
+            return Fault(**values)
+        except ParameterError as error:
+            raise self._error(keys, str(error)) from None
 
     def _expectations(self, data: object, plant: PlantParameters) -> list[Expectation]:
         expectations: list[Expectation] = []
@@ -455,24 +473,6 @@ class ScenarioReader(ExpectationReader):
         if not checked:
             raise self._error(keys, 'a change needs a value, such as controller.k_thetadot: 300')
         return TimedChange(time, checked)
-
-    def _faults(self, data: Mapping[str, object], duration: float) -> tuple[Fault, ...]:
-        faults = self._each(data.get('faults', []), ('faults',), self._fault)
-        for index, each in enumerate(faults):
-            if each.time >= duration:
-                raise self._error(('faults', index), 'a fault begins after the end of the run')
-        return tuple(faults)
-
-    def _fault(self, data: object, keys: Keys) -> Fault:
-        names = ('component', 'type', 'time', 'duration', 'amount')
-        values: Mapping[str, Any] = self._mapping(data, keys, names)
-        for required in names[:2]:
-            if required not in values:
-                raise self._error(keys, f'a fault needs a {required}')
-        try:
-            return Fault(**values)
-        except ParameterError as error:
-            raise self._error(keys, str(error)) from None
 
     def _direction(self, value: object, keys: Keys) -> str | float:
         if not isinstance(value, str):

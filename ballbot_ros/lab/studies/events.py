@@ -12,16 +12,10 @@ from numpy.typing import NDArray
 
 from ballbot_ros.engine.rows import Column
 from ballbot_ros.engine.scenario.reader import STICK_LIMIT, TIME_LIMIT
-from ballbot_ros.engine.scenario.scenario import (
-    Scenario,
-    Segment,
-    StickSignal,
-    push_fault,
-    segment_fault,
-)
+from ballbot_ros.engine.scenario.scenario import Scenario, Segment, StickSignal, segment_fault
 from ballbot_ros.errors import StudyError
 from ballbot_ros.parameters import Parameter, ParameterError
-from ballbot_ros.robot.brick.faults import Fault, fault_texts
+from ballbot_ros.robot.brick.faults import KINDS, WORDS, Fault, fault_texts
 from ballbot_ros.robot.plant.ground_truth import FORCE_LIMIT
 
 PUSH, STICK, FAULT = 'push', 'stick', 'fault'
@@ -29,54 +23,48 @@ STICKS = ('vertical', 'horizontal')
 
 _TIMES = (0.0, TIME_LIMIT)
 _STICK = (-float(STICK_LIMIT), float(STICK_LIMIT))
-_PUSH_FIELDS: Mapping[str, tuple[str, tuple[float, float] | None]] = {
-    'force': ('N', (0.0, FORCE_LIMIT)),
-    'direction': ('deg', None),
-    'time': ('s', _TIMES),
-    'duration': ('s', _TIMES),
-}
-_SEGMENT_FIELDS: Mapping[str, tuple[str, tuple[float, float] | None]] = {
-    'value': ('%', _STICK),
-    'from': ('s', _TIMES),
-    'to': ('s', _TIMES),
-}
+
+
+def _fields(**known: tuple[str, tuple[float, float] | None]) -> Mapping[str, Parameter]:
+    return {
+        name: Parameter((), name, 0.0, '', unit=unit, bounds=bounds)
+        for name, (unit, bounds) in known.items()
+    }
+
+
+_PUSH_FIELDS = _fields(
+    force=('N', (0.0, FORCE_LIMIT)), direction=('deg', None), time=('s', _TIMES),
+    duration=('s', _TIMES),
+)  # fmt: skip
+_SEGMENT_FIELDS = _fields(**{'value': ('%', _STICK), 'from': ('s', _TIMES), 'to': ('s', _TIMES)})
+_KIND = Parameter((), 'kind', KINDS[0], '', choices=KINDS)
 
 _BEGINNINGS = ('time', 'from')
 _ENDS = ('to',)
 
 
 @dataclass(frozen=True)
-class PushPart:
-    """A number of a push: `field` of the push with this index, from 0."""
+class EventPart:
+    """A value of a push, of a fault or of a segment of a stick.
 
+    Attributes
+    ----------
+    owner : str
+        ``push``, ``fault``, or the name of the stick.
+    index : int
+        Which of them, from 0.
+    parameter : Parameter
+        Its name in them, and what it may be.
+    """
+
+    owner: str
     index: int
-    field: str
-
-    @property
-    def label(self) -> str:
-        """Name of the push in a study."""
-        return f'{PUSH}.{self.index + 1}'
-
-
-@dataclass(frozen=True)
-class SegmentPart:
-    """A number of a segment: `field` of that with this index on the stick of this name."""
-
-    stick: str
-    index: int
-    field: str
-
-
-@dataclass(frozen=True)
-class FaultPart:
-    """A value of a fault: `field` of that with this index, from 0, and what it may be."""
-
-    index: int
-    field: str
     parameter: Parameter
 
-
-EventPart = PushPart | SegmentPart | FaultPart
+    @property
+    def field(self) -> str:
+        """Its name in the push, fault or segment."""
+        return self.parameter.name
 
 
 def is_event(name: str) -> bool:
@@ -103,16 +91,15 @@ def event_part(name: str, scenario: Scenario) -> EventPart:
         raise StudyError(f'{name}: the scenario has no {kind} {number!r}; {known}')
     index = int(number) - 1
     if kind == PUSH:
-        _check_field(name, field, _PUSH_FIELDS, f'{kind}.{number}')
+        part = EventPart(kind, index, _field(name, field, _PUSH_FIELDS, f'{kind}.{number}'))
         if isinstance(scenario.pushes[index].force, tuple) and field in ('force', 'direction'):
             raise StudyError(f'{name}: that push has forces on both planes, without a direction')
-        return PushPart(index, field)
-    rows = scenario.faults[index].rows
-    _check_field(name, field, rows, f'{kind}.{number}')
-    return FaultPart(index, field, rows[field])
+        return part
+    rows = {**scenario.faults[index].rows, _KIND.name: _KIND}
+    return EventPart(kind, index, _field(name, field, rows, f'{kind}.{number}'))
 
 
-def _segment_part(name: str, scenario: Scenario) -> SegmentPart:
+def _segment_part(name: str, scenario: Scenario) -> EventPart:
     _, _, rest = name.partition('.')
     stick, _, rest = rest.partition('.')
     segment_name, _, field = rest.rpartition('.')
@@ -130,25 +117,17 @@ def _segment_part(name: str, scenario: Scenario) -> SegmentPart:
             f'{name}: {names.count(segment_name)} segments of the {stick} stick are called '
             f'{segment_name!r}; give each a name of its own in the scenario'
         )
-    _check_field(name, field, _SEGMENT_FIELDS, f'{STICK}.{stick}.{segment_name}')
+    parameter = _field(name, field, _SEGMENT_FIELDS, f'{STICK}.{stick}.{segment_name}')
     index = names.index(segment_name)
     if not segments[index].is_step:
         raise StudyError(f'{name}: the segment has points; only from, to and value can vary')
-    return SegmentPart(stick, index, field)
+    return EventPart(stick, index, parameter)
 
 
-def _check_field(name: str, field: str, known: Mapping[str, object], owner: str) -> None:
+def _field(name: str, field: str, known: Mapping[str, Parameter], owner: str) -> Parameter:
     if field not in known:
         raise StudyError(f'{name}: {owner} has no {field!r}; it has {", ".join(known)}')
-
-
-def event_parameter(name: str, part: EventPart) -> Parameter:
-    """Return the bounds and the unit of a part, as those of a parameter."""
-    if isinstance(part, FaultPart):
-        return replace(part.parameter, name=name)
-    known = _PUSH_FIELDS if isinstance(part, PushPart) else _SEGMENT_FIELDS
-    unit, bounds = known[part.field]
-    return Parameter((), name, 0.0, '', unit=unit, bounds=bounds)
+    return known[field]
 
 
 def scenarios_of(
@@ -188,12 +167,10 @@ def scenarios_of(
     ]
 
 
-def check_extremes(
-    scenario: Scenario,
-    ends: Sequence[tuple[EventPart, tuple[float, float]]],
-    duration: float,
-) -> None:
-    """Raise StudyError if pushes and sticks are not possible with all values that they may have.
+def extreme_scenarios(
+    scenario: Scenario, ends: Sequence[tuple[EventPart, tuple[Any, Any]]], duration: float
+) -> list[Scenario]:
+    """Return scenarios with the extreme values; StudyError if one is not possible.
 
     Parameters
     ----------
@@ -203,39 +180,43 @@ def check_extremes(
         Length of the shortest run [s].
     """
     # Late beginnings and early ends, then the opposite.
-    for late, what in ((_BEGINNINGS, 'latest beginnings'), (_ENDS, 'latest ends')):
-        values = tuple((part, high if part.field in late else low) for part, (low, high) in ends)
-        _scenario(scenario, values, duration, f'with the {what}')
+    return [
+        _scenario(
+            scenario,
+            [(part, high if part.field in late else low) for part, (low, high) in ends],
+            duration,
+            f'with the {what}',
+        )
+        for late, what in ((_BEGINNINGS, 'latest beginnings'), (_ENDS, 'latest ends'))
+    ]
 
 
 def _scenario(
-    scenario: Scenario, values: Sequence[tuple[EventPart, float]], duration: float, which: str
+    scenario: Scenario, values: Sequence[tuple[EventPart, Any]], duration: float, which: str
 ) -> Scenario:
     pushes = list(scenario.pushes)
     sticks = {stick: list(getattr(scenario, stick).segments) for stick in STICKS}
     faults = [asdict(each) for each in scenario.faults]
     for part, value in values:
-        if isinstance(part, FaultPart):
-            faults[part.index][part.field] = value
-        elif isinstance(part, PushPart):
+        if part.owner == FAULT:
+            fields = WORDS if part.field == _KIND.name else (part.field,)
+            words = value.split() if len(fields) > 1 else (value,)
+            faults[part.index] |= zip(fields, words, strict=True)
+        elif part.owner == PUSH:
             pushes[part.index] = replace(pushes[part.index], **cast(Any, {part.field: value}))
             if pushes[part.index].duration <= 0.0:
-                raise StudyError(f'{part.label}: must last longer than 0 s ({which})')
+                raise StudyError(f'{PUSH}.{part.index + 1}: must last longer than 0 s ({which})')
         else:
-            segments = sticks[part.stick]
+            segments = sticks[part.owner]
             segments[part.index] = _with_field(segments[part.index], part.field, value)
+    times = {PUSH: [each.time for each in pushes], FAULT: [each['time'] for each in faults]}
     # Others may begin after the end: a run may be shorter than the scenario's.
     for part, _ in values:
-        if isinstance(part, PushPart):
-            if fault := push_fault([pushes[part.index]], duration):
-                raise StudyError(f'{part.label}: {fault[1]} ({which})')
-        elif isinstance(part, FaultPart):
-            if faults[part.index]['time'] >= duration:
-                raise StudyError(
-                    f'{FAULT}.{part.index + 1}: a fault begins after the end of the run ({which})'
-                )
-        else:
-            _check_segment(part, sticks[part.stick], duration, which)
+        if part.owner in STICKS:
+            _check_segment(part, sticks[part.owner], duration, which)
+        elif times[part.owner][part.index] >= duration:
+            label = f'{part.owner}.{part.index + 1}: a {part.owner}'
+            raise StudyError(f'{label} begins after the end of the run ({which})')
     vertical, horizontal = (StickSignal(tuple(sticks[stick])) for stick in STICKS)
     try:
         failing = tuple(Fault(**each) for each in faults)
@@ -259,13 +240,13 @@ def _with_field(segment: Segment, field: str, value: float) -> Segment:
 
 
 def _check_segment(
-    part: SegmentPart, segments: Sequence[Segment], duration: float, which: str
+    part: EventPart, segments: Sequence[Segment], duration: float, which: str
 ) -> None:
     changed = segments[part.index]
     if changed.end <= changed.start:
         raise StudyError(
-            f'{STICK}.{part.stick}.{changed.name}: time goes back from {changed.start:g} to '
+            f'{STICK}.{part.owner}.{changed.name}: time goes back from {changed.start:g} to '
             f'{changed.end:g} s ({which})'
         )
     if fault := segment_fault([changed], duration) or segment_fault(segments, math.inf):
-        raise StudyError(f'{STICK}.{part.stick}: {fault[1]} ({which})')
+        raise StudyError(f'{STICK}.{part.owner}: {fault[1]} ({which})')

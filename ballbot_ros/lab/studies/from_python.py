@@ -18,7 +18,7 @@ from ballbot_ros.errors import BallbotError, short_repr
 from ballbot_ros.files import temporary_folder
 from ballbot_ros.lab.studies.execution import StudyObserver, run_study
 from ballbot_ros.lab.studies.job import job_of
-from ballbot_ros.lab.studies.reader import read_study
+from ballbot_ros.lab.studies.reader import read_studies
 from ballbot_ros.lab.studies.sampling import Sampler
 from ballbot_ros.lab.studies.study_data import StudyData
 from ballbot_ros.parameters.files import plain_value
@@ -73,11 +73,17 @@ def study(
     with temporary_folder() as name:
         scratch = Path(name)
         reference = _reference(study, scratch)
-        described = read_study(reference, runs=plain_value(runs), seed=plain_value(seed))
-        folder = scratch / 'results' if output is None else Path(output)
-        stopped = run_study(job_of(described, folder), Sampler(described).part, _Log())
-        if not stopped:
-            return StudyData.open(folder).frame()
+        place = scratch / 'results' if output is None else Path(output)
+        frames = []
+        for each in list(read_studies(reference, plain_value(runs), plain_value(seed))):
+            folder = place.joinpath(*each.case.values())
+            if stopped := run_study(job_of(each, folder), Sampler(each).part, _Log()):
+                break
+            frames.append(StudyData.open(folder).frame().assign(**each.case))
+        else:
+            import pandas
+
+            return pandas.concat(frames, ignore_index=True)
     signal.raise_signal(stopped)  # now with its usual effect
     raise KeyboardInterrupt
 

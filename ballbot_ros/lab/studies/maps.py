@@ -365,7 +365,8 @@ class PassMap:
 def scale_of(axis: Axis) -> Scale:
     """Return the axis of a map or a chart."""
     words = tuple(map(str, axis.shown)) if axis.is_words else ()
-    return Scale(axis.label, float(axis.edges[0]), float(axis.edges[-1]), axis.is_log, words)
+    low, high = float(axis.edges[0]), float(axis.edges[-1])
+    return Scale(axis.label, low, high, axis.is_log, words, is_upright=len(words) > 12)
 
 
 def _runs_text(runs: NDArray[np.int64]) -> str:

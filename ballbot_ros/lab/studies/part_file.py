@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from ballbot_ros.engine.rows import Column
 from ballbot_ros.errors import StudyError, importing, one_line
 from ballbot_ros.files import read_bytes
-from ballbot_ros.lab.studies.columns import AFTER, NUMBER, SEED, TICKS, ColumnKind, ResultColumn
+from ballbot_ros.lab.studies.columns import NUMBER, TICKS, ColumnKind, ResultColumn
 from ballbot_ros.lab.studies.manifest import PartSummary, StudyRecord
 from ballbot_ros.lockstep.run_actions import Outcome
 
@@ -307,20 +307,11 @@ def _schema(arrow: Any, study: StudyRecord, part: int, summary: PartSummary) -> 
 def _values(study: StudyRecord, rows: PartRows, numbers: range) -> dict[str, Column]:
     results = rows.results
     outcomes = np.where(results.failed, Outcome.FAILED.value, Outcome.COMPLETED.value)
-    measured = (results.measured[:, each] for each in range(len(study.measures)))
-    return {
-        NUMBER.name: np.arange(numbers.start, numbers.stop),
-        SEED.name: rows.seed,
-        **{each.name: column for each, column in zip(study.varied, rows.varied, strict=True)},
-        **{each.name: column for each, column in zip(study.measures, measured, strict=True)},
-        **dict(
-            zip(
-                (each.name for each in AFTER),
-                (rows.passed, outcomes, results.fallen, results.ticks, results.duty_sha256),
-                strict=True,
-            )
-        ),
-    }
+    columns = [
+        np.arange(numbers.start, numbers.stop), rows.seed, *rows.varied, *results.measured.T,
+        rows.passed, outcomes, results.fallen, results.ticks, results.duty_sha256,
+    ]  # fmt: skip
+    return {each.name: column for each, column in zip(study.columns, columns, strict=True)}
 
 
 def _array(arrow: Any, kind: object, values: Column) -> object:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Hashable, Mapping
+from collections.abc import Collection, Hashable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import product
 from math import prod
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar, cast
 
 from ballbot_ros.controllers.loading import resolve_reference
 from ballbot_ros.engine.rows import robot_parameter
@@ -22,8 +23,9 @@ from ballbot_ros.engine.scenario.scenario import Expectation
 from ballbot_ros.errors import BallbotError, StudyError, did_you_mean, short_repr
 from ballbot_ros.files import read_text, share_directory
 from ballbot_ros.lab.studies.columns import TRACED
-from ballbot_ros.lab.studies.events import check_extremes
-from ballbot_ros.lab.studies.study import MAX_RUNS, Sampling, Study, grid_shape, nearest_grid
+from ballbot_ros.lab.studies.events import extreme_scenarios, is_event
+from ballbot_ros.lab.studies.programs import with_values
+from ballbot_ros.lab.studies.study import CASE, MAX_RUNS, Sampling, Study, grid_shape, nearest_grid
 from ballbot_ros.lab.studies.variables import (
     CONE_RAYS,
     DURATION,
@@ -41,13 +43,14 @@ from ballbot_ros.parameters import CONTROLLER, PLANT, ParameterSet, PlantParamet
 from ballbot_ros.parameters.files import leaves
 from ballbot_ros.parameters.timing import TICK_S
 from ballbot_ros.parameters.yaml_document import YamlDocument
+from ballbot_ros.robot.brick.faults import WORDS, Fault, all_faults, fault_texts
 from ballbot_ros.robot.world.floor_map import is_file_name
 from ballbot_ros.run.requirements import Processes
 from ballbot_ros.run.spec import RunOptions, RunSpec
 
 STUDY_KEYS = {
-    'purpose', 'scenario', 'profile', 'controller', 'parameters', 'runs', 'repeats', 'seed',
-    'sampling', 'vary', 'metrics', 'expectations', 'properties',
+    'purpose', 'scenario', 'profile', 'controller', 'parameters', 'faults', 'runs', 'repeats',
+    'seed', 'sampling', 'vary', 'metrics', 'expectations', 'properties',
 }  # fmt: skip
 MAX_SEED = 2**63 - 1
 MAX_HYPERCUBE = 20_000_000
@@ -85,19 +88,28 @@ class StudyReader(DistributionReader):
         self._controller = controller
         self._parameter_file = parameter_file
 
-    def study(self) -> Study:
-        """Return the study in the document.
+    def studies(self) -> Iterator[Study]:
+        """Yield the study in the document, or that of each of its scenarios and controllers.
 
         Raises
         ------
         BallbotError
             The message is one line that names file and line.
         """
-        data = self._mapping(self._document.data, (), STUDY_KEYS)
+        data = dict(self._mapping(self._document.data, (), STUDY_KEYS))
+        if self._controller is not None and isinstance(data.get('controller'), list):
+            data['controller'] = [self._controller]
         for required in ('purpose', 'scenario'):
             if required not in data:
                 raise self._error((), f'{required} is missing')
-        self._check_lines_of_text(data, ('purpose', 'scenario', 'profile', 'controller'))
+        self._check_lines_of_text(data, ('purpose', 'profile'))
+        keys = [each for each in CASE if isinstance(data.get(each), list) and data[each]]
+        for words in product(*(cast('list[object]', data[each]) for each in keys)):
+            case = {**data, **dict(zip(keys, words, strict=True))}
+            self._check_lines_of_text(case, CASE)
+            yield self._study(case).of_several() if keys else self._study(case)
+
+    def _study(self, data: Mapping[str, object]) -> Study:
         fixed, values = self._fixed(data.get('parameters', {}))
         if 'controller' in data and _IMPLEMENTATION in values:
             raise self._error(('controller',), f'{_IMPLEMENTATION} is also set by parameters')
@@ -113,12 +125,7 @@ class StudyReader(DistributionReader):
         if not (variables or draws_seeds):
             raise self._error(('vary',), f'nothing varies: {SEED} is fixed, too')
         plant = _shortest(spec.plant, variables)
-        ends = [(each.part, each.distribution.ends) for each in variables if each.part is not None]
-        if ends:
-            try:
-                check_extremes(spec.scenario, ends, plant.duration)
-            except StudyError as error:
-                raise self._error(('vary',), str(error)) from None
+        self._check_events(spec, variables, plant.duration)
         expectations = self._study_expectations(data, spec, plant)
         if sampling is Sampling.GRID and self._override('runs', self._runs, 1, MAX_RUNS):
             variables = tuple(nearest_grid(variables, self._runs or 1, repeats=draws_seeds))
@@ -143,6 +150,28 @@ class StudyReader(DistributionReader):
             properties=self._study_properties(data, spec),
             spec=spec,
         )
+
+    def _check_events(self, spec: RunSpec, variables: Sequence[Variable], end: float) -> None:
+        """Refuse pushes, sticks and faults that a run could not have."""
+        names = {each.name for each in variables}
+        for kind in sorted(each for each in names if is_event(each) and each.endswith('.kind')):
+            if not names.isdisjoint(kind.replace('.kind', f'.{word}') for word in WORDS):
+                raise self._error(('vary', kind), f'{kind} is a component and its type')
+        varied = [(each.part, each.distribution) for each in variables if each.part is not None]
+        words = [
+            [(part, (word, word)) for word in each.levels]
+            for part, each in varied
+            if isinstance(each, Levels) and isinstance(each.levels[0], str)
+        ]
+        ends = [(part, each.ends) for part, each in varied]
+        faults: dict[Fault, None] = {}
+        try:
+            for chosen in product(*words):
+                for each in extreme_scenarios(spec.scenario, [*ends, *chosen], end):
+                    faults |= dict.fromkeys(each.faults)
+            all_faults(_with_faults(spec, faults).parameters.of)
+        except BallbotError as error:
+            raise self._error(('vary',), str(error)) from None
 
     def _fixed(self, data: object) -> tuple[ParameterSet, dict[str, object]]:
         """Return the fixed parameters, and their values by ``node.param``."""
@@ -197,11 +226,12 @@ class StudyReader(DistributionReader):
 
     def _spec(self, reference: str, data: Mapping[str, object], options: RunOptions) -> RunSpec:
         try:
-            return RunSpec.of_scenario(reference, options)
+            spec = RunSpec.of_scenario(reference, options)
         except BallbotError as error:
             # The scenario alone is valid.
             key = 'controller' if 'controller' in data else 'parameters'
             raise self._error((key,), str(error)) from None
+        return _with_faults(spec, self._faults(data, spec.plant.duration))
 
     def _sampling(self, value: object) -> Sampling:
         known = [each.value for each in Sampling]
@@ -358,6 +388,14 @@ class StudyReader(DistributionReader):
         return tuple(names)
 
 
+def _with_faults(spec: RunSpec, faults: Collection[Fault]) -> RunSpec:
+    """Return a run with further faults."""
+    texts = fault_texts((*all_faults(spec.parameters.of), *faults))
+    values = {f'{node}.faults': text for node, text in texts.items() if faults}
+    scenario = replace(spec.scenario, faults=(*spec.scenario.faults, *faults))
+    return replace(spec, scenario=scenario, parameters=with_values(spec.parameters, values))
+
+
 def _shortest(plant: PlantParameters, variables: tuple[Variable, ...]) -> PlantParameters:
     """Return the parameters of the plant with the shortest run and the latest release."""
     for each in variables:
@@ -376,15 +414,19 @@ def study_names() -> list[str]:
     return sorted(path.stem for path in (share_directory() / _FOLDER).glob('*.yaml'))
 
 
-def read_study(
+def read_study(reference: str, **options: Any) -> Study:
+    """Read a study, as :func:`read_studies`; of several scenarios or controllers the first."""
+    return next(read_studies(reference, **options))
+
+
+def read_studies(
     reference: str,
-    *,
     runs: int | None = None,
     seed: int | None = None,
     controller: str | None = None,
     parameter_file: Path | None = None,
-) -> Study:
-    """Read a shipped study by its name, or a file by its path.
+) -> Iterator[Study]:
+    """Read a shipped study by its name, or a file by its path; a study for each case.
 
     Parameters
     ----------
@@ -412,4 +454,4 @@ def read_study(
             f'shipped: {", ".join(study_names())} '
             '(for your own study, give the path of its file, ending in .yaml)'
         )
-    return StudyReader(YamlDocument(path), runs, seed, controller, parameter_file).study()
+    return StudyReader(YamlDocument(path), runs, seed, controller, parameter_file).studies()

@@ -38,6 +38,7 @@ from ballbot_ros.lab.studies.charts import (
 from ballbot_ros.lab.studies.events import is_event
 from ballbot_ros.lab.studies.manifest import StudyRecord
 from ballbot_ros.lab.studies.maps import PassMap, PredictedLimit, predict, usual_values
+from ballbot_ros.lab.studies.outcomes import ending_table, endings_below, endings_of
 from ballbot_ros.lab.studies.programs import with_values
 from ballbot_ros.lab.studies.rerun import study_parameters
 from ballbot_ros.lab.studies.sensitivity import MIN_SAMPLE, SLICES, Sensitivity
@@ -184,6 +185,8 @@ class Findings:
             failed=[self._row(number) for number in islice(self.data.failed(), FAILED_SHOWN)],
             failed_count=self.summary.totals.failed,
             versions=self._versions(),
+            endings=ending_table(endings_of(self.data)),
+            number_command=self._rerun('NUMBER'),
             worst_command=self._rerun('--worst', 'MEASURE'),
             interactive=_interactive(figures),
             missing=MISSING,
@@ -336,6 +339,21 @@ class Findings:
             'verdict': _verdict(row),
             'command': self._rerun(number),
         }
+
+
+def several_report(folder: Path) -> StudyReport | None:
+    """Return the page of the studies of several scenarios and controllers; None without any."""
+    endings = endings_below(folder)
+    if not endings:
+        return None
+    page = render_template(
+        'endings.html',
+        package='ballbot_ros.lab.studies',
+        title=folder.name,
+        table=ending_table(endings),
+        command=own_command('study', 'rerun', folder / 'SCENARIO/CONTROLLER', 'NUMBER'),
+    )
+    return StudyReport(page, [], {})
 
 
 class _FileNames:

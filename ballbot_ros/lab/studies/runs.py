@@ -69,8 +69,6 @@ class Samples:
         Number of runs.
     values : mapping of str to ndarray
         Values of parameters by ``node.param``, one for each run.
-    scenarios : sequence of Scenario
-        Sticks and pushes of each run; empty if only numbers of the scenario's own vary.
     events : mapping of str to ndarray
         The varied numbers of the scenario's sticks and pushes, one for each run.
     first : int
@@ -79,7 +77,6 @@ class Samples:
 
     count: int
     values: Mapping[str, Column]
-    scenarios: Sequence[Scenario] = ()
     events: Mapping[str, Column] = field(default_factory=dict)
     first: int = 0
 
@@ -88,7 +85,6 @@ class Samples:
         return Samples(
             last - first,
             {name: column[first:last] for name, column in self.values.items()},
-            self.scenarios[first:last],
             {name: column[first:last] for name, column in self.events.items()},
             self.first + first,
         )
@@ -454,22 +450,16 @@ def scenarios_of_runs(spec: RunSpec, samples: Samples) -> Sequence[Scenario]:
     StudyError
         If pushes and sticks of a run are not possible; the message names the run.
     """
-    if samples.scenarios or not samples.events:
-        return samples.scenarios
+    if not samples.events:
+        return ()
     parts = {name: event_part(name, spec.scenario) for name in samples.events}
     durations = samples.values.get(DURATION, np.full(samples.count, spec.plant.duration))
     return scenarios_of(spec.scenario, parts, samples.events, durations, samples.first)
 
 
 def faults_of_runs(spec: RunSpec, scenarios: Sequence[Scenario]) -> list[tuple[Fault, ...]]:
-    """Return the faults of each run, or one item for all; the errors are those of a run's."""
-    kinds = {
-        tuple((fault.component, fault.type) for fault in each.faults): each for each in scenarios
-    }
-    for each in kinds.values():
-        all_faults(with_values(spec.parameters, fault_values(each, spec.scenario)).of)
-    own = all_faults(spec.parameters.of)
-    given = spec.scenario.faults
+    """Return the faults of each run, or one item for all."""
+    own, given = all_faults(spec.parameters.of), spec.scenario.faults
     return [own if each.faults == given else each.faults for each in scenarios] or [own]
 
 

@@ -28,9 +28,12 @@ from ballbot_ros.lab.studies.variables import (
     Levels,
     Variable,
 )
-from ballbot_ros.parameters import PlantParameters
+from ballbot_ros.parameters import ControllerParameters, PlantParameters
 from ballbot_ros.parameters.parameter import TextEnum
 from ballbot_ros.run.spec import RunSpec
+
+CASE = ('scenario', 'controller')
+"""What a study may have several of; each of their combinations is a study of its own."""
 
 MAX_RUNS = 10**9
 """Largest number of runs of a study."""
@@ -68,6 +71,8 @@ class Study:
         Metrics of the whole run.
     spec : RunSpec
         The run that all are like, but for their samples.
+    case : mapping of str to str
+        Its scenario and controller, if the file has several; its results are in such a folder.
     """
 
     name: str
@@ -82,6 +87,14 @@ class Study:
     expectations: tuple[Expectation, ...]
     properties: tuple[Property, ...]
     spec: RunSpec
+    case: Mapping[str, str] = field(default_factory=dict)
+
+    def of_several(self) -> Study:
+        """Return the study as one of several, with their words in its name."""
+        controller = self.spec.parameters.of(ControllerParameters).implementation
+        words = self.spec.scenario.name, controller.rpartition(':')[2]
+        case = dict(zip(CASE, words, strict=True))
+        return replace(self, name='_'.join((self.name, *words)), case=case)
 
     @property
     def measures(self) -> tuple[Measure | Property, ...]:
@@ -114,7 +127,7 @@ class Study:
         count = len(columns[self.columns[0]])
         values = {name: columns[name] for name in self.columns if name not in self.parts}
         events = {name: columns[name] for name in self.parts}
-        return Samples(count, values, events=events, first=first)
+        return Samples(count, values, events, first)
 
     @property
     def common_scenario(self) -> tuple[Scenario, PlantParameters]:
@@ -207,7 +220,7 @@ def _words(given: Mapping[str, object]) -> str:
     """Return a distribution in words."""
     kind = next((each for each in DISTRIBUTIONS if each in given), '')
     values = given.get(kind)
-    items = [_number(each) for each in values] if isinstance(values, list) else []
+    items = [_number(each) for each in values] if isinstance(values, list) else [str(values)]
     if kind == LIST:
         more = ' …' if len(items) > _SHOWN_LEVELS else ''
         return f'one of {", ".join(items[:_SHOWN_LEVELS])}{more}'

@@ -337,9 +337,8 @@ class StudyData:
     def not_passed(self) -> Iterator[int]:
         """Yield the numbers of the runs that did not pass, in order; the failed are among them."""
         for table in self.parts([NUMBER.name, PASSED.name]):
-            yield from _numbers(table.column(NUMBER.name))[
-                ~_numbers(table.column(PASSED.name))
-            ].tolist()
+            numbers, passed = map(_numbers, table.columns)
+            yield from numbers[~passed].tolist()
 
     def worst(self, measure: str, count: int = WORST_RUNS) -> list[RankedRun]:
         """Return the runs with the worst values of a measure, worst first.

@@ -15,13 +15,7 @@ from ballbot_ros.controllers.controller_program import own_rows
 from ballbot_ros.engine.rows import Column, robot_parameter
 from ballbot_ros.engine.scenario.reader import ExpectationReader, Keys
 from ballbot_ros.errors import StudyError
-from ballbot_ros.lab.studies.events import (
-    EventPart,
-    FaultPart,
-    event_parameter,
-    event_part,
-    is_event,
-)
+from ballbot_ros.lab.studies.events import FAULT, EventPart, event_part, is_event
 from ballbot_ros.parameters import (
     CONTROLLER,
     PLANT,
@@ -34,7 +28,7 @@ from ballbot_ros.parameters import (
     suggest,
 )
 from ballbot_ros.robot.arithmetic import Floats
-from ballbot_ros.robot.brick.faults import all_faults
+from ballbot_ros.robot.brick.faults import OWN_TASK, TASKS, all_faults
 from ballbot_ros.run.spec import RunSpec
 
 MAX_LEVELS = 100_000
@@ -171,6 +165,7 @@ Distribution = Uniform | LogUniform | Normal | WholeNumbers | Levels
 """Each has the `ends` of its values, and `values` by its quantile function."""
 
 UNIFORM, LOG_UNIFORM, NORMAL, LIST, GRID = 'uniform', 'log_uniform', 'normal', 'list', 'grid'
+ALL = 'all'  # in place of the values of a list: all words that there are
 DISTRIBUTIONS = (UNIFORM, LOG_UNIFORM, NORMAL, LIST, GRID)
 
 
@@ -206,6 +201,7 @@ class DistributionReader(ExpectationReader):
         return whole_numbers(continuous) if isinstance(parameter.default, int) else continuous
 
     def _list(self, data: object, keys: Keys, parameter: Parameter) -> Levels:
+        data = list(parameter.choices) if data == ALL and parameter.choices else data
         levels = self._each(data, keys, lambda item, at: self._allowed(item, at, parameter))
         if not levels:
             raise self._error(keys, f'{parameter.name}: the list is empty')
@@ -337,11 +333,14 @@ def find_variable(name: str, spec: RunSpec) -> tuple[Parameter, EventPart | None
     """
     if is_event(name):
         part = event_part(name, spec.scenario)
-        if isinstance(part, FaultPart) and set(all_faults(spec.parameters.of)) != set(
-            spec.scenario.faults
-        ):
+        own = set(spec.scenario.faults)
+        if part.owner == FAULT and set(all_faults(spec.parameters.of)) != own:
             raise StudyError(f"{name} cannot vary: the scenario's faults are set as parameters")
-        return event_parameter(name, part), part
+        tasks = [each.name for each in spec.controller.tasks] if spec.controller else TASKS
+        others = {*TASKS, OWN_TASK}.difference(tasks)  # of other controllers
+        choices = part.parameter.choices
+        known = tuple(each for each in choices if str(each).split()[0] not in others)
+        return replace(part.parameter, name=name, choices=known), part
     node, _, rest = name.partition('.')
     if node == CONTROLLER and is_own(rest):
         return replace(_own_parameter(rest, spec), name=name), None

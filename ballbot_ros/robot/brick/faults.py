@@ -104,6 +104,10 @@ def kind_of_component(component: str) -> str:
     return 'task' if is_task else component.removesuffix('_x').removesuffix('_y')
 
 
+KINDS = tuple(f'{each} {word}' for each in COMPONENTS for word in EFFECTS[kind_of_component(each)])
+"""Every component with each type that it can have."""
+
+
 @dataclass(frozen=True)
 class Fault:
     """A fault of a component; ParameterError, without a place, if there is no such fault.

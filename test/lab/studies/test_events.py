@@ -18,6 +18,7 @@ from ballbot_ros.lab.studies.runs import (
 )
 from ballbot_ros.lab.studies.sampling import Sampler
 from ballbot_ros.parameters import PlantParameters
+from ballbot_ros.robot.brick.faults import KINDS, OWN_TASK, TASKS
 from ballbot_ros.run.execution import execute
 
 PUSHES = """purpose: x
@@ -220,3 +221,76 @@ def test_impossible_faults_of_a_study_are_refused(study_of, tmp_path, vary, told
     path.write_text(SCENARIO, encoding='utf-8')
     text = f'purpose: x\nscenario: {path}\nruns: 4\nvary:\n  {vary}\n'
     assert told in refusal(BallbotError, study_of, text)
+
+
+KINDS_STUDY = """purpose: x
+scenario: {scenario}
+profile: hardware
+controller: {controller}
+sampling: grid
+faults:
+- {{component: gyro_x, type: stuck, time: 2, duration: 0.02}}
+vary:
+  {vary}
+"""
+
+
+@pytest.mark.parametrize(
+    ('controller', 'tasks'), [('python', list(TASKS)), ('lqg', [OWN_TASK]), ('pid', [OWN_TASK])]
+)
+def test_all_kinds_are_those_that_the_robot_can_have(study_of, controller, tasks):
+    study = study_of(
+        KINDS_STUDY.format(scenario='push', controller=controller, vary='fault.1.kind: {list: all}')
+    )
+    others = {*TASKS, OWN_TASK}.difference(tasks)
+    kinds = study.variables[0].distribution.levels
+    assert kinds == tuple(each for each in KINDS if each.split()[0] not in others)
+    assert study.runs == len(kinds)
+    assert [str(each) for each in study.spec.scenario.faults] == [
+        'gyro_x stuck time=2 duration=0.02'
+    ]
+
+
+def test_faults_of_a_study_come_after_those_of_its_scenario(study_of, tmp_path):
+    path = tmp_path / 'failing.yaml'
+    path.write_text(SCENARIO, encoding='utf-8')
+    vary = 'fault.3.kind: {list: [motor_y weak, brick restart, gamepad off]}'
+    study = study_of(KINDS_STUDY.format(scenario=path, controller='python', vary=vary))
+    samples = Sampler(study).part(0, 3)
+    results = simulator_for(study.spec, study.measures).simulate(samples)
+    expected = OrdinarySimulator(study.spec, study.measures).simulate(samples)
+    assert results.duty_sha256.tolist() == expected.duty_sha256.tolist()
+    for run, kind in enumerate(samples.events['fault.3.kind'].tolist()):
+        spec = rerun_of(study, samples, run, tmp_path / str(run))
+        assert [f'{each.component} {each.type}' for each in spec.scenario.faults] == [
+            'gyro_x stuck', 'motor_x weak', kind,
+        ]  # fmt: skip
+        assert execute(spec).duty_sha256 == bytes(results.duty_sha256[run]).hex()
+
+
+@pytest.mark.parametrize(
+    ('vary', 'line', 'told'),
+    [
+        ('fault.1.kind: {list: [gyro_x weak]}', 9, "'gyro_x weak' is not one of gyro_x off, "),
+        ('fault.1.kind: {list: [tick slow]}', 9, "'tick slow' is not one of gyro_x off, "),
+        ('fault.1.kind: {list: any}', 9, 'is not a list'),
+        ('fault.1.type: {list: [stuck, weak]}', 8, 'gyro_x weak: only motor can have this'),
+        ('fault.1.component: {list: [sonar, battery]}', 8, 'battery stuck: only gyro, encoder'),
+        ('fault.2.kind: {list: all}', 9, "the scenario has no fault '2'; its faults are 1 … 1"),
+        (
+            'fault.1.kind: {list: [gyro_x off]}\n  fault.1.type: {list: ["off"]}',
+            9,
+            'fault.1.kind is a component and its type',
+        ),
+        (
+            'fault.1.kind: {list: [task_ts1 slow]}\nparameters: {controller: {kernel: false}}',
+            8,
+            'task_ts1 slow: requires kernel: true',
+        ),
+    ],
+)
+def test_impossible_kinds_are_refused_when_the_study_is_read(study_of, vary, line, told):
+    text = KINDS_STUDY.format(scenario='push', controller='python', vary=vary)
+    message = refusal(BallbotError, study_of, text)
+    assert told in message
+    assert f'mine.yaml:{line}: ' in message

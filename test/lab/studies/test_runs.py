@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 from laws import refusal
-from pushes import pushes
 from simulated_runs import EVERYTHING, assert_same, compiled_simulator, spec_of
 
-from ballbot_ros.engine.scenario.scenario import Measure, Scenario
+from ballbot_ros.engine.scenario.scenario import Measure
 from ballbot_ros.errors import StudyError
 from ballbot_ros.lab.studies.programs import with_values
 from ballbot_ros.lab.studies.runs import (
@@ -99,11 +98,11 @@ def test_the_clearance_is_that_of_each_body():
 
 
 def test_each_run_can_have_pushes_and_sticks_of_its_own():
-    scenarios = [
-        Scenario(pushes=sum((pushes(1.2, 0.1, 5.0 * n, -n) for n in range(1, run + 1)), ()))
-        for run in range(4)
-    ]
-    spec, samples = spec_of('push'), Samples(4, {}, scenarios)
+    events = {
+        'push.1.force': np.array([0.5, 1.0, 1.5, 2.0]),
+        'push.1.time': np.array([1.1, 1.2, 1.3, 1.4]),
+    }
+    spec, samples = spec_of('push'), Samples(4, {}, events)
     compiled = compiled_simulator(spec, EVERYTHING).simulate(samples)
     assert_same(compiled, OrdinarySimulator(spec, EVERYTHING).simulate(samples))
     assert len({each.tobytes() for each in compiled.duty_sha256}) == 4
