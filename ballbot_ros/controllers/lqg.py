@@ -8,11 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ballbot_ros.controllers.controller import (
-    MAX_DUTY,
-    duty_of_voltage,
-    max_voltage,
-)
+from ballbot_ros.controllers.controller import MAX_DUTY, duty_of_voltage, max_voltage
 from ballbot_ros.controllers.driving import (
     NO_MOTION,
     NO_REFERENCE,
@@ -51,34 +47,28 @@ class LQGParameters:
     """
 
     reference_time: float = quantity(
-        0.3, 's', (0.0, 60.0), 'time constant of each of two low passes of the speed', 'project'
+        0.3, 's', (0.0, 60.0), 'time constant of each of two low passes of the speed'
     )
-    theta_scale: float = quantity(15.0, 'deg', POSITIVE, 'LQR: scale of θ', 'project')
-    psi_scale: float = quantity(1.0, 'deg', POSITIVE, 'LQR: scale of ψ', 'project')
-    theta_dot_scale: float = quantity(50.0, 'deg/s', POSITIVE, 'LQR: scale of θ˙', 'project')
-    psi_dot_scale: float = quantity(200.0, 'deg/s', POSITIVE, 'LQR: scale of ψ˙', 'project')
-    integral_scale: float = quantity(150.0, 'deg·s', POSITIVE, 'LQR: scale of ∫θ', 'project')
-    voltage_scale: float = quantity(1.0, 'V', POSITIVE, 'LQR: scale of the voltage', 'project')
+    theta_scale: float = quantity(15.0, 'deg', POSITIVE, 'LQR: scale of θ')
+    psi_scale: float = quantity(1.0, 'deg', POSITIVE, 'LQR: scale of ψ')
+    theta_dot_scale: float = quantity(50.0, 'deg/s', POSITIVE, 'LQR: scale of θ˙')
+    psi_dot_scale: float = quantity(200.0, 'deg/s', POSITIVE, 'LQR: scale of ψ˙')
+    integral_scale: float = quantity(150.0, 'deg·s', POSITIVE, 'LQR: scale of ∫θ')
+    voltage_scale: float = quantity(1.0, 'V', POSITIVE, 'LQR: scale of the voltage')
     voltage_error: float = quantity(
-        0.1, 'V', POSITIVE, 'filter: error of the motor voltage in a tick', 'project'
+        0.1, 'V', POSITIVE, 'filter: error of the motor voltage in a tick'
     )
     torque_error: float = quantity(
-        0.03, 'N·m', POSITIVE, 'filter: unknown torque on the body in a tick', 'project'
+        0.03, 'N·m', POSITIVE, 'filter: unknown torque on the body in a tick'
     )
     drift_rate: float = quantity(
-        0.01, 'deg/s/√s', POSITIVE, 'filter: random walk of the gyro offset', 'project'
+        0.01, 'deg/s/√s', POSITIVE, 'filter: random walk of the gyro offset'
     )
-    gyro_error: float = quantity(
-        0.7, 'deg/s', POSITIVE, 'filter: error of a gyro reading', 'project'
-    )
-    encoder_error: float = quantity(
-        0.25, 'deg', POSITIVE, 'filter: error of an encoder reading', 'project'
-    )
-    dead_zone: float = quantity(
-        1.0, '%', (0.0, 50.0), 'filter: duty that friction takes', 'project'
-    )
+    gyro_error: float = quantity(0.7, 'deg/s', POSITIVE, 'filter: error of a gyro reading')
+    encoder_error: float = quantity(0.25, 'deg', POSITIVE, 'filter: error of an encoder reading')
+    dead_zone: float = quantity(1.0, '%', (0.0, 50.0), 'filter: duty that friction takes')
     actuator_delay: float = quantity(
-        0.0, 'ms', (0.0, 100.0), 'dead time of the motors to design for', 'project'
+        0.0, 'ms', (0.0, 100.0), 'dead time of the motors to design for'
     )
     transition: tuple[float, ...] = designed(
         '1, s, 1/s', ANY, 'A of the filter, 5 × 5, row by row: θ, ψ, θ˙, ψ˙, gyro drift'

@@ -22,7 +22,8 @@ from ballbot_ros.controllers.lqg import (
     tracking_task,
 )
 from ballbot_ros.errors import ControllerError
-from ballbot_ros.parameters import ControllerParameters, TakesEffect, quantity
+from ballbot_ros.parameters import ControllerParameters
+from ballbot_ros.parameters.parameter import live
 from ballbot_ros.parameters.timing import TICK_S
 from ballbot_ros.robot.plant.model import Matrix
 
@@ -44,13 +45,8 @@ SETTINGS = {
 class MPCParameters(LQGParameters):
     """The parameters of the LQG, and the limit of the pitch."""
 
-    pitch_limit: float = quantity(
-        3.0,
-        'deg',
-        (0.1, 45.0),
-        'pitch beyond which the body leans only if it must',
-        'project',
-        takes_effect=TakesEffect.IMMEDIATELY,
+    pitch_limit: float = live(
+        3.0, 'deg', (0.1, 45.0), 'pitch beyond which the body leans only if it must'
     )
 
 

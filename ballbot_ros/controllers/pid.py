@@ -21,21 +21,15 @@ from ballbot_ros.controllers.driving import (
     low_pass_share,
     next_reference,
 )
-from ballbot_ros.parameters import ControllerParameters, TakesEffect, quantity
+from ballbot_ros.parameters import ControllerParameters, quantity
+from ballbot_ros.parameters.parameter import live
 from ballbot_ros.parameters.timing import TICK_S
 from ballbot_ros.robot.plant.model import PhysicalParameters
 
 
 def gain(default: float, unit: str, description: str) -> float:
     """Declare a gain, which can be changed during a run."""
-    return quantity(
-        default,
-        unit,
-        (0.0, 1e6),
-        description,
-        'project',
-        takes_effect=TakesEffect.IMMEDIATELY,
-    )
+    return live(default, unit, (0.0, 1e6), description)
 
 
 @dataclass(frozen=True)
@@ -43,7 +37,7 @@ class PIDParameters:
     """Gains of both controllers, and time constants of the estimates."""
 
     reference_time: float = quantity(
-        0.3, 's', (0.0, 60.0), 'time constant of each of two low passes of the speed', 'project'
+        0.3, 's', (0.0, 60.0), 'time constant of each of two low passes of the speed'
     )
     pitch_p: float = gain(1.6, 'V/deg', 'voltage for a pitch error')
     pitch_d: float = gain(0.2, 'V·s/deg', 'voltage for a pitch rate')
@@ -52,10 +46,10 @@ class PIDParameters:
     position_d: float = gain(0.01, 's', 'pitch for an error of the ball rate')
     back_emf: float = gain(0.0111, 'V·s/deg', 'voltage that keeps the ball rolling, per ball rate')
     rate_time: float = quantity(
-        0.02, 's', (0.0, 10.0), 'time constant of the low pass of the ball rate', 'project'
+        0.02, 's', (0.0, 10.0), 'time constant of the low pass of the ball rate'
     )
     drift_time: float = quantity(
-        6.0, 's', (0.1, 1e6), 'time constant at which the gyro offset is corrected', 'project'
+        6.0, 's', (0.1, 1e6), 'time constant at which the gyro offset is corrected'
     )
 
 

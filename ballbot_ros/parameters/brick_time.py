@@ -59,15 +59,12 @@ class TaskCosts:
     state_instructions: int = quantity(432, '1', COUNT, 'task_ts3', 'qemu')
     tone_instructions: int = quantity(13, '1', COUNT, 'added to task_ts3 by a tone', 'qemu')
     display_instructions: int = quantity(6, '1', COUNT, 'task_lcd', 'qemu')
-    times_of: str = setting(
-        '', 'hash of the program whose times these are; empty: not checked', 'project'
-    )
+    times_of: str = setting('', 'hash of the program whose times these are; empty: not checked')
     tick_time: float = quantity(
         500.0,
         'µs',
         MICROSECONDS,
         "a task of a controller that is not the document's, with its calls",
-        'project',
     )
     bluetooth_time: float = quantity(20.0, 'µs', MICROSECONDS, 'call that sends a packet', 'facts')
     tone_time: float = quantity(1000.0, 'µs', MICROSECONDS, 'call that sounds a tone', 'facts')
@@ -82,7 +79,7 @@ class TaskCosts:
         10.0, 'µs', (0.0, 900.0), 'the interrupt of each millisecond', 'guess'
     )
     time_variation: float = quantity(
-        0.0, '1', (0.0, 1.0), 'largest random addition to the time of a job, as a share', 'project'
+        0.0, '1', (0.0, 1.0), 'largest random addition to the time of a job, as a share'
     )
     link_time: float = quantity(
         5.0, 'µs', (0.0, 900.0), 'from that interrupt until the link takes the duties', 'guess'

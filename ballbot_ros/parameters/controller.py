@@ -7,13 +7,7 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
 from ballbot_ros.parameters.brick_time import KernelChoice, LinkParameters, TaskCosts
-from ballbot_ros.parameters.nodes import (
-    BrickFaults,
-    DeviceSeed,
-    LockstepChoice,
-    Radii,
-    StickScale,
-)
+from ballbot_ros.parameters.nodes import BrickFaults, DeviceSeed, LockstepChoice, Radii, StickScale
 from ballbot_ros.parameters.parameter import NodeParameters, Value, live, quantity, setting
 
 Gains = tuple[float, float, float, float]
@@ -53,7 +47,6 @@ class ControllerParameters(
         'python',
         "the document's program (python, c, arm), or another controller: an installed name, "
         'package.module:Class or FILE.py:Class',
-        'project',
     )
     mode: Literal['remote', 'autonomous'] = setting('remote', 'drive mode (task_init)', '7.3')
     k_f: Gains = live(
@@ -73,7 +66,7 @@ class ControllerParameters(
     pwm_offset: float = live(0.0, '%', (0.0, 100.0), 'friction compensator offset', '7.7')
     dst_thr: int = live(30, 'cm', (-1, 255), 'obstacle avoidance threshold', '7.7')
     sonar_hold: int = quantity(
-        0, 'ms', (0, 60000), 'time for which the last echo stays valid if none returns', 'project'
+        0, 'ms', (0, 60000), 'time for which the last echo stays valid if none returns'
     )
     time_start: int = quantity(1000, 'ms', UINT32_BOUNDS, 'gyro calibration time', '7.4')
     time_auto: int = quantity(5000, 'ms', UINT32_BOUNDS, 'start of autonomous drive', '7.6')
@@ -104,13 +97,11 @@ class ControllerParameters(
         False,
         'true: a controller started in mid-run restarts the program; '
         'false: it fails the run at once',
-        'project',
     )
     changes: str = setting(
         '',
         "changes of live parameters by time from the run's start [s], such as "
         "'3.2 k_thetadot=300; 5 k_i=-0.008'",
-        'project',
     )
     own: tuple[tuple[str, Value], ...] = ()
     """Names and values of the parameters with `OWN_PREFIXES`."""

@@ -27,9 +27,7 @@ READ_ONLY = TakesEffect.READ_ONLY
 class DeviceSeed:
     """The seed of the device noise and jitter."""
 
-    seed: int = quantity(
-        1, '1', (0, 2**63 - 1), 'seed of all device noise and jitter of the run', 'project'
-    )
+    seed: int = quantity(1, '1', (0, 2**63 - 1), 'seed of all device noise and jitter of the run')
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,7 +47,6 @@ class ScenarioChoice:
         's',
         (0.0, 1e6),
         'time of a run up to which it neither waits for the wall clock nor takes live sticks',
-        'project',
     )
 
 
@@ -67,7 +64,6 @@ class LockstepChoice:
     lockstep: bool = setting(
         True,
         'true: each tick waits for its inputs; false: wall-clock timers, newest sample wins',
-        'project',
         takes_effect=READ_ONLY,
     )
 
@@ -200,10 +196,10 @@ class SonarParameters(DeviceParameters, MapChoice, BodyDepth):
         'exact', 'distance along a ray: exactly, or in steps of 1 cm', 'B.3'
     )
     cone_angle: float = quantity(
-        0.0, 'rad', (0.0, 3.0), 'opening of the sound cone; 0: a single ray', 'project'
+        0.0, 'rad', (0.0, 3.0), 'opening of the sound cone; 0: a single ray'
     )
     cone_rays: int = quantity(
-        7, '1', (1, 99), 'rays of the cone, an odd number; the nearest echo counts', 'project'
+        7, '1', (1, 99), 'rays of the cone, an odd number; the nearest echo counts'
     )
 
 
@@ -224,47 +220,33 @@ class GamepadParameters(
     period_ns: ClassVar[int] = SLOW_PERIOD_NS
 
     device: str = setting(
-        'any',
-        'gamepad to read directly: any, its number, or part of its name; empty: none',
-        'project',
+        'any', 'gamepad to read directly: any, its number, or part of its name; empty: none'
     )
-    keyboard: bool = setting(False, 'true: the arrow keys of the terminal drive', 'project')
+    keyboard: bool = setting(False, 'true: the arrow keys of the terminal drive')
     log_csv: str = path(
         'CSV file for the data log, a new one after each reset; empty: none', 'facts'
     )
     faults: str = fault_list('gamepad')
     require_enable_button: bool = setting(
-        False,
-        'true: the sticks of joy and gamepad only work while the enable button is pressed',
-        'project',
+        False, 'true: the sticks of joy and gamepad only work while the enable button is pressed'
     )
-    enable_button: int = quantity(
-        9, '1', (0, 63), 'enable button; 9 is the left shoulder', 'project'
-    )
+    enable_button: int = quantity(9, '1', (0, 63), 'enable button; 9 is the left shoulder')
     enable_turbo_button: int = quantity(
-        -1, '1', (-1, 63), 'button for the turbo scales, which also enables; -1: none', 'project'
+        -1, '1', (-1, 63), 'button for the turbo scales, which also enables; -1: none'
     )
-    deadzone: float = quantity(
-        0.05, '1', (0.0, 0.95), 'neutral share of an axis around its centre', 'project'
-    )
-    axis_forward: int = quantity(1, '1', (-1, 63), 'axis that drives forward; -1: none', 'project')
-    axis_rightward: int = quantity(
-        2, '1', (-1, 63), 'axis that drives rightward; -1: none', 'project'
-    )
-    scale_forward: float = quantity(
-        1.0, '1', SHARE, 'share of the full stick at a full axis', 'project'
-    )
-    scale_rightward: float = quantity(
-        1.0, '1', SHARE, 'share of the full stick at a full axis', 'project'
-    )
+    deadzone: float = quantity(0.05, '1', (0.0, 0.95), 'neutral share of an axis around its centre')
+    axis_forward: int = quantity(1, '1', (-1, 63), 'axis that drives forward; -1: none')
+    axis_rightward: int = quantity(2, '1', (-1, 63), 'axis that drives rightward; -1: none')
+    scale_forward: float = quantity(1.0, '1', SHARE, 'share of the full stick at a full axis')
+    scale_rightward: float = quantity(1.0, '1', SHARE, 'share of the full stick at a full axis')
     scale_forward_turbo: float = quantity(
-        1.0, '1', SHARE, 'share of the full stick at a full axis, turbo button', 'project'
+        1.0, '1', SHARE, 'share of the full stick at a full axis, turbo button'
     )
     scale_rightward_turbo: float = quantity(
-        1.0, '1', SHARE, 'share of the full stick at a full axis, turbo button', 'project'
+        1.0, '1', SHARE, 'share of the full stick at a full axis, turbo button'
     )
-    invert_forward: bool = setting(False, 'true: the forward axis is reversed', 'project')
-    invert_rightward: bool = setting(False, 'true: the rightward axis is reversed', 'project')
+    invert_forward: bool = setting(False, 'true: the forward axis is reversed')
+    invert_rightward: bool = setting(False, 'true: the rightward axis is reversed')
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -273,13 +255,9 @@ class RecorderParameters(NodeParameters):
 
     node: ClassVar[str] = 'recorder'
 
-    output: str = path(
-        'file to write; empty: a new one under runs/', 'project', takes_effect=READ_ONLY
-    )
+    output: str = path('file to write; empty: a new one under runs/', takes_effect=READ_ONLY)
     attachments: str = path(
-        'folder whose files are attached to the recording; empty: none',
-        'project',
-        takes_effect=READ_ONLY,
+        'folder whose files are attached to the recording; empty: none', takes_effect=READ_ONLY
     )
 
 
@@ -289,19 +267,14 @@ class PlayerParameters(NodeParameters):
 
     node: ClassVar[str] = 'player'
 
-    file: str = path('recording to play', 'project', takes_effect=READ_ONLY)
-    rate: float = live(1.0, '1', (0.01, 100.0), 'speed in multiples of real time', 'project')
+    file: str = path('recording to play', takes_effect=READ_ONLY)
+    rate: float = live(1.0, '1', (0.01, 100.0), 'speed in multiples of real time')
     start: float = quantity(
-        0.0,
-        's',
-        (0.0, 1e9),
-        'start, counted from the first message',
-        'project',
-        takes_effect=READ_ONLY,
+        0.0, 's', (0.0, 1e9), 'start, counted from the first message', takes_effect=READ_ONLY
     )
-    loop: bool = setting(False, 'true: restarts at the end', 'project', takes_effect=READ_ONLY)
+    loop: bool = setting(False, 'true: restarts at the end', takes_effect=READ_ONLY)
     topics: str = setting(
-        '', 'topics to play, separated by commas; empty: all', 'project', takes_effect=READ_ONLY
+        '', 'topics to play, separated by commas; empty: all', takes_effect=READ_ONLY
     )
 
 
@@ -314,7 +287,6 @@ class ViewerParameters(Dimensions, MapChoice, NodeParameters):
     host: str = setting(
         '127.0.0.1',
         'address that serves the page: all who reach it can watch, those with the token can steer',
-        'project',
         takes_effect=READ_ONLY,
     )
     port: int = quantity(
@@ -322,7 +294,6 @@ class ViewerParameters(Dimensions, MapChoice, NodeParameters):
         '1',
         (-1, 65535),
         'port of the page; -1: 8080, or the next free one; 0: any free one',
-        'project',
         takes_effect=READ_ONLY,
     )
 
@@ -338,7 +309,6 @@ class VisualizerParameters(Dimensions, Masses, NodeParameters):
         'Hz',
         (1.0, 250.0),
         'maximum rate of markers, transforms and odometry',
-        'project',
         takes_effect=READ_ONLY,
     )
 
@@ -351,6 +321,5 @@ class SupervisorParameters(NodeParameters):
 
     scenario: str = path(
         'scenario (name or file) that supervisor/start begins, or @T, the last run from T s on',
-        'project',
         takes_effect=TakesEffect.IMMEDIATELY,
     )

@@ -225,7 +225,7 @@ def quantity(
     unit: str,
     bounds: _Bounds | None,
     description: str,
-    source: str = '',
+    source: str = 'project',
     *,
     or_zero: bool = False,
     takes_effect: TakesEffect = TakesEffect.NEXT_RUN,
@@ -236,7 +236,9 @@ def quantity(
     )
 
 
-def live(default: _Value, unit: str, bounds: _Bounds, description: str, source: str) -> _Value:
+def live(
+    default: _Value, unit: str, bounds: _Bounds, description: str, source: str = 'project'
+) -> _Value:
     """Declare a number whose new value takes effect in a running node at once."""
     at_once = TakesEffect.IMMEDIATELY
     return _declared(default, description, source, at_once, unit=unit, bounds=bounds)
@@ -244,19 +246,19 @@ def live(default: _Value, unit: str, bounds: _Bounds, description: str, source: 
 
 def dead_time(description: str) -> int:
     """Declare a dead time in whole physics steps, or its jitter."""
-    return quantity(0, 'ms', (0, MAX_DELAY_MS), description, 'project')
+    return quantity(0, 'ms', (0, MAX_DELAY_MS), description)
 
 
 def fault_list(components: str) -> str:
     """Declare the faults of some components."""
     text = f'faults of {components}, see docs/scenarios.md; empty: none'
-    return setting('', text, 'project', takes_effect=TakesEffect.THIS_RUN)
+    return setting('', text, takes_effect=TakesEffect.THIS_RUN)
 
 
 def setting(
     default: _Value,
     description: str,
-    source: str = '',
+    source: str = 'project',
     *,
     takes_effect: TakesEffect = TakesEffect.NEXT_RUN,
 ) -> _Value:
@@ -275,7 +277,9 @@ def designed(
     return _declared((), description, '', takes_effect, unit=unit, bounds=bounds, is_designed=True)
 
 
-def path(description: str, source: str, *, takes_effect: TakesEffect = TakesEffect.NEXT_RUN) -> str:
+def path(
+    description: str, source: str = 'project', *, takes_effect: TakesEffect = TakesEffect.NEXT_RUN
+) -> str:
     """Declare the path of a file or folder, or the name of a shipped one; empty by default."""
     return _declared('', description, source, takes_effect, is_path=True)
 

@@ -67,10 +67,10 @@ class PlantParameters(
         0.0, 'rad', (-1.5, 1.5), 'body pitch at the start, plane y', '8.2'
     )
     start_pitch_rate_x: float = quantity(
-        0.0, 'rad/s', (-20.0, 20.0), 'rate of the body pitch at the release, plane x', 'project'
+        0.0, 'rad/s', (-20.0, 20.0), 'rate of the body pitch at the release, plane x'
     )
     start_pitch_rate_y: float = quantity(
-        0.0, 'rad/s', (-20.0, 20.0), 'rate of the body pitch at the release, plane y', 'project'
+        0.0, 'rad/s', (-20.0, 20.0), 'rate of the body pitch at the release, plane y'
     )
     start_position_x: float = quantity(
         0.0, 'm', (-1000.0, 1000.0), 'ball position at the start, plane x', '3.2'
@@ -82,7 +82,7 @@ class PlantParameters(
         1.0, 's', (0.0, 1e6), 'time from the start for which the robot is held still', '6.3'
     )
     fall_angle: float = quantity(
-        math.pi / 3, 'rad', (0.1, 1.5), 'body pitch beyond which the robot has fallen', 'project'
+        math.pi / 3, 'rad', (0.1, 1.5), 'body pitch beyond which the robot has fallen'
     )
     on_wall_hit: Literal['stop', 'report'] = setting(
         'stop', 'reaction to a wall hit: end the run as failed, or report it and continue', 'B.3'
@@ -98,60 +98,44 @@ class PlantParameters(
         -0.625, 'V', (-10.0, 10.0), 'motor voltage at zero battery voltage', '(6.1)'
     )
     battery_model: Literal['constant', 'draining'] = setting(
-        'constant',
-        'constant voltage, or one that sags with current and falls with charge',
-        'project',
+        'constant', 'constant voltage, or one that sags with current and falls with charge'
     )
     battery_voltage: float = quantity(
         8.0, 'V', (1.0, 12.0), 'open-circuit battery voltage at the start', '6.2'
     )
     battery_resistance: float = quantity(
-        0.6, 'Ω', (0.0, 10.0), 'internal resistance, draining model', 'project'
+        0.6, 'Ω', (0.0, 10.0), 'internal resistance, draining model'
     )
     battery_capacity: float = quantity(
         7200.0,
         'C',
         (1.0, 1e6),
         'charge from a fresh battery (9.5 V) to a low one (7 V), draining model',
-        'project',
     )
-    idle_current: float = quantity(
-        0.1, 'A', (0.0, 10.0), 'current of the brick, draining model', 'project'
-    )
-    push_duration: float = live(0.1, 's', (1e-3, 10.0), 'duration of a plant/push', 'project')
+    idle_current: float = quantity(0.1, 'A', (0.0, 10.0), 'current of the brick, draining model')
+    push_duration: float = live(0.1, 's', (1e-3, 10.0), 'duration of a plant/push')
     real_time_factor: float = quantity(
         1.0,
         '1',
         (0.01, 1000.0),
         'pace against the wall clock; 0: as fast as possible',
-        'project',
         or_zero=True,
         takes_effect=TakesEffect.IMMEDIATELY,
     )
     start_paused: bool = setting(
-        False,
-        'true: the first run is paused at its first tick, until plant_sim/start or pause',
-        'project',
+        False, 'true: the first run is paused at its first tick, until plant_sim/start or pause'
     )
-    duration: float = quantity(
-        0.0, 's', (0.0, 1e6), 'length of the run; 0: until stopped', 'project'
-    )
-    timeout: float = quantity(
-        2.0, 's', (0.2, 3600.0), 'silence after which the run fails', 'project'
-    )
+    duration: float = quantity(0.0, 's', (0.0, 1e6), 'length of the run; 0: until stopped')
+    timeout: float = quantity(2.0, 's', (0.2, 3600.0), 'silence after which the run fails')
     startup_timeout: float = quantity(
-        30.0,
-        's',
-        (0.2, 3600.0),
-        'silence before the first tick after which the run fails',
-        'project',
+        30.0, 's', (0.2, 3600.0), 'silence before the first tick after which the run fails'
     )
     on_timeout: Literal['end', 'wait'] = setting(
-        'end', 'reaction to a silence: end with an error, or wait for the participant', 'project'
+        'end', 'reaction to a silence: end with an error, or wait for the participant'
     )
     require_recorder: bool = setting(
-        False, 'true: the first tick waits for a recorder, so that it misses nothing', 'project'
+        False, 'true: the first tick waits for a recorder, so that it misses nothing'
     )
     trajectory_file: str = path(
-        'file for the true trajectory (.npz), written at the end; empty: none', 'project'
+        'file for the true trajectory (.npz), written at the end; empty: none'
     )
