@@ -20,6 +20,44 @@ from ballbot_ros.robot.arithmetic import sine_cosine
 Matrix = NDArray[np.float64]
 
 
+def _ball_inertia(p: Bodies) -> float:
+    """Js = 2 Ms Rs²/3 [kg·m²], a hollow sphere."""
+    return 2.0 * p.ball_mass * p.ball_radius * p.ball_radius / 3.0
+
+
+def _wheel_inertia(p: Bodies) -> float:
+    """Jw = Mw Lw²/2 [kg·m²], the document's formula."""
+    return p.wheel_mass * p.wheel_width * p.wheel_width / 2.0
+
+
+def _body_inertia(p: Bodies) -> float:
+    """Jpsi = Mb L²/3 [kg·m²]."""
+    return p.body_mass * p.body_height * p.body_height / 3.0
+
+
+def gear_ratio(p: Bodies) -> float:
+    """Gear ratio k = Rs/Rw from ball to motor (no slip)."""
+    return p.ball_radius / p.wheel_radius
+
+
+def _drive_inertia(p: PhysicalParameters) -> float:
+    """k² (Jm + Jw) [kg·m²], motor and wheel seen from the ball."""
+    ratio = gear_ratio(p)
+    return ratio * ratio * (p.motor_inertia + _wheel_inertia(p))
+
+
+def torque_per_volt(p: PhysicalParameters) -> float:
+    """Kt/Rm [N·m/V] (3.19). The document has no factor k here, and its gains depend on that."""
+    return p.torque_constant / p.motor_resistance
+
+
+def drive_friction(p: PhysicalParameters) -> float:
+    """k (Kt Kb/Rm + fm) [N·m·s/rad] (3.19)."""
+    return gear_ratio(p) * (
+        p.torque_constant * p.back_emf_constant / p.motor_resistance + p.motor_friction
+    )
+
+
 @dataclass(frozen=True)
 class Bodies(Subset):
     """Ball, wheels and body of section 3.1, named as in `parameters.TABLE`."""
@@ -32,20 +70,9 @@ class Bodies(Subset):
     body_mass: float
     body_height: float
 
-    @property
-    def ball_inertia(self) -> float:
-        """Js = 2 Ms Rs²/3 [kg·m²], a hollow sphere."""
-        return ball_inertia(self)
-
-    @property
-    def wheel_inertia(self) -> float:
-        """Jw = Mw Lw²/2 [kg·m²], the document's formula."""
-        return wheel_inertia(self)
-
-    @property
-    def body_inertia(self) -> float:
-        """Jpsi = Mb L²/3 [kg·m²]."""
-        return body_inertia(self)
+    ball_inertia = property(_ball_inertia)
+    wheel_inertia = property(_wheel_inertia)
+    body_inertia = property(_body_inertia)
 
 
 @dataclass(frozen=True)
@@ -60,63 +87,10 @@ class PhysicalParameters(Bodies):
     motor_friction: float
     ball_friction: float
 
-    @property
-    def ratio(self) -> float:
-        """Gear ratio k = Rs/Rw from ball to motor (no slip)."""
-        return gear_ratio(self)
-
-    @property
-    def drive_inertia(self) -> float:
-        """k² (Jm + Jw) [kg·m²], motor and wheel seen from the ball."""
-        return drive_inertia(self)
-
-    @property
-    def alpha(self) -> float:
-        """Kt/Rm [N·m/V] (3.19). The document has no factor k here, and its gains depend on that."""
-        return torque_per_volt(self)
-
-    @property
-    def beta(self) -> float:
-        """k (Kt Kb/Rm + fm) [N·m·s/rad] (3.19)."""
-        return drive_friction(self)
-
-
-def ball_inertia(p: Bodies) -> float:
-    """Return :attr:`Bodies.ball_inertia`."""
-    return 2.0 * p.ball_mass * p.ball_radius * p.ball_radius / 3.0
-
-
-def wheel_inertia(p: Bodies) -> float:
-    """Return :attr:`Bodies.wheel_inertia`."""
-    return p.wheel_mass * p.wheel_width * p.wheel_width / 2.0
-
-
-def body_inertia(p: Bodies) -> float:
-    """Return :attr:`Bodies.body_inertia`."""
-    return p.body_mass * p.body_height * p.body_height / 3.0
-
-
-def gear_ratio(p: Bodies) -> float:
-    """Return :attr:`PhysicalParameters.ratio`."""
-    return p.ball_radius / p.wheel_radius
-
-
-def drive_inertia(p: PhysicalParameters) -> float:
-    """Return :attr:`PhysicalParameters.drive_inertia`."""
-    ratio = gear_ratio(p)
-    return ratio * ratio * (p.motor_inertia + wheel_inertia(p))
-
-
-def torque_per_volt(p: PhysicalParameters) -> float:
-    """Return :attr:`PhysicalParameters.alpha`."""
-    return p.torque_constant / p.motor_resistance
-
-
-def drive_friction(p: PhysicalParameters) -> float:
-    """Return :attr:`PhysicalParameters.beta`."""
-    return gear_ratio(p) * (
-        p.torque_constant * p.back_emf_constant / p.motor_resistance + p.motor_friction
-    )
+    ratio = property(gear_ratio)
+    drive_inertia = property(_drive_inertia)
+    alpha = property(torque_per_volt)
+    beta = property(drive_friction)
 
 
 class MassMatrix(NamedTuple):
@@ -137,18 +111,13 @@ class MassMatrix(NamedTuple):
     det_2: float
 
 
-def determinant(m: MassMatrix, cosine: float) -> float:
-    """Return the determinant of a mass matrix for the cosine of the pitch."""
-    return m.det + cosine * (m.det_1 - m.det_2 * cosine)
-
-
 def mass_matrix(p: PhysicalParameters) -> MassMatrix:
     """Return the mass matrix of a plane."""
     arm = p.body_mass * p.body_height
     coupling = arm * p.ball_radius
-    drive = drive_inertia(p)
-    rolling = (p.body_mass + p.ball_mass) * p.ball_radius * p.ball_radius + ball_inertia(p)
-    tilting = arm * p.body_height + body_inertia(p)
+    drive = _drive_inertia(p)
+    rolling = (p.body_mass + p.ball_mass) * p.ball_radius * p.ball_radius + _ball_inertia(p)
+    tilting = arm * p.body_height + _body_inertia(p)
     return MassMatrix(
         m11=rolling + drive,
         m22=tilting + drive,
@@ -167,7 +136,7 @@ def state_space(p: PhysicalParameters) -> tuple[Matrix, Matrix]:
     [N·m]. The document has no such forces; its B is the first column.
     """
     m = mass_matrix(p)
-    upright = determinant(m, 1.0)
+    upright = m.det + (m.det_1 - m.det_2)  # the determinant of the mass matrix
     # The inverse of the mass matrix.
     i11, i22 = m.m22 / upright, m.m11 / upright
     i12 = (m.drive - m.coupling) / upright
