@@ -96,7 +96,7 @@ def numbers_of(parameters: NodeParameters) -> SimpleNamespace:
 
 
 _BLOCK = 256
-_KEPT_BLOCKS = 64
+_KEPT_BLOCKS = 128
 _WORD = 0xFFFFFFFF
 _HALF = 32
 
@@ -118,13 +118,13 @@ def one_normal_pair(key: Key, device: np.uint64, index: int) -> Numbers:
 @compiled_as(one_uniform_pair)
 def uniform_pair(key: Key, device: np.uint64, index: int) -> Numbers:
     """Return the two uniform numbers of sample `index` of a device, within [0, 1)."""
-    return _uniform_block(key, device, index // _BLOCK)[index % _BLOCK]
+    return _block(uniform, key, device, index // _BLOCK)[index % _BLOCK]
 
 
 @compiled_as(one_normal_pair)
 def normal_pair(key: Key, device: np.uint64, index: int) -> Numbers:
     """Return the two standard normal numbers of sample `index` of a device."""
-    return _normal_block(key, device, index // _BLOCK)[index % _BLOCK]
+    return _block(normal, key, device, index // _BLOCK)[index % _BLOCK]
 
 
 def _bits(key: Key, device: np.uint64, index: int) -> tuple[Any, Any]:
@@ -133,20 +133,14 @@ def _bits(key: Key, device: np.uint64, index: int) -> tuple[Any, Any]:
 
 
 @lru_cache(_KEPT_BLOCKS)
-def _uniform_block(key: Key, device: np.uint64, block: int) -> list[Numbers]:
-    return [(uniform(one), uniform(other)) for one, other in _bits_of_block(key, device, block)]
-
-
-@lru_cache(_KEPT_BLOCKS)
-def _normal_block(key: Key, device: np.uint64, block: int) -> list[Numbers]:
-    return [(normal(one), normal(other)) for one, other in _bits_of_block(key, device, block)]
-
-
-def _bits_of_block(key: Key, device: np.uint64, block: int) -> list[tuple[int, int]]:
+def _block(
+    number: Callable[[int], float], key: Key, device: np.uint64, block: int
+) -> list[Numbers]:
     first = block * _BLOCK
     low = np.arange(first & _WORD, (first & _WORD) + _BLOCK, dtype=np.uint64)
-    one, other = noise_bits(low, np.uint64(first >> _HALF), device, key)
-    return list(zip(one.tolist(), other.tolist(), strict=True))
+    pairs = noise_bits(low, np.uint64(first >> _HALF), device, key)
+    one, other = (map(number, bits.tolist()) for bits in pairs)
+    return list(zip(one, other, strict=True))
 
 
 GYRO, GYRO_DRIFT, SONAR = (device_number(name) for name in ('gyro', 'gyro drift', 'sonar'))

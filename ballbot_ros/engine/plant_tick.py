@@ -38,11 +38,8 @@ from ballbot_ros.robot.plant.laws import (
     capacity_slope,
     discharge,
     has_fallen,
-    is_release,
     motor_current,
     motor_voltage,
-    planes_at_wall,
-    released,
     shaft_angle,
     state_after_fall,
     state_after_impact,
@@ -314,9 +311,9 @@ def plant_tick(
                     charge, current, dt, idle_current, full_volts, charge_slope, battery_ohms
                 )
             if is_moving:
-                if time_ns == start_ns and is_release(time_ns, hold_until_ns):
-                    x, y = released(x, start_rate_x), released(y, start_rate_y)
-                    before_x, before_y = x, y
+                if time_ns == start_ns < hold_until_ns + STEP_NS:  # the first step after the hold
+                    x = before_x = x[0], x[1], x[2], x[3] + start_rate_x
+                    y = before_y = y[0], y[1], y[2], y[3] + start_rate_y
                 theta_x = psi_x = theta_y = psi_y = 0.0
                 if pushes:
                     theta_x, psi_x = forces_of(
@@ -395,14 +392,17 @@ def stopped_planes(
     is_linear: bool,
     outline: Footprint,
 ) -> tuple[PlaneState, PlaneState]:
-    """Return the planes at the end of a step that would end in a wall."""
+    """Return the planes at the end of a step that would end in a wall.
+
+    One of them is stopped if that frees the body, y first, or else both.
+    """
     stopped_x = state_after_impact(before_x, x, mass, is_linear)
     stopped_y = state_after_impact(before_y, y, mass, is_linear)
-    return planes_at_wall(
-        (x, y), (stopped_x, stopped_y),
-        not is_blocked(outline, ball_position(start, radius, x[0], stopped_y[0])),
-        not is_blocked(outline, ball_position(start, radius, stopped_x[0], y[0])),
-    )  # fmt: skip
+    if not is_blocked(outline, ball_position(start, radius, x[0], stopped_y[0])):
+        return x, stopped_y
+    if not is_blocked(outline, ball_position(start, radius, stopped_x[0], y[0])):
+        return stopped_x, y
+    return stopped_x, stopped_y
 
 
 def without_expired(push_times: Ints, push_forces: Reals, pushes: int, time_ns: int) -> int:

@@ -34,12 +34,12 @@ from ballbot_ros.robot.plant.integration import (
 )
 from ballbot_ros.robot.plant.laws import (
     add_push_forces,
+    discharge,
     motor_current,
     motor_voltage,
     shaft_angle,
     state_after_fall,
     state_after_impact,
-    terminal_voltage,
 )
 from ballbot_ros.robot.plant.model import mass_matrix
 from ballbot_ros.robot.random_numbers import device_number, noise_key
@@ -183,7 +183,7 @@ duties, volts = integer(-100, 100), uniform(0.0, 10.0)
         (motor_voltage, [duties, volts, uniform(0, 20), choice(1.089e-3), choice(-0.625)]),
         (motor_voltage, [duties, choice(0.0), choice(0.0), choice(1.089e-3), choice(-0.625)]),
         (motor_current, [uniform(-9, 9), uniform(-50, 50), uniform(-50, 50), volts, uniform(1, 9)]),
-        (terminal_voltage, [uniform(0, 1e4), uniform(0, 5), volts, uniform(0, 1e-2), volts]),
+        (discharge, [uniform(0, 1e4), uniform(-1, 5), *2 * [choice(0.1)], *3 * [uniform(0, 1)]]),
         (add_push_forces, [*4 * [uniform(-1, 1)], uniform(-4, 4), volts, volts]),
         (state_after_fall, [plane, choice(0.6, 1.5)]),
         (shaft_angle, [uniform(-1, 1), uniform(-1, 1), choice(0.0, 0.1)]),

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple, Protocol
 
-from ballbot_ros.parameters.timing import STEP_NS
 from ballbot_ros.robot.arithmetic import sine_cosine
 from ballbot_ros.robot.plant.ground_truth import Pair
 from ballbot_ros.robot.plant.integration import PlaneState
@@ -92,25 +91,14 @@ def discharge(
     slope: float,
     resistance: float,
 ) -> tuple[float, float]:
-    """Return the charge drawn [A·s] and the terminal voltage [V] `dt` seconds later.
-
-    The motors' supply current and the brick's own are in A; for the other arguments see
-    :func:`terminal_voltage`.
-    """
-    current = max(0.0, motor_current) + idle_current
-    charge += current * dt
-    return charge, terminal_voltage(charge, current, full, slope, resistance)
-
-
-def terminal_voltage(
-    charge: float, current: float, full: float, slope: float, resistance: float
-) -> float:
-    """Return the terminal voltage [V], never negative.
+    """Return the charge drawn [A·s] and the terminal voltage [V], never negative, `dt` s later.
 
     Parameters
     ----------
-    charge, current : float
-        The charge drawn so far [A·s], and the current [A].
+    charge : float
+        The charge drawn so far [A·s].
+    motor_current, idle_current : float
+        The motors' supply current, and that of the brick [A].
     full : float
         Open-circuit voltage before any charge is drawn [V].
     slope : float
@@ -118,7 +106,9 @@ def terminal_voltage(
     resistance : float
         Internal resistance [Ohm].
     """
-    return max(0.0, full - slope * charge - resistance * current)
+    current = max(0.0, motor_current) + idle_current
+    charge += current * dt
+    return charge, max(0.0, full - slope * charge - resistance * current)
 
 
 def has_fallen(psi_x: float, psi_y: float, fall_angle: float) -> bool:
@@ -173,19 +163,6 @@ def add_push_forces(
     return force_theta, force_psi
 
 
-def is_release(time_ns: int, hold_until: int) -> bool:
-    """Return whether the step that begins at a time [ns] is the first after the hold [ns]."""
-    return time_ns - STEP_NS < hold_until <= time_ns
-
-
-def released(state: PlaneState, pitch_rate: float) -> PlaneState:
-    """Return the state of a plane that is released with a rate of its pitch [rad/s]."""
-    return state[0], state[1], state[2], state[3] + pitch_rate
-
-
-Planes = tuple[PlaneState, PlaneState]
-
-
 class Floor(Protocol):
     """The floor's free space; positions of the ball's centre [m] in plane signs."""
 
@@ -233,25 +210,6 @@ def state_after_impact(
         psi_dot += theta_dot * impulse_ratio(mass, 0.0 if linear else psi)
         theta_dot = 0.0
     return before[0], psi, theta_dot, psi_dot
-
-
-def planes_at_wall(after: Planes, stopped: Planes, y_suffices: bool, x_suffices: bool) -> Planes:
-    """Return the planes at the end of a step that would end in a wall.
-
-    Parameters
-    ----------
-    after : tuple of PlaneState
-        The planes after the step if there were no walls.
-    stopped : tuple of PlaneState
-        The same planes, each stopped by :func:`state_after_impact`.
-    y_suffices, x_suffices : bool
-        Whether the body is free if this plane alone is stopped; y comes first.
-    """
-    if y_suffices:
-        return after[0], stopped[1]
-    if x_suffices:
-        return stopped[0], after[1]
-    return stopped
 
 
 def ball_position(start: Pair, radius: float, theta_x: float, theta_y: float) -> Pair:
