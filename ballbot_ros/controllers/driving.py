@@ -7,7 +7,7 @@ from typing import Any, ClassVar, NamedTuple
 
 from ballbot_ros.controllers.controller import Duty, Law, LawController, P, Readings
 from ballbot_ros.controllers.document.axis import LCD_MS, PROGRAM_NAME
-from ballbot_ros.controllers.document.program import held_distance, logged
+from ballbot_ros.controllers.document.program import held_distance, logged, speed_command
 from ballbot_ros.controllers.interface import Estimates, OperatingState
 from ballbot_ros.parameters import ControllerParameters
 from ballbot_ros.parameters.timing import TICK_S
@@ -155,7 +155,11 @@ def _law(constants: Any, state: State, readings: Readings) -> tuple[State, Duty]
     if not _is_balanced(driving.operating):
         return State(driving, state.x, state.y), (0, 0)
     (gyro_x, gyro_y), (revolution_x, revolution_y) = readings.gyro, readings.revolutions
-    stick_x, stick_y = command(p, driving.operating, readings.sticks)
+    vertical, horizontal = readings.sticks
+    stick_x, stick_y = speed_command(
+        p.is_autonomous, driving.operating in (BACKWARD, RIGHTWARD), driving.operating != BALANCE,
+        (limited(vertical, p), limited(horizontal, p)), p.gp_max,
+    )  # fmt: skip
     x, duty_x = balance(
         constants, state.x,
         PlaneInputs(
@@ -214,20 +218,6 @@ def _drive_state(p: DrivingConstants, distance_cm: int, now_ms: int) -> int:
 def _is_balanced(operating: int) -> bool:
     """Return whether the planes are balanced in a state; otherwise the motors are off."""
     return operating not in (CALIBRATION, OUT_OF_CONTROL)
-
-
-def command(p: DrivingConstants, operating: int, sticks: tuple[int, int]) -> tuple[int, int]:
-    """Return the speed command for the planes x and y, -gp_max ... gp_max."""
-    vertical, horizontal = sticks
-    if operating == REMOTE:
-        return limited(-vertical, p), limited(horizontal, p)
-    if operating == BACKWARD:
-        return -p.gp_max, limited(horizontal, p)
-    if operating == FORWARD:
-        return p.gp_max, 0
-    if operating == RIGHTWARD:
-        return 0, p.gp_max
-    return 0, 0
 
 
 def limited(stick: int, p: DrivingConstants | ControllerParameters) -> int:

@@ -48,13 +48,14 @@ from ballbot_ros.robot.brick.link import (
     link_of,
     longest_analog_steps,
 )
-from ballbot_ros.robot.brick.sensors import GyroConstants as PlaneGyro
 from ballbot_ros.robot.brick.sensors import (
+    NO_ECHO_CM,
     drawn_delay,
     encoder_reading,
     gyro_reading,
-    sonar_reading,
+    quantise,
 )
+from ballbot_ros.robot.brick.sensors import GyroConstants as PlaneGyro
 from ballbot_ros.robot.compiler_hints import compiled_as
 from ballbot_ros.robot.plant.ground_truth import GroundTruth, MeasuredState, Pair, state_before
 from ballbot_ros.robot.random_numbers import (
@@ -156,6 +157,9 @@ GYRO_DELAY, ENCODER_DELAY, SONAR_DELAY = map(delay_number, ('gyro', 'encoder', '
 
 EXACT = choice(SonarParameters, 'distance_model', 'exact')
 
+NEAR_DROPOUT = 0.5
+"""Minimum share of missed echoes from an obstacle closer than the minimum range."""
+
 
 class GyroConstants(NamedTuple):
     """Both gyros; `noise` is the standard deviation [deg/s], dead times are in steps.
@@ -181,7 +185,10 @@ class EncoderConstants(NamedTuple):
 
 
 class SonarConstants(NamedTuple):
-    """The sonar; lengths as their names say, the angle in rad, dead times in steps."""
+    """The sonar; lengths as their names say, the angle in rad, dead times in steps.
+
+    `noise_cm` is the bound of the error, `dropout` the share of missed echoes.
+    """
 
     to_front_m: float
     cone_angle: float
@@ -281,10 +288,13 @@ def distance_ahead(constants: SonarConstants, x: float, y: float, sides: Cells) 
 def echo(constants: SonarConstants, distance_m: float, stamp_ns: int) -> int:
     """Return the reading [cm] for the distance [m] to an obstacle; 255 for no echo."""
     chance, error = uniform_pair(constants.key, SONAR, stamp_ns // SLOW_PERIOD_NS)
-    return sonar_reading(
-        distance_m, chance, error, constants.noise_cm, constants.dropout,
-        constants.min_range_cm, constants.max_range_cm,
-    )  # fmt: skip
+    distance, dropout = distance_m * 100.0, constants.dropout
+    if distance < constants.min_range_cm:
+        dropout = max(dropout, NEAR_DROPOUT)
+    if distance >= constants.max_range_cm or chance < dropout:
+        return NO_ECHO_CM
+    reading = quantise(distance + constants.noise_cm * (2.0 * error - 1.0))
+    return max(0, min(NO_ECHO_CM, reading))
 
 
 def sample_age(

@@ -12,7 +12,7 @@ The functions take and return plain numbers, so that numba can compile them unch
 from __future__ import annotations
 
 import math
-from typing import Protocol
+from typing import Protocol, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,20 +22,19 @@ from ballbot_ros.robot.compiler_hints import inlined
 Floats = NDArray[np.float64]
 
 
-class Ints(Protocol):
-    """Whole numbers in a buffer, a list or an array, shape (n,)."""
+Number = TypeVar('Number', int, float)
+
+
+class Numbers(Protocol[Number]):
+    """Numbers in a buffer, a list or an array, shape (n,)."""
 
     def __len__(self) -> int: ...
-    def __getitem__(self, at: int, /) -> int: ...
-    def __setitem__(self, at: int, value: int, /) -> None: ...
+    def __getitem__(self, at: int, /) -> Number: ...
+    def __setitem__(self, at: int, value: Number, /) -> None: ...
 
 
-class Reals(Protocol):
-    """Real numbers in a buffer, a list or an array, shape (n,)."""
-
-    def __len__(self) -> int: ...
-    def __getitem__(self, at: int, /) -> float: ...
-    def __setitem__(self, at: int, value: float, /) -> None: ...
+Ints: TypeAlias = Numbers[int]
+Reals: TypeAlias = Numbers[float]
 
 
 TWO_PI = 2.0 * math.pi

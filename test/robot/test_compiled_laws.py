@@ -18,7 +18,7 @@ from ballbot_ros.controllers.document.axis import (
     in_control,
 )
 from ballbot_ros.engine.compilation import compiled
-from ballbot_ros.engine.devices import sample_age
+from ballbot_ros.engine.devices import SonarConstants, echo, sample_age
 from ballbot_ros.parameters import CONTROLLER
 from ballbot_ros.parameters.timing import TICK_NS
 from ballbot_ros.robot.brick.sensors import (
@@ -26,7 +26,6 @@ from ballbot_ros.robot.brick.sensors import (
     drawn_delay,
     gyro_reading,
     radians_to_degrees,
-    sonar_reading,
 )
 from ballbot_ros.robot.plant.integration import (
     advance_linear,
@@ -217,11 +216,12 @@ def test_the_gyros():
 
 
 def test_the_sonar():
+    def constants(generator):
+        return SonarConstants(
+            0.07, 0.0, 1, True, generator.choice([0.0, 3.0]), generator.choice([0.0, 0.15, 1.0]),
+            generator.choice([0.0, 7.0]), generator.choice([160.0, 255.0]), 0, 0,
+            noise_key(generator.randrange(2**32)),
+        )  # fmt: skip
+
     distances = choice(0.0, 0.0649, 0.07, 0.785, 2.54999, 2.55, 3.0, INF)
-    assert_same_bits(
-        sonar_reading,
-        draws(
-            distances, uniform(0, 1), uniform(0, 1), choice(0.0, 3.0), choice(0.0, 0.15, 1.0),
-            choice(0.0, 7.0), choice(160.0, 255.0),
-        ),
-    )  # fmt: skip
+    assert_same_bits(echo, draws(constants, distances, integer(0, 10**15)))

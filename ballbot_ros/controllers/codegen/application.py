@@ -24,38 +24,47 @@ from ballbot_ros.errors import CodegenError
 from ballbot_ros.files import program, read_bytes, read_text
 from ballbot_ros.parameters import CONTROLLER, ControllerParameters, Parameter, parameters_of
 from ballbot_ros.parameters.yaml_document import yaml_text
-from ballbot_ros.robot.brick.bluetooth import PACKET_SIZE, GamepadPacket
+from ballbot_ros.robot.brick.bluetooth import PACKET_SIZE
 from ballbot_ros.robot.brick.schedule import TaskTiming
 from ballbot_ros.robot.brick.sensors import NO_ECHO_CM
 
-_ZEROS = {'float': '0.0f', 'S32': '0', 'U32': '0U', 'U8': '0U'}
-
 
 @dataclass(frozen=True)
-class StateVariable:
-    """A variable of the generated program.
+class CVariable:
+    """A variable or constant of the generated program, and its line in the data dictionary.
 
-    The member of the C structure and the Python program's attribute have the same name. The type is
-    that of the member, or of each of its elements; `initial` is the C expression that task_init
-    assigns to them, zero by default. The other texts are for the data dictionary.
+    A variable has the name of the Python program's attribute. The type is that of the variable, or
+    of each of its elements; `initial` is the C expression that is assigned to them.
     """
 
     name: str
     c_type: str
+    initial: str
     unit: str
     scaling: str
     description: str
     source: str
     length: int = 1
-    initial: str = ''
 
-    def __post_init__(self) -> None:
-        if not self.initial:
-            object.__setattr__(self, 'initial', _ZEROS[self.c_type])
+    @property
+    def declarator(self) -> str:
+        """Name, with the length of an array."""
+        return f'{self.name}[{self.length}]' if self.length > 1 else self.name
+
+    @property
+    def text(self) -> str:
+        """The value without C syntax."""
+        return self.initial.strip('{}').replace('f', '').removesuffix('U')
+
+    @property
+    def comment(self) -> str:
+        """Meaning and unit."""
+        unit = '' if self.unit in ('', '1') else f' [{self.unit}]'
+        return self.description + unit
 
 
-def _floats(*rows: tuple[str, str, str, str]) -> tuple[StateVariable, ...]:
-    return tuple(StateVariable(row[0], 'float', row[1], '1', *row[2:]) for row in rows)
+def _floats(*rows: tuple[str, str, str, str]) -> tuple[CVariable, ...]:
+    return tuple(CVariable(row[0], 'float', '0.0f', row[1], '1', *row[2:]) for row in rows)
 
 
 PLANE_VARIABLES = _floats(
@@ -76,27 +85,27 @@ PLANE_VARIABLES = _floats(
 """Data of one plane; `ballbot.x` and `ballbot.y` in C, `program.x` and `program.y` in Python."""
 
 PROGRAM_VARIABLES = (
-    StateVariable('battery', 'float', 'mV', '1', 'averaged battery voltage', '7.6'),
-    StateVariable('distance_cm', 'S32', 'cm', '1', 'distance to an obstacle; 255: none', '7.5',
-                  initial='NO_ECHO_CM'),
-    StateVariable('start_time', 'U32', 'ms', '1', 'system time of task_init', '7.3'),
-    StateVariable('timer_stop', 'U32', 'ms', '1', 'when the robot was last under control', '7.6'),
-    StateVariable('echo_time', 'U32', 'ms', '1', 'system time of the last echo', 'project'),
-    StateVariable('control_mode', 'U8', '', '0 stop, 1 calibration, 2 control', 'mode of task ts1',
-                  '7.6', initial='BALLBOT_CALIBRATION'),
-    StateVariable('flag_avoid', 'U8', '', '0 no, 1 yes', 'an obstacle is near', '7.5'),
-    StateVariable('flag_auto', 'U8', '', '0 no, 1 yes', 'time_auto has passed', '7.6'),
-    StateVariable('calibrated', 'U8', '', '0 no, 1 yes', 'time_start had passed at the last ts3',
-                  '7.6'),
-    StateVariable('log_counter', 'U8', 'ticks', '1', 'ticks since the last log packet', '7.4'),
-    StateVariable('bluetooth_rx', 'U8', '%', 'int8 in bytes 0 and 1, the rest 0',
-                  'newest gamepad packet: left vertical, right horizontal', '7.5', PACKET_SIZE),
+    CVariable('battery', 'float', '0.0f', 'mV', '1', 'averaged battery voltage', '7.6'),
+    CVariable('distance_cm', 'S32', 'NO_ECHO_CM', 'cm', '1',
+              'distance to an obstacle; 255: none', '7.5'),
+    CVariable('start_time', 'U32', '0U', 'ms', '1', 'system time of task_init', '7.3'),
+    CVariable('timer_stop', 'U32', '0U', 'ms', '1', 'when the robot was last under control', '7.6'),
+    CVariable('echo_time', 'U32', '0U', 'ms', '1', 'system time of the last echo', 'project'),
+    CVariable('control_mode', 'U8', 'BALLBOT_CALIBRATION', '', '0 stop, 1 calibration, 2 control',
+              'mode of task ts1', '7.6'),
+    CVariable('flag_avoid', 'U8', '0U', '', '0 no, 1 yes', 'an obstacle is near', '7.5'),
+    CVariable('flag_auto', 'U8', '0U', '', '0 no, 1 yes', 'time_auto has passed', '7.6'),
+    CVariable('calibrated', 'U8', '0U', '', '0 no, 1 yes', 'time_start had passed at the last ts3',
+              '7.6'),
+    CVariable('log_counter', 'U8', '0U', 'ticks', '1', 'ticks since the last log packet', '7.4'),
+    CVariable('bluetooth_rx', 'U8', '0U', '%', 'int8 in bytes 0 and 1, the rest 0',
+              'newest gamepad packet: left vertical, right horizontal', '7.5', PACKET_SIZE),
 )  # fmt: skip
 
 _LETTERS = {'float': 'f', 'S32': 'i', 'U32': 'I', 'U8': 'B'}
 
 
-def _format(variables: Sequence[StateVariable]) -> str:
+def _format(variables: Sequence[CVariable]) -> str:
     return ''.join(
         f'{variable.length}s' if variable.length > 1 else _LETTERS[variable.c_type]
         for variable in variables
@@ -122,7 +131,7 @@ def state_bytes(program: ControlProgram) -> bytes:
 def _value(program: ControlProgram, name: str) -> object:
     state = program.state
     if name == 'bluetooth_rx':
-        return GamepadPacket(state.vertical, state.horizontal).encode()
+        return struct.pack('bb', state.vertical, state.horizontal)  # the rest is 0
     return getattr(state, name)
 
 
@@ -151,45 +160,12 @@ _NAMES = {'sound_freq': 'sound_frq'}
 _OIL_PARAMETERS = ('ts2_period', 'ts3_period')
 
 
-@dataclass(frozen=True)
-class CParameter:
-    """A constant of the generated program, and its line in the data dictionary."""
-
-    name: str
-    c_type: str
-    c_value: str
-    length: int
-    unit: str
-    scaling: str
-    description: str
-    source: str
-
-    @property
-    def declarator(self) -> str:
-        """Name, with the length of an array."""
-        return f'{self.name}[{self.length}]' if self.length > 1 else self.name
-
-    @property
-    def text(self) -> str:
-        """The value without C syntax."""
-        return self.c_value.strip('{}').replace('f', '').removesuffix('U')
-
-    @property
-    def comment(self) -> str:
-        """Meaning and unit."""
-        unit = '' if self.unit in ('', '1') else f' [{self.unit}]'
-        return self.description + unit
-
-
-def c_parameters(parameters: ControllerParameters) -> list[CParameter]:
+def c_parameters(parameters: ControllerParameters) -> list[CVariable]:
     """Return the constants for the parameters of the node ``controller``."""
     typed = ProgramConstants.of(parameters)
     rows = parameters_of(CONTROLLER)
-    constants = [
-        CParameter(
-            'ts1', 'float', _c_float(Single(TS1_MS)), 1, 'ms', '1', 'period of task_ts1', '7.4'
-        )
-    ]
+    period = _c_float(Single(TS1_MS))
+    constants = [CVariable('ts1', 'float', period, 'ms', '1', 'period of task_ts1', '7.4')]
     for field in fields(ProgramConstants):
         if field.name in _OIL_PARAMETERS:
             continue
@@ -203,7 +179,7 @@ def c_parameters(parameters: ControllerParameters) -> list[CParameter]:
 
 def parameter_hash(parameters: ControllerParameters) -> str:
     """Return a hash of all constants and tasks of the generated program."""
-    lines = [f'{each.declarator}={each.c_value}' for each in c_parameters(parameters)]
+    lines = [f'{each.declarator}={each.initial}' for each in c_parameters(parameters)]
     text = '\n'.join([*lines, *map(str, ProgramConstants.of(parameters).tasks)])
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
@@ -214,25 +190,25 @@ def _c_float(value: Single) -> str:
     return f'{text}f' if any(mark in text for mark in '.e') else f'{text}.0f'
 
 
-def _mode(autonomous: bool, row: Parameter) -> CParameter:
-    return CParameter(
-        'autonomous', 'U8', f'{int(autonomous)}U', 1, '', '0 remote, 1 autonomous',
+def _mode(autonomous: bool, row: Parameter) -> CVariable:
+    return CVariable(
+        'autonomous', 'U8', f'{int(autonomous)}U', '', '0 remote, 1 autonomous',
         row.description, row.source,
     )  # fmt: skip
 
 
-def _constant(row: Parameter, value: Single | int | tuple[Single, ...]) -> CParameter:
+def _constant(row: Parameter, value: Single | int | tuple[Single, ...]) -> CVariable:
+    c_type, length = 'float', 1
     if isinstance(value, tuple):
-        c_type, length = 'float', len(value)
-        c_value = f'{{{", ".join(map(_c_float, value))}}}'
+        length, c_value = len(value), f'{{{", ".join(map(_c_float, value))}}}'
     elif isinstance(value, np.floating):
-        c_type, length, c_value = 'float', 1, _c_float(value)
+        c_value = _c_float(value)
     else:
-        c_type, length = _integer_type(row), 1
+        c_type = _integer_type(row)
         c_value = f'{value}U' if c_type.startswith('U') else str(value)
-    return CParameter(
-        _NAMES.get(row.name, row.name), c_type, c_value, length, row.unit, '1',
-        row.description, row.source,
+    return CVariable(
+        _NAMES.get(row.name, row.name), c_type, c_value, row.unit, '1',
+        row.description, row.source, length,
     )  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""The 32-byte Bluetooth packets of NXT GamePad, in both directions."""
+"""The 32-byte Bluetooth packets of NXT GamePad: sticks to the brick, log packets from it."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from ballbot_ros.errors import BallbotError
 from ballbot_ros.robot.brick.sensors import quantise
 
 PACKET_SIZE = 32
+"""Size of each packet; one to the brick has the sticks in its first two bytes."""
 
-_STICKS = struct.Struct('<bb30x')
 _LOG = struct.Struct('<IbbHiiihhhhi')
 
 Sticks = tuple[int, int]
@@ -26,26 +26,6 @@ def sticks_of(forward: float, rightward: float, full: int) -> Sticks:
 
 class PacketError(BallbotError):
     """Bytes that are not a packet, or values that do not fit in one."""
-
-
-@dataclass(frozen=True)
-class GamepadPacket:
-    """Packet from the PC to the NXT: the sticks.
-
-    Left vertical, -100 (up) ... +100 (down), and right horizontal, -100 (left) ... +100 (right).
-    """
-
-    vertical: int = 0
-    horizontal: int = 0
-
-    def encode(self) -> bytes:
-        """Return the packet's 32 bytes; raise PacketError if a value does not fit a signed byte."""
-        return _pack(_STICKS, self.vertical, self.horizontal)
-
-    @classmethod
-    def decode(cls, data: bytes) -> GamepadPacket:
-        """Read a packet of 32 bytes."""
-        return cls(*_STICKS.unpack(_checked(data)))
 
 
 @dataclass(frozen=True)
@@ -83,26 +63,15 @@ class LogPacket:
 
     def encode(self) -> bytes:
         """Return the packet's 32 bytes; raise PacketError if a value does not fit its field."""
-        return _pack(
-            _LOG, self.time_ms, self.data1, self.data2, self.battery_mv,
-            self.rev_a, self.rev_b, self.rev_c,
-            self.adc1, self.adc2, self.adc3, self.adc4, self.sonar_cm,
-        )  # fmt: skip
+        values = tuple(vars(self).values())
+        try:
+            return _LOG.pack(*values)
+        except struct.error as error:
+            raise PacketError(f'{values} do not fit in a packet: {error}') from None
 
     @classmethod
     def decode(cls, data: bytes) -> LogPacket:
         """Read a packet of 32 bytes."""
-        return cls(*_LOG.unpack(_checked(data)))
-
-
-def _pack(layout: struct.Struct, *values: int) -> bytes:
-    try:
-        return layout.pack(*values)
-    except struct.error as error:
-        raise PacketError(f'{values} do not fit in a packet: {error}') from None
-
-
-def _checked(data: bytes) -> bytes:
-    if len(data) != PACKET_SIZE:
-        raise PacketError(f'a packet has {PACKET_SIZE} bytes, not {len(data)}')
-    return data
+        if len(data) != PACKET_SIZE:
+            raise PacketError(f'a packet has {PACKET_SIZE} bytes, not {len(data)}')
+        return cls(*_LOG.unpack(data))

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import strategies as st
 from laws import given
 
-from ballbot_ros.robot.brick.bluetooth import GamepadPacket, LogPacket, PacketError
+from ballbot_ros.robot.brick.bluetooth import LogPacket, PacketError
 
 # The data logger's record: offset, size, signed.
 LAYOUT = {
@@ -35,11 +35,6 @@ log_packets = st.builds(
     LogPacket,
     **{name: st.integers(*bounds(size, signed)) for name, (_, size, signed) in LAYOUT.items()},
 )
-sticks = st.integers(-128, 127)
-
-
-def test_a_gamepad_packet_in_bytes():
-    assert GamepadPacket(vertical=-100, horizontal=55).encode() == bytes([156, 55]) + bytes(30)
 
 
 def test_a_log_packet_in_bytes():
@@ -63,12 +58,6 @@ def test_a_log_packet_in_bytes():
     )
 
 
-@given(sticks, sticks)
-def test_gamepad_packets_come_back(vertical, horizontal):
-    packet = GamepadPacket(vertical, horizontal)
-    assert GamepadPacket.decode(packet.encode()) == packet
-
-
 @given(log_packets)
 def test_log_packets_come_back(packet):
     assert LogPacket.decode(packet.encode()) == packet
@@ -89,11 +78,6 @@ def test_any_32_bytes_are_a_log_packet_without_a_spare_bit(data):
     assert LogPacket.decode(data).encode() == data
 
 
-@given(st.binary(min_size=32, max_size=32))
-def test_the_rest_of_a_gamepad_packet_is_ignored(data):
-    assert GamepadPacket.decode(data).encode()[:2] == data[:2]
-
-
 @pytest.mark.parametrize('name', LAYOUT)
 def test_a_value_beyond_its_field_is_refused_in_one_line(name):
     _, size, signed = LAYOUT[name]
@@ -105,15 +89,7 @@ def test_a_value_beyond_its_field_is_refused_in_one_line(name):
             replace(LogPacket(**NOTHING), **{name: value}).encode()
 
 
-@pytest.mark.parametrize('value', [-129, 128, 0.5, None])
-def test_a_stick_beyond_a_signed_byte_is_refused_in_one_line(value):
-    for packet in (GamepadPacket(vertical=value), GamepadPacket(horizontal=value)):
-        with pytest.raises(PacketError, match=r'^[^\n]+$'):
-            packet.encode()
-
-
 @pytest.mark.parametrize('size', [0, 31, 33, 34])
-@pytest.mark.parametrize('packet', [GamepadPacket, LogPacket])
-def test_another_number_of_bytes_is_refused(packet, size):
+def test_another_number_of_bytes_is_refused(size):
     with pytest.raises(PacketError, match=f'32 bytes, not {size}'):
-        packet.decode(bytes(size))
+        LogPacket.decode(bytes(size))

@@ -8,5 +8,5 @@
 #include "ballbot_parameters.h"
 
 {% for parameter in parameters %}
-const {{ parameter.c_type }} {{ parameter.declarator }} = {{ parameter.c_value }}; /* {{ parameter.comment }} */
+const {{ parameter.c_type }} {{ parameter.declarator }} = {{ parameter.initial }}; /* {{ parameter.comment }} */
 {% endfor %}
