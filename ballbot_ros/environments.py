@@ -20,15 +20,9 @@ from ballbot_ros.lab.environments.vector_environment import (
 )
 
 __all__ = [
-    'BalanceEnv',
-    'BalanceVectorEnv',
-    'BallbotEnv',
-    'BallbotVectorEnv',
-    'DriveEnv',
-    'DriveVectorEnv',
-    'EnvironmentConfigurationError',
-    'EnvironmentState',
-]
+    'BalanceEnv', 'BalanceVectorEnv', 'BallbotEnv', 'BallbotVectorEnv', 'DriveEnv',
+    'DriveVectorEnv', 'EnvironmentConfigurationError', 'EnvironmentState',
+]  # fmt: skip
 
 for _one, _many in ((BalanceEnv, BalanceVectorEnv), (DriveEnv, DriveVectorEnv)):
     gymnasium.register(

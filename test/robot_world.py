@@ -164,7 +164,7 @@ class Brick:
             for task in tick.untimed:
                 self._timers[task].start(tick.time_ns)
         inputs = device_inputs(lambda topic: self._ticks.gate.newest(topic.name))
-        outputs = self._brick.run(self._program, tick.time_ns, tick.tasks, inputs)
+        outputs = self._brick.tick(self._program, tick.time_ns, inputs, tick.tasks)
         self._hands.answer(tick.time_ns, inputs, outputs, self._program)
 
 

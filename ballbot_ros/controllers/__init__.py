@@ -17,22 +17,7 @@ from ballbot_ros.parameters.timing import TICK_S
 from ballbot_ros.robot.plant.model import PhysicalParameters
 
 __all__ = [
-    'TICK_S',
-    'Controller',
-    'ControllerError',
-    'ControllerParameters',
-    'Duty',
-    'Estimates',
-    'LawController',
-    'OperatingState',
-    'PhysicalParameters',
-    'Readings',
-    'TakesEffect',
-    'as_numbers',
-    'designed',
-    'duty_of_voltage',
-    'max_voltage',
-    'quantity',
-    'setting',
-    'task',
+    'TICK_S', 'Controller', 'ControllerError', 'ControllerParameters', 'Duty', 'Estimates',
+    'LawController', 'OperatingState', 'PhysicalParameters', 'Readings', 'TakesEffect',
+    'as_numbers', 'designed', 'duty_of_voltage', 'max_voltage', 'quantity', 'setting', 'task',
 ]  # fmt: skip

@@ -235,7 +235,6 @@ class ControllerProgram:
 
     Parameters
     ----------
-    loaded : LoadedController
     parameters, model, settings : object
         Arguments of the controller's class.
     times : TickTimes
@@ -243,8 +242,6 @@ class ControllerProgram:
 
     Attributes
     ----------
-    loaded : LoadedController
-    tasks : sequence of TaskTiming
     controller : Controller
         The instance of the class that runs.
     x, y : Estimates

@@ -19,7 +19,6 @@ class HandedOver:
 
     Parameters
     ----------
-    first, second : Program
     at_ms : int
         When the second takes over, from the start of the run.
     """

@@ -223,7 +223,6 @@ class Plane(NamedTuple):
     ----------
     motion : Motion
         The estimates.
-    reference : Reference
     predicted : tuple of float
         The filter's states at the next tick.
     on_their_way : tuple of float
@@ -251,7 +250,6 @@ class TrackingTask(NamedTuple):
 
     Attributes
     ----------
-    reference : Reference
     state : tuple of float
         The filter's states, corrected by the readings.
     error : tuple of float

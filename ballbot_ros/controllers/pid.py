@@ -76,7 +76,6 @@ class Plane(NamedTuple):
     ----------
     motion : Motion
         The estimates.
-    reference : Reference
     offset_error : float
         Error of the gyro's offset [deg/s].
     rate : float

@@ -46,7 +46,6 @@ class BrickTasks:
 
     Parameters
     ----------
-    parameters : ControllerParameters
     start_ns : int
         Start of the run [ns].
     """
@@ -71,24 +70,25 @@ class BrickTasks:
         """Ticks [ns] at which the program starts anew (True) or stops (False)."""
         return program_changes(self.faults, self._start_ns)
 
-    def tick(self, program: Program, now_ns: int, inputs: DeviceInputs) -> DeviceOutputs:
-        """Run the tasks that are due."""
-        if not self._is_on(program, now_ns):
-            return self._rest(program, now_ns, inputs)
-        if self.is_timed:
-            return self._tick(program, now_ns, inputs)
-        elapsed_ms = (now_ns - self._begun_ns) // MILLISECOND_NS
-        return program.tick(elapsed_ms, now_ns // MILLISECOND_NS, inputs)
-
-    def run(
-        self, program: Program, now_ns: int, tasks: Sequence[str], inputs: DeviceInputs
+    def tick(
+        self,
+        program: Program,
+        now_ns: int,
+        inputs: DeviceInputs,
+        released: Sequence[str] | None = None,
     ) -> DeviceOutputs:
-        """Run the tasks that have been released for a tick."""
+        """Run the tasks that are due, or those that have been released for the tick."""
+        systick_ms = now_ns // MILLISECOND_NS
         if not self._is_on(program, now_ns):
-            return self._rest(program, now_ns, inputs)
+            outputs = program.run((), systick_ms, inputs)  # its registers have the newest samples
+            outputs.duty = 0, 0
+            return outputs
         if self.is_timed:
             return self._tick(program, now_ns, inputs)
-        return program.run(tasks, now_ns // MILLISECOND_NS, inputs)
+        if released is None:
+            elapsed_ms = (now_ns - self._begun_ns) // MILLISECOND_NS
+            return program.tick(elapsed_ms, systick_ms, inputs)
+        return program.run(released, systick_ms, inputs)
 
     def restore_state(
         self, program: ControlProgram, last_ns: int, kernel_state: Sequence[int]
@@ -110,12 +110,6 @@ class BrickTasks:
             program.restart()
             self._kernel, self._duties = None, {}
         return begun_ns != OFF_NS
-
-    def _rest(self, program: Program, now_ns: int, inputs: DeviceInputs) -> DeviceOutputs:
-        """Return the outputs of a brick that is off; its registers have the newest samples."""
-        outputs = program.run((), now_ns // MILLISECOND_NS, inputs)
-        outputs.duty = 0, 0
-        return outputs
 
     def _tick(self, program: Program, now_ns: int, inputs: DeviceInputs) -> DeviceOutputs:
         kernel = self._kernel or self._begin(program, now_ns)

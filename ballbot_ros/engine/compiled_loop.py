@@ -186,13 +186,8 @@ class CompiledLoop:
     program : Program
         Its program; :func:`pays` says which it may be. A law does not follow: it stays as it was
         before the first tick, unless who uses the loop lets it make the ticks, too.
-    parameters : ParameterSet
     events : Scenario or EventSource
         Its sticks and pushes.
-
-    Attributes
-    ----------
-    program : Program
 
     Raises
     ------

@@ -323,7 +323,7 @@ class ControllerNode(BallbotNode[ControllerParameters]):
         inputs = device_inputs(lambda topic: self._gate.newest(topic.name))
         try:
             self._retune(tick.time_ns)
-            outputs = self._tasks.run(self._program, tick.time_ns, tick.tasks, inputs)
+            outputs = self._tasks.tick(self._program, tick.time_ns, inputs, tick.tasks)
         except ControllerError as error:
             self._abort(str(error))
             return

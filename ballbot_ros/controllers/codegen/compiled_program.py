@@ -171,7 +171,6 @@ class CompiledProgram:
 
     Attributes
     ----------
-    tasks : sequence of TaskTiming
     state : bytes
         The C structure ``ballbot`` after the last tick.
     stack_bytes : tuple of int

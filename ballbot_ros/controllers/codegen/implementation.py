@@ -73,7 +73,6 @@ class Implementation:
 
     Attributes
     ----------
-    parameters : ControllerParameters
     tasks : tuple of TaskTiming
         The tasks of its programs.
     make : callable

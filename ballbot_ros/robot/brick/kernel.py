@@ -303,12 +303,10 @@ class Job(NamedTuple):
 
     Attributes
     ----------
-    task : str
     release, start, end : int
         Those of a lost one are all the beginning of the tick in which its alarm was lost.
     preempted : int
         How long other tasks and interrupts had the processor between start and end.
-    is_lost : bool
     """
 
     task: str
@@ -330,7 +328,6 @@ class OsekKernel:
 
     Parameters
     ----------
-    tasks : iterable of TaskTiming
     start_us : int
         Time of the first interrupt.
     offsets : sequence of int

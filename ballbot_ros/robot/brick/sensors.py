@@ -97,7 +97,6 @@ def encoder_reading(angle: float) -> int:
 
 
 ADC_MAX = 1023
-_DEGREES = 180.0 / math.pi
 
 
 GyroConstants = tuple[float, float, float, float, int, float]
@@ -114,7 +113,7 @@ def gyro_reading(constants: GyroConstants, rate: float, error: float, stamp_ns: 
     `rate` is the body's pitch rate [rad/s], `error` a normal number.
     """
     offset, limit, sigma, drift, drift_period_ns, drift_phase = constants
-    value = max(-limit, min(limit, rate * _DEGREES)) + offset
+    value = max(-limit, min(limit, _degrees_of(rate))) + offset
     if drift:
         # Reduce the time to the fraction of a period, by the exact remainder of integers.
         phase = stamp_ns % drift_period_ns / drift_period_ns
