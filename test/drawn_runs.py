@@ -20,6 +20,7 @@ from ballbot_ros.parameters import (
     SonarParameters,
     parameters_of,
 )
+from ballbot_ros.robot.world.clearance import clearance
 from ballbot_ros.robot.world.floor_map import load_map
 from ballbot_ros.robot.world.world import World
 
@@ -87,7 +88,7 @@ def choose_place(draw, parameters):
         with suppress(WorldError):
             if world:
                 world.check_start(place)
-            distance = world.clearance(np.array([place]))[0] if world else 0.0
+            distance = clearance(world.walls, np.array([place]))[0] if world else 0.0
             found.append((distance, place))
     if found:
         set_place(parameters, name, min(found)[1])

@@ -278,7 +278,7 @@ def floor_of(world: World | None) -> FloorTables:
     if world is None:
         nothing = np.zeros((0, 0), np.int32)
         return FloorTables(nothing, nothing)
-    return FloorTables(world.footprint.sides, world.footprint.walls_before)
+    return FloorTables(*map(np.asarray, world.walls_as_numbers))
 
 
 def are_timed(rows: RobotRows) -> bool:

@@ -110,33 +110,16 @@ def _turned(sine: float, cosine: float, quarters: int) -> tuple[float, float]:
 def sines_cosines(angles: Floats) -> Floats:
     """Return :func:`sine_cosine` of each angle, with the same bits; shape (2, ...)."""
     is_small = np.abs(angles) <= _QUARTER_PI
-    is_turned = not is_small.all()
-    quarters, x = _all_reduced(angles, is_small) if is_turned else (angles, angles)
+    are_small = is_small.all()
+    x = angles if are_small else np.where(is_small, angles, 0.0)
     z = x * x
     sines = x + x * (z * (_S3 + z * (_S5 + z * (_S7 + z * (_S9 + z * (_S11 + z * _S13))))))
-    cosines = np.sqrt(1.0 - sines * sines)
-    if is_turned:
-        quadrant = quarters % 4.0
-        is_odd = (quadrant == 1.0) | (quadrant == 3.0)
-        sines, cosines = np.where(is_odd, cosines, sines), np.where(is_odd, sines, cosines)
-        sines = np.where(quadrant >= 2.0, -sines, sines)
-        cosines = np.where((quadrant == 1.0) | (quadrant == 2.0), -cosines, cosines)
-    return np.array([sines, cosines])
-
-
-def _all_reduced(angles: Floats, is_small: NDArray[np.bool_]) -> tuple[Floats, Floats]:
-    """Return :func:`_reduced` of each angle; 0 and the angle itself of a small one."""
-    size = np.abs(angles)
-    with np.errstate(invalid='ignore'):
-        size = np.where(size < _MAX_ANGLE, size, size % TWO_PI)
-    quarters = np.floor(size * _TWO_OVER_PI + 0.5)
-    x = ((size - quarters * _HALF_PI_1) - quarters * _HALF_PI_2) - quarters * _HALF_PI_3
-    is_negative, is_finite = angles < 0.0, np.isfinite(size)
-    quarters, x = np.where(is_negative, -quarters, quarters), np.where(is_negative, -x, x)
-    return (
-        np.where(is_small | ~is_finite, 0.0, quarters),
-        np.where(is_small, angles, np.where(is_finite, x, math.nan)),
-    )
+    both = np.array([sines, np.sqrt(1.0 - sines * sines)])
+    if not are_small:
+        # They are few, or those of robots that have fallen, which are all the same.
+        others, places = np.unique(angles[~is_small], return_inverse=True)
+        both[:, ~is_small] = np.transpose([*map(sine_cosine, others.tolist())])[:, places]
+    return both
 
 
 def natural_log(x: float) -> float:

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from parts import make_loop, run_loop
 
+from ballbot_ros.robot.world.clearance import clearance
+
 STARTS = [(-0.7, 0.55), (-0.75, 0.5), (-0.6, 0.6)]
 DURATION_S = 20.0
 
@@ -33,10 +35,10 @@ def test_with_a_cone_and_a_far_threshold_it_drives_around_the_inner_wall(start):
     assert not loop.plant.stopped
     assert states == ['calibration', 'balance', 'forward', 'rightward', 'forward', 'rightward']
     positions = np.array([tick.truth.position for tick in ticks])
-    assert loop.world.clearance(positions).min() > 0.04
+    assert clearance(loop.world.walls, positions).min() > 0.04
     # The robot has passed the inner wall, and has room in front of it and on its right.
     assert positions[-1, 0] > 0.3
-    assert loop.world.clearance(positions[-1:])[0] > 0.1
+    assert clearance(loop.world.walls, positions[-1:])[0] > 0.1
 
 
 @pytest.mark.parametrize('start', STARTS)

@@ -67,10 +67,6 @@ class FloorMap:
         """Return the point (u, v) [cells] of a position [m] in plane signs."""
         return map_point(self.columns, self.rows, position)
 
-    def points(self, positions: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the points of many positions, each of shape (n, 2)."""
-        return positions * CELLS_PER_METRE + np.array([self.columns, self.rows]) / 2.0
-
     def contains(self, point: Pair) -> bool:
         """Return whether a point (u, v) [cells] is on the map."""
         return 0.0 <= point[0] < self.columns and 0.0 <= point[1] < self.rows

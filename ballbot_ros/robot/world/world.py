@@ -7,12 +7,11 @@ from functools import cached_property
 from typing import Any, NamedTuple, Protocol, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot_ros.errors import WorldError
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.robot.plant.ground_truth import Pair
-from ballbot_ros.robot.world.clearance import Walls, clearance, walls_around
+from ballbot_ros.robot.world.clearance import Walls, walls_around
 from ballbot_ros.robot.world.floor_map import CELL_M, CELLS_PER_METRE, FloorMap, load_map, map_point
 from ballbot_ros.robot.world.sonar_beam import wall_distance
 
@@ -87,7 +86,7 @@ class World:
     map : FloorMap
         The floor.
     footprint : Footprint
-        Walls and outline as numbers.
+        Walls and outline as numbers, in memory views.
     """
 
     def __init__(self, floor_map: FloorMap, body_depth: float, body_width: float) -> None:
@@ -96,11 +95,9 @@ class World:
         sums = np.zeros((floor_map.rows + 1, floor_map.columns + 1), dtype=np.int32)
         np.cumsum(np.cumsum(floor_map.walls, axis=0, dtype=np.int32), axis=1, out=sums[1:, 1:])
         sides = wall_distance(floor_map)
-        self.footprint = Footprint(sides, sums, self._half_u, self._half_v)
         # Memory views give their elements faster than arrays do.
-        self._footprint = self.footprint._replace(
-            sides=cast(Cells, sides.data), walls_before=cast(Cells, sums.data)
-        )
+        tables = cast(Cells, sides.data), cast(Cells, sums.data)
+        self.footprint = Footprint(*tables, self._half_u, self._half_v)
         self._points = {
             f'{end} {side}': (along * self._half_u, across * self._half_v)
             for end, along in (('front', 1.0), ('rear', -1.0))
@@ -124,8 +121,8 @@ class World:
 
     @property
     def walls_as_numbers(self) -> tuple[Any, Any]:
-        """The two tables of :class:`Footprint`, whose elements the interpreter gets quickly."""
-        return self._footprint.sides, self._footprint.walls_before
+        """The two tables of the footprint."""
+        return self.footprint.sides, self.footprint.walls_before
 
     def check_start(self, position: Pair) -> None:
         """Raise WorldError if a start position is off the map or puts the body in a wall."""
@@ -141,7 +138,7 @@ class World:
 
     def blocked(self, position: Pair) -> bool:
         """Return whether any part of the body is in a wall, see :func:`is_blocked`."""
-        return is_blocked(self._footprint, position)
+        return is_blocked(self.footprint, position)
 
     def touching(self, position: Pair) -> tuple[str, ...]:
         """Return which of the document's six points of the outline are in a wall (B.3).
@@ -164,10 +161,3 @@ class World:
         """The distances from the body to the walls."""
         # Not computed for every run: a node needs no clearance.
         return walls_around(self.map, self._half_u, self._half_v)
-
-    def clearance(self, positions: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the distances [m] from the outline to a wall, (n,), at positions (n, 2).
-
-        See :func:`ballbot_ros.robot.world.clearance.clearance`.
-        """
-        return clearance(self.walls, positions)

@@ -30,6 +30,7 @@ from ballbot_ros.parameters import (
     Value,
 )
 from ballbot_ros.parameters.files import read_parameter_file
+from ballbot_ros.robot.world.clearance import clearance
 from benchmark.identification import identification
 from benchmark.redesign import redesign
 from benchmark.tables import print_table
@@ -99,7 +100,7 @@ def run(parameters: ParameterSet, seconds: float, scenario: Scenario | None = No
         rms_pitch=float(np.sqrt(np.mean(pitch**2))),
         peak_error=peak_error,
         peak_distance=float(np.hypot(*(position - start).T).max()),
-        clearance=float(loop.world.clearance(position).min()) if loop.world else math.inf,
+        clearance=float(clearance(loop.world.walls, position).min()) if loop.world else math.inf,
     )
 
 

@@ -124,25 +124,25 @@ def test_the_clearance_is_that_of_the_nearest_wall_to_a_centimetre(seed):
     world = make_world(*areas)
     positions = generator.uniform(-0.9, 0.9, (20, 2))
     expected = [brute_clearance(world, position) for position in positions]
-    np.testing.assert_allclose(world.clearance(positions), expected, atol=0.0125)
+    np.testing.assert_allclose(clearance(world.walls, positions), expected, atol=0.0125)
 
 
 def test_off_the_map_the_clearance_is_a_lower_bound():
     world = make_world((90, 110, 190, 200))
     for position in ((1.5, 0.0), (1.5, 1.5), (-2.0, 0.3), (1.02, 0.0)):
-        found = world.clearance(np.array([position]))[0]
+        found = clearance(world.walls, np.array([position]))[0]
         assert found <= brute_clearance(world, position) + 0.0125
-    assert world.clearance(np.array([(1.5, 0.0)]))[0] == pytest.approx(0.43, abs=0.0125)
+    assert clearance(world.walls, np.array([(1.5, 0.0)]))[0] == pytest.approx(0.43, abs=0.0125)
 
 
 def test_without_a_wall_the_clearance_is_infinite():
     world = World(open_floor(50, 50), DEPTH, WIDTH)
-    np.testing.assert_array_equal(world.clearance(np.zeros((3, 2))), np.full(3, np.inf))
+    np.testing.assert_array_equal(clearance(world.walls, np.zeros((3, 2))), np.full(3, np.inf))
 
 
 def test_the_clearance_of_an_unknown_position_is_unknown():
     world = make_world((90, 110, 190, 200))
-    found = world.clearance(np.array([(math.nan, 0.0), (0.0, math.nan), (0.0, math.inf)]))
+    found = clearance(world.walls, np.array([(math.nan, 0.0), (0.0, math.nan), (0.0, math.inf)]))
     np.testing.assert_array_equal(found, [math.nan, math.nan, math.inf])
 
 
@@ -161,7 +161,7 @@ def test_the_clearance_is_zero_where_the_body_is_blocked(depth, width, on_edges,
     if on_edges:
         positions = np.round(positions, 2)
     blocked = np.array([world.blocked(position) for position in positions.tolist()])
-    found = world.clearance(positions) == 0.0
+    found = clearance(world.walls, positions) == 0.0
     assert found[blocked].all()
     # A body that touches the edge of the map from outside is not blocked.
     assert on_edges or blocked[found].all()
