@@ -56,9 +56,7 @@ def lean_constants(time_constant: float, model: PhysicalParameters) -> LeanConst
     m = mass_matrix(model)
     lean = model.body_mass * model.body_height * model.gravity
     return LeanConstants(
-        time_constant,
-        (m.m11 + m.coupling - m.drive) / lean,
-        (m.m22 + m.coupling - m.drive) / lean,
+        time_constant, (m.m11 + m.coupling - m.drive) / lean, (m.m22 + m.coupling - m.drive) / lean
     )
 
 

@@ -196,11 +196,7 @@ class CompiledLoop:
     """
 
     def __init__(
-        self,
-        loop: ClosedLoop,
-        program: Program,
-        parameters: ParameterSet,
-        events: EventSource,
+        self, loop: ClosedLoop, program: Program, parameters: ParameterSet, events: EventSource
     ) -> None:
         self._plant, self._tasks, self.program = loop.plant, loop.tasks, program
         rows = RobotRows(parameters, {}, 1)

@@ -34,20 +34,10 @@ from ballbot_ros.parameters import (
 from ballbot_ros.parameters.timing import FIRST_TICK_NS, SLOW_PERIOD_NS, STEP_NS, TICK_NS
 from ballbot_ros.robot.arithmetic import Reals
 from ballbot_ros.robot.brick import fault_effects as components
-from ballbot_ros.robot.brick.fault_effects import (
-    active_amount,
-    after_faults,
-    fault_row,
-)
+from ballbot_ros.robot.brick.fault_effects import active_amount, after_faults, fault_row
 from ballbot_ros.robot.brick.faults import faults_of, late_steps
 from ballbot_ros.robot.brick.job_times import JobTimes, whole_time
-from ballbot_ros.robot.brick.link import (
-    NO_LINK,
-    Link,
-    analog_age,
-    link_of,
-    longest_analog_steps,
-)
+from ballbot_ros.robot.brick.link import NO_LINK, Link, analog_age, link_of, longest_analog_steps
 from ballbot_ros.robot.brick.sensors import (
     NO_ECHO_CM,
     drawn_delay,

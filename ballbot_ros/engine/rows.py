@@ -6,16 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import Field, fields, is_dataclass, replace
 from functools import cache
-from typing import (
-    Any,
-    Literal,
-    NamedTuple,
-    TypeVar,
-    cast,
-    get_args,
-    get_origin,
-    get_type_hints,
-)
+from typing import Any, Literal, NamedTuple, TypeVar, cast, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -121,9 +112,7 @@ def _is_array(kind: tuple[object, ...]) -> bool:
     return len(set(kind)) == 1 and kind[0] in _NUMBERS
 
 
-def row_functions(
-    cls: type[State],
-) -> tuple[Callable[[Any], State], Callable[[Any, State], None]]:
+def row_functions(cls: type[State]) -> tuple[Callable[[Any], State], Callable[[Any, State], None]]:
     """Return functions that read a named tuple from a row, and write it there."""
     return row_functions_of(kind_of_class(cls))
 

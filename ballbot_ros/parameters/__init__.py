@@ -1,10 +1,6 @@
 """The parameters of each node, their checks, and the files and pages generated from them."""
 
-from ballbot_ros.parameters.controller import (
-    DOCUMENTS_PROGRAM,
-    ControllerParameters,
-    is_own,
-)
+from ballbot_ros.parameters.controller import DOCUMENTS_PROGRAM, ControllerParameters, is_own
 from ballbot_ros.parameters.nodes import (
     DEVICES,
     DeviceParameters,

@@ -73,11 +73,7 @@ COMMON_PERIOD_NS = math.lcm(*DRIVER_PERIODS_NS.values())
 DRIVERS = tuple(DRIVER_PERIODS_NS)
 """The participants that answer the plant's true state."""
 
-ROBOT_CLASSES: tuple[type[NodeParameters], ...] = (
-    PlantParameters,
-    *DEVICES,
-    ControllerParameters,
-)
+ROBOT_CLASSES: tuple[type[NodeParameters], ...] = (PlantParameters, *DEVICES, ControllerParameters)
 """The nodes whose parameters the motion of a robot depends on."""
 
 SIMULATED = frozenset(cls.node for cls in ROBOT_CLASSES)

@@ -122,9 +122,7 @@ def tunable_of(
 
 
 def changed_parameters(
-    parameters: ControllerParameters,
-    values: Mapping[str, object],
-    loaded: LoadedController | None,
+    parameters: ControllerParameters, values: Mapping[str, object], loaded: LoadedController | None
 ) -> ControllerParameters:
     """Return the parameters of a run in which some change; ParameterError if they can't."""
     rows = {row.name: row for row in tunable_of(parameters, loaded)}

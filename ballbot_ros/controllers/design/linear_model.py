@@ -126,9 +126,7 @@ def degree_state_space(p: PhysicalParameters) -> tuple[Matrix, Matrix]:
 
 
 def design_servo(
-    p: PhysicalParameters,
-    q_diagonal: Sequence[float] = Q_DIAGONAL,
-    r: float = R_WEIGHT,
+    p: PhysicalParameters, q_diagonal: Sequence[float] = Q_DIAGONAL, r: float = R_WEIGHT
 ) -> ServoDesign:
     """Compute the servo gains by LQR on the plant with the integral of theta (A.9).
 
@@ -143,7 +141,4 @@ def design_servo(
     a_bar[4, 0] = 1.0
     b_bar = np.vstack([b, [[0.0]]])
     gain = lqr(a_bar, b_bar, np.diag(q_diagonal), [[r]])
-    return ServoDesign(
-        gain=gain[0],
-        poles=np.linalg.eigvals(a_bar - b_bar @ gain).astype(complex),
-    )
+    return ServoDesign(gain=gain[0], poles=np.linalg.eigvals(a_bar - b_bar @ gain).astype(complex))

@@ -155,10 +155,7 @@ class SampledLoop:
     """
 
     def __init__(
-        self,
-        parameters: ParameterSet,
-        delays: LoopDelays | None = None,
-        period_ms: float = TICK_MS,
+        self, parameters: ParameterSet, delays: LoopDelays | None = None, period_ms: float = TICK_MS
     ) -> None:
         require_documents_program(parameters)
         delays = delays or LoopDelays.of(parameters)

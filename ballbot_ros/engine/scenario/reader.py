@@ -36,12 +36,7 @@ from ballbot_ros.parameters import (
     Value,
     parameters_of,
 )
-from ballbot_ros.parameters.changes import (
-    IMPLEMENTATION,
-    TimedChange,
-    changes_text,
-    checked_change,
-)
+from ballbot_ros.parameters.changes import IMPLEMENTATION, TimedChange, changes_text, checked_change
 from ballbot_ros.parameters.files import leaves, read_parameter_file
 from ballbot_ros.parameters.yaml_document import YamlDocument, yaml_text
 from ballbot_ros.robot.brick.faults import Fault, fault_texts

@@ -35,12 +35,7 @@ from ballbot_ros.engine.moved_robots import (
     move_robots,
     true_state,
 )
-from ballbot_ros.engine.plant_tick import (
-    PlantState,
-    initial_state,
-    plant_constants,
-    waiting_count,
-)
+from ballbot_ros.engine.plant_tick import PlantState, initial_state, plant_constants, waiting_count
 from ballbot_ros.engine.rows import RobotRows, state_of
 from ballbot_ros.engine.run import clear_rings, longest_age, robot_constants
 from ballbot_ros.lab.environments.configuration import BALANCE
