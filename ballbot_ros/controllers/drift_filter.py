@@ -17,12 +17,10 @@ from ballbot_ros.controllers.document.axis import (
 )
 from ballbot_ros.controllers.driving import (
     NO_MOTION,
-    STANDING_BY,
     DrivingConstants,
     DrivingController,
     Motion,
     PlaneInputs,
-    State,
     driving_constants,
     driving_law,
 )
@@ -108,9 +106,6 @@ class Plane(NamedTuple):
     lean: Lean
 
 
-AT_REST = Plane(NO_MOTION, axis.AT_REST, Lean(0.0, 0.0))
-
-
 def balance(p: Constants, plane: Plane, inputs: PlaneInputs) -> tuple[Plane, int]:
     """Return the next state of a plane, and its duty [%]."""
     _, theta_ref_dot, sum_theta_ref_dot, sum_psi_dot, sum_theta_diff, smooth = plane.axis
@@ -148,6 +143,7 @@ class DriftFilter(DrivingController[DriftFilterParameters]):
     """
 
     law = driving_law(balance)
+    at_rest = Plane(NO_MOTION, axis.AT_REST, Lean(0.0, 0.0))
     tunable_settings: ClassVar[tuple[str, ...]] = (
         *DrivingController.tunable_settings,
         'k_f',
@@ -169,8 +165,3 @@ class DriftFilter(DrivingController[DriftFilterParameters]):
             constants_of(ProgramConstants.of(replace(settings, a_gd=1.0))),
             lean_constants(parameters.drift_time, model),
         )
-
-    @classmethod
-    def initial_state(cls, constants: Constants) -> State:
-        """Return the state before the first tick."""
-        return State(STANDING_BY, AT_REST, AT_REST)

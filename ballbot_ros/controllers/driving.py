@@ -295,7 +295,14 @@ class DrivingController(LawController[P]):
     """A controller that drives as the document's program does, with another law of balance.
 
     Its law is a :func:`driving_law`, and its state a :class:`State`.
+
+    Attributes
+    ----------
+    at_rest : named tuple
+        The state of a plane before the first tick.
     """
+
+    at_rest: ClassVar[Any]
 
     tunable_settings: ClassVar[tuple[str, ...]] = (
         'k_thetadot',
@@ -303,6 +310,11 @@ class DrivingController(LawController[P]):
         'theta_diff_thr',
         'psi_diff_thr',
     )
+
+    @classmethod
+    def initial_state(cls, constants: Any) -> State:
+        """Return the state before the first tick."""
+        return State(STANDING_BY, cls.at_rest, cls.at_rest)
 
     def start(self) -> None:
         """Set the initial state, and publish its estimates."""

@@ -9,13 +9,11 @@ from ballbot_ros.controllers.controller import MAX_DUTY, duty_of_voltage
 from ballbot_ros.controllers.driving import (
     NO_MOTION,
     NO_REFERENCE,
-    STANDING_BY,
     DrivingConstants,
     DrivingController,
     Motion,
     PlaneInputs,
     Reference,
-    State,
     driving_constants,
     driving_law,
     low_pass_share,
@@ -91,9 +89,6 @@ class Plane(NamedTuple):
     integral: float
 
 
-AT_REST = Plane(NO_MOTION, NO_REFERENCE, 0.0, 0.0, 0.0)
-
-
 def balance(p: Constants, plane: Plane, inputs: PlaneInputs) -> tuple[Plane, int]:
     """Return the next state of a plane, and its duty [%]."""
     reference = next_reference(p.reference_share, plane.reference, inputs.speed)
@@ -137,6 +132,7 @@ class PID(DrivingController[PIDParameters]):
     """
 
     law = driving_law(balance)
+    at_rest = Plane(NO_MOTION, NO_REFERENCE, 0.0, 0.0, 0.0)
 
     @classmethod
     def constants(
@@ -148,8 +144,3 @@ class PID(DrivingController[PIDParameters]):
             p.position_p, p.position_i, p.position_d, p.back_emf, low_pass_share(p.rate_time),
             p.drift_time, 1.0 / model.ratio,
         )  # fmt: skip
-
-    @classmethod
-    def initial_state(cls, constants: Constants) -> State:
-        """Return the state before the first tick."""
-        return State(STANDING_BY, AT_REST, AT_REST)

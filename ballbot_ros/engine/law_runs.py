@@ -68,7 +68,13 @@ def due_tasks(timers: int, elapsed_ms: int) -> tuple[int, int]:
 
 @inlined
 def run_tasks(
-    constants: Any, state: LawState, inputs: Inputs, tasks: int, elapsed_ms: int, systick_ms: int
+    constants: Any,
+    program: Any,
+    state: LawState,
+    inputs: Inputs,
+    tasks: int,
+    elapsed_ms: int,
+    systick_ms: int,
 ) -> LawState:
     """Return the state after a tick, perhaps without the task; ValueError if there is no duty."""
     duty_x, duty_y, readings, own = state
@@ -121,7 +127,7 @@ def some_ticks(program: Any, robot: Any) -> None:
     state = read_program_state(robot)
     for tick in range(2):
         tasks, timers = due_tasks(timers, tick * TICK_MS)
-        state = run_tasks(constants, state, NOTHING_READ, tasks, tick * TICK_MS, 0)
+        state = run_tasks(constants, program, state, NOTHING_READ, tasks, tick * TICK_MS, 0)
     write_program_state(robot, state)
 
 

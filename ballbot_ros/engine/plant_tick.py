@@ -13,7 +13,7 @@ from ballbot_ros.parameters.timing import (
     STEPS_PER_TICK,
     TICK_NS,
 )
-from ballbot_ros.robot.arithmetic import Ints, Reals
+from ballbot_ros.robot.arithmetic import Ints, Reals, sine_cosine
 from ballbot_ros.robot.brick.link import link_of
 from ballbot_ros.robot.brick.sensors import drawn_delay
 from ballbot_ros.robot.compiler_hints import inlined
@@ -33,17 +33,14 @@ from ballbot_ros.robot.plant.integration import (
     superposed,
 )
 from ballbot_ros.robot.plant.laws import (
-    add_push_forces,
     ball_position,
     capacity_slope,
     discharge,
-    has_fallen,
     motor_current,
     motor_voltage,
     shaft_angle,
     state_after_fall,
     state_after_impact,
-    supply_current,
     wheel_angle,
 )
 from ballbot_ros.robot.plant.model import MassMatrix, gear_ratio, mass_matrix, torque_per_volt
@@ -302,11 +299,10 @@ def plant_tick(
             part_end_ns = min(end_ns, change_ns)
             dt = (part_end_ns - time_ns) * 1e-9
             if is_draining:
-                current = supply_current(
-                    duty_x, duty_y,
-                    motor_current(voltage_x, x[2], x[3], back_emf, ohms),
-                    motor_current(voltage_y, y[2], y[3], back_emf, ohms),
-                )  # fmt: skip
+                current_x = motor_current(voltage_x, x[2], x[3], back_emf, ohms)
+                current_y = motor_current(voltage_y, y[2], y[3], back_emf, ohms)
+                # A duty is the share of the time in which the battery gives a motor's current.
+                current = duty_x / 100.0 * current_x + duty_y / 100.0 * current_y
                 charge, volts = discharge(
                     charge, current, dt, idle_current, full_volts, charge_slope, battery_ohms
                 )
@@ -350,7 +346,8 @@ def plant_tick(
                         hit_x, hit_y = ball_position(start, radius, x[0], y[0])
                         tried_x, tried_y = tried
                     since_sample = True
-            if has_fallen(x[1], y[1], fall_angle):
+            # NaN counts as fallen.
+            if not (-fall_angle < x[1] < fall_angle and -fall_angle < y[1] < fall_angle):
                 is_fallen = True
                 x, y = state_after_fall(x, fall_angle), state_after_fall(y, fall_angle)
             if half_play:
@@ -440,9 +437,11 @@ def forces_of(
     for each in range(pushes):
         if push_times[2 * each] <= time_ns < push_times[2 * each + 1]:
             at = PUSH_VALUES * each + plane
-            force_theta, force_psi = add_push_forces(
-                force_theta, force_psi, push_forces[at], push_forces[at + 2], psi, radius, height
-            )
+            force = push_forces[at]
+            _, cosine = sine_cosine(psi)
+            force_theta += force * radius
+            force_psi += force * height * cosine
+            force_psi += push_forces[at + 2]
     return force_theta, force_psi
 
 

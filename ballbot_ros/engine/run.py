@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.controllers.document.axis import LCD_MS
+from ballbot_ros.controllers.document.axis import LCD_MS, Constants, constants_of
 from ballbot_ros.controllers.document.program import (
     BUS_TASK,
     DUTY_TASK,
@@ -25,10 +25,8 @@ from ballbot_ros.controllers.document.program import (
     TS2,
     TS3,
     ProgramState,
-    TickConstants,
     job_time,
     program_tick,
-    tick_constants,
 )
 from ballbot_ros.controllers.interface import BUS_BUSY, SAME_TICK
 from ballbot_ros.engine.devices import (
@@ -382,7 +380,7 @@ class TaskTimers(NamedTuple):
     lcd_ms: int
 
 
-def begin_program(program: Any, begun_ms: int) -> tuple[TickConstants, TaskTimers]:
+def begin_program(program: Any, begun_ms: int) -> tuple[Constants, TaskTimers]:
     """Return what does not change in a run, and the timers `begun_ms` after its start.
 
     Parameters
@@ -398,7 +396,7 @@ def begin_program(program: Any, begun_ms: int) -> tuple[TickConstants, TaskTimer
         -(-begun_ms // ts3_period) * ts3_period,
         -(-begun_ms // LCD_MS) * LCD_MS,
     )
-    return tick_constants(program), timers
+    return constants_of(program), timers
 
 
 @inlined
@@ -421,7 +419,8 @@ def due_tasks(timers: TaskTimers, elapsed_ms: int) -> tuple[int, TaskTimers]:
 
 @inlined
 def run_tasks(
-    law: TickConstants,
+    law: Constants,
+    program: Any,
     state: ProgramState,
     inputs: Inputs,
     tasks: int,
@@ -429,7 +428,7 @@ def run_tasks(
     systick_ms: int,
 ) -> ProgramState:
     """Return the program after some tasks, as bits, `elapsed_ms` after the start of the run."""
-    return program_tick(law, state, inputs, tasks, systick_ms)
+    return program_tick(law, program, state, inputs, tasks, systick_ms)
 
 
 def restarted(state: ProgramState, initial: ProgramState) -> ProgramState:
@@ -514,7 +513,7 @@ def simulate_run(
     encoder: object,
     sonar: object,
     controller: Any,
-    program: object,
+    program: Any,
     sides: Cells,
     walls_before: Cells,
     push_times: Ints,
@@ -612,7 +611,7 @@ def simulate_run(
                         tasks |= SAME_TICK
                     if task == BUS_TASK and is_bus_busy(kernel, times.sonar):
                         tasks |= BUS_BUSY
-            brick = run_tasks(law, brick, inputs, tasks, elapsed_ms, systick_ms)
+            brick = run_tasks(law, program, brick, inputs, tasks, elapsed_ms, systick_ms)
             if not is_timed or is_off:
                 break
             is_same_tick = True

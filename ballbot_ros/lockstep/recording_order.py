@@ -252,7 +252,7 @@ class RecordingGate:
             self._held.append(message)
         elif stream.is_clock:
             self._take_time(message)
-        elif self._is_ahead(message):
+        elif self._run and stream.period_ns and 0 < self.now_ns < stamp_ns - MAX_AHEAD_NS:
             self._writer.raise_objection(stream, stamp_ns)
         elif self.now_ns == 0 or (self._run and stream.period_ns and stamp_ns > self.now_ns):
             self._held.append(message)
@@ -284,14 +284,6 @@ class RecordingGate:
             held, self._held = self._held, []
             for each in held:
                 self.take(*each)
-
-    def _is_ahead(self, message: _Message) -> bool:
-        return bool(
-            self._run
-            and message.stream.period_ns
-            and self.now_ns
-            and message.stamp_ns > self.now_ns + MAX_AHEAD_NS
-        )
 
     def _pass(self, message: _Message) -> None:
         stream, stamp_ns, data, sequence = message

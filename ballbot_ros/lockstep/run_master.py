@@ -414,16 +414,13 @@ class RunMaster(ABC):
         self._act(do.PublishTruth(self._truth, is_hit, is_resend))
         if is_hit != self._is_hit:
             self._is_hit = is_hit
-            self._report_wall_hit()
+            # A hit that ends the run becomes its reason.
+            if not is_hit:
+                self._act(do.ClearError())
+            elif not self._plant.stopped:
+                self._act(do.RaiseError(str(self._plant.newest_hit)))
         # LockstepMaster._resend restores the second: there, a resend does not end the silence.
         self._last_sent_s = self._waiting_since_s = self._now_s
-
-    def _report_wall_hit(self) -> None:
-        """Raise or clear the error of a wall hit; a hit that ends the run becomes its reason."""
-        if not self._is_hit:
-            self._act(do.ClearError())
-        elif not self._plant.stopped:
-            self._act(do.RaiseError(str(self._plant.newest_hit)))
 
     def _tick(self, duty: MotorDuty) -> None:
         """Advance the plant by a tick."""

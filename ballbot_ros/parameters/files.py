@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ballbot_ros.parameters.controller import is_own
-from ballbot_ros.parameters.parameter import ParameterError
+from ballbot_ros.parameters.parameter import ParameterError, Value
 from ballbot_ros.parameters.parameter_set import ALL_NODES, NODES, ParameterSet, parameters_of
 from ballbot_ros.parameters.yaml_document import YamlDocument, parse_value, yaml_text
 
@@ -81,16 +81,26 @@ def format_parameters(
     parameters: ParameterSet, nodes: Iterable[str] = NODES, names: Container[str] | None = None
 ) -> str:
     """Return the text of a parameter file with all parameters of `nodes`, or those of `names`."""
+    return values_text({
+        node: {
+            name: value
+            for name, value in parameters.of_node(node).values().items()
+            if names is None or name in names
+        }
+        for node in nodes
+    })  # fmt: skip
+
+
+def values_text(values: Mapping[str, Mapping[str, Value]]) -> str:
+    """Return the text of a parameter file with values by name, by node."""
     content = {
         f'/**/{node}': {
             'ros__parameters': {
                 name: list(value) if isinstance(value, tuple) else value
-                for name, value in parameters.of_node(node).values().items()
-                if names is None or name in names
+                for name, value in of_node.items()
             }
         }
-        for node in nodes
-        if parameters_of(node)
+        for node, of_node in values.items()
     }
     return yaml_text(content, has_inner_lines=False)
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from parts import make_loop, run_loop, steps
 
-from ballbot_ros.controllers.document.axis import ProgramConstants
-from ballbot_ros.controllers.document.program import INITIAL_STATE, tick_constants
+from ballbot_ros.controllers.document.axis import ProgramConstants, constants_of
+from ballbot_ros.controllers.document.program import INITIAL_STATE
 from ballbot_ros.engine.devices import numbers_of
 from ballbot_ros.engine.plant_tick import initial_state, plant_constants
 from ballbot_ros.engine.run import robot_constants
@@ -41,7 +41,7 @@ def test_constants_and_states_are_numbers():
     """An array would have a count of references, and make the compiled code four times slower."""
     plant = plant_constants(numbers_of(PlantParameters()), 10**9)
     constants = robot_constants(plant, *(numbers_of(each()) for each in DEVICES))
-    law = tick_constants(ProgramConstants.of(ControllerParameters()))
+    law = constants_of(ProgramConstants.of(ControllerParameters()))
     state = initial_state(constants.plant, 10**9)
     for each in numbers_in((constants, law, state, INITIAL_STATE)):
         assert isinstance(each, bool | int | float | np.float32 | np.uint64), each

@@ -32,7 +32,6 @@ from ballbot_ros.robot.plant.integration import (
     advance_nonlinear,
 )
 from ballbot_ros.robot.plant.laws import (
-    add_push_forces,
     discharge,
     motor_current,
     motor_voltage,
@@ -183,7 +182,6 @@ duties, volts = integer(-100, 100), uniform(0.0, 10.0)
         (motor_voltage, [duties, choice(0.0), choice(0.0), choice(1.089e-3), choice(-0.625)]),
         (motor_current, [uniform(-9, 9), uniform(-50, 50), uniform(-50, 50), volts, uniform(1, 9)]),
         (discharge, [uniform(0, 1e4), uniform(-1, 5), *2 * [choice(0.1)], *3 * [uniform(0, 1)]]),
-        (add_push_forces, [*4 * [uniform(-1, 1)], uniform(-4, 4), volts, volts]),
         (state_after_fall, [plane, choice(0.6, 1.5)]),
         (shaft_angle, [uniform(-1, 1), uniform(-1, 1), choice(0.0, 0.1)]),
         (shaft_angle, [choice(0.0, -0.0), choice(0.0, -0.0), choice(0.0)]),

@@ -23,7 +23,7 @@ from ballbot_ros.controllers.document.program import (
 from ballbot_ros.errors import CodegenError
 from ballbot_ros.files import program, read_bytes, read_text
 from ballbot_ros.parameters import CONTROLLER, ControllerParameters, Parameter, parameters_of
-from ballbot_ros.parameters.yaml_document import yaml_text
+from ballbot_ros.parameters.files import values_text
 from ballbot_ros.robot.brick.bluetooth import PACKET_SIZE
 from ballbot_ros.robot.brick.schedule import TaskTiming
 from ballbot_ros.robot.brick.sensors import NO_ECHO_CM
@@ -292,13 +292,10 @@ def _stamp(parameters: ControllerParameters) -> str:
 def _parameter_file(parameters: ControllerParameters) -> str:
     """Return a parameter file with exactly the parameters of the generated program."""
     names = ['mode', *(field.name for field in fields(ProgramConstants))]
-    content = {
-        name: list(value) if isinstance(value, tuple) else value
-        for name in names
-        if (value := getattr(parameters, name, None)) is not None
+    values = {
+        name: value for name in names if (value := getattr(parameters, name, None)) is not None
     }
-    document = {f'/**/{CONTROLLER}': {'ros__parameters': content}}
-    return yaml_text(document, has_inner_lines=False)
+    return values_text({CONTROLLER: values})
 
 
 def write_application(folder: Path, parameters: ControllerParameters) -> list[Path]:
@@ -349,15 +346,12 @@ def write_times(
     CodegenError
         As :func:`write_application`.
     """
-    lines = [
-        f'# {_stamp(parameters)}',
-        '# Most instructions of each path of the program, counted by ballbot codegen --check.',
-        f'/**/{CONTROLLER}:',
-        '  ros__parameters:',
-        *(f'    {name}: {count}' for name, count in instructions.items()),
-        f"    times_of: '{program_sha256()[:16]}'",
-    ]
-    (path,) = _write(folder, {TIMES_FILE: '\n'.join(lines) + '\n'})
+    text = (
+        f'# {_stamp(parameters)}\n'
+        '# Most instructions of each path of the program, counted by ballbot codegen --check.\n'
+        + values_text({CONTROLLER: {**instructions, 'times_of': program_sha256()[:16]}})
+    )
+    (path,) = _write(folder, {TIMES_FILE: text})
     return path
 
 

@@ -103,29 +103,6 @@ def held_distance(
     return distance_cm, echo_time
 
 
-def next_mode(
-    elapsed: int, timer_stop: int, is_in_control: bool, calibrated: bool, time_stop: int
-) -> tuple[int, int]:
-    """Return the mode and the time at which the errors were last below their thresholds (7.6).
-
-    Parameters
-    ----------
-    elapsed, timer_stop : int
-        Time since task_init and the previous result [ms].
-    is_in_control : bool
-        Whether the errors of both planes are below their thresholds.
-    calibrated : bool
-        Whether the time of the calibration is over.
-    time_stop : int
-        Time from the loss of control until the motors stop [ms].
-    """
-    if is_in_control:
-        timer_stop = elapsed
-    if (elapsed - timer_stop) & UINT32_MASK >= time_stop:
-        return STOP, timer_stop
-    return CONTROL if calibrated else CALIBRATION, timer_stop
-
-
 def speed_command(
     autonomous: bool, flag_avoid: bool, flag_auto: bool, sticks: tuple[int, int], gp_max: int
 ) -> tuple[int, int]:
@@ -143,11 +120,6 @@ def speed_command(
     if not flag_auto:
         return 0, 0
     return (0, gp_max) if flag_avoid else (gp_max, 0)
-
-
-def averaged_battery(battery: Single, reading_mv: int, a_b: Single) -> Single:
-    """Return the averaged battery voltage [mV] after a reading [mV] (section 7.6)."""
-    return (ONE - a_b) * Single(reading_mv) + a_b * battery
 
 
 INIT, TS1, TS2, TS3, LCD = 1, 2, 4, 8, 16
@@ -177,26 +149,6 @@ def tasks_due(elapsed_ms: int, ts2_period: int, ts3_period: int) -> int:
     if elapsed_ms % LCD_MS == 0:
         tasks |= LCD
     return tasks
-
-
-class TickConstants(NamedTuple):
-    """The constants of a tick, see :class:`ProgramConstants`; `law` are those of `control`."""
-
-    law: Constants
-    a_b: Single
-    a_gc: Single
-    theta_diff_thr: Single
-    psi_diff_thr: Single
-    autonomous: bool
-    gp_max: int
-    dst_thr: int
-    sonar_hold: int
-    time_start: int
-    time_auto: int
-    time_stop: int
-    sound_dur: int
-    tone_gain: int
-    log_count: int
 
 
 class ProgramState(NamedTuple):
@@ -298,21 +250,25 @@ INITIAL_STATE = ProgramState(
 
 @inlined
 def program_tick(
-    constants: TickConstants, state: ProgramState, inputs: Inputs, tasks: int, systick_ms: int
+    law: Constants,
+    p: ProgramConstants,
+    state: ProgramState,
+    inputs: Inputs,
+    tasks: int,
+    systick_ms: int,
 ) -> ProgramState:
     """Return the state after some tasks, by priority, on the inputs of a tick.
 
     Parameters
     ----------
+    law : tuple
+        Result of :func:`~ballbot_ros.controllers.document.axis.constants_of` for `p`, which may be
+        the row of a table.
     tasks : int
         As bits, such as :data:`TS1`, and `SAME_TICK` and `BUS_BUSY`.
     systick_ms : int
         uint32 system time [ms].
     """
-    (
-        law, a_b, a_gc, theta_diff_thr, psi_diff_thr, autonomous, gp_max, dst_thr, sonar_hold,
-        time_start, time_auto, time_stop, sound_dur, tone_gain, log_count,
-    ) = constants  # fmt: skip
     (
         x, y, estimates_x, estimates_y, control_mode, battery, distance_cm, echo_time,
         flag_avoid, flag_auto, start_time, timer_stop, calibrated, log_counter,
@@ -349,7 +305,7 @@ def program_tick(
                 vertical, horizontal = waiting_vertical, waiting_horizontal
                 waiting_vertical = NO_SAMPLE
             stick_x, stick_y = speed_command(
-                autonomous, flag_avoid, flag_auto, (vertical, horizontal), gp_max
+                p.autonomous, flag_avoid, flag_auto, (vertical, horizontal), p.gp_max
             )
             volts = max_motor_voltage(battery)
             x, estimates_x, percent_x = control(
@@ -361,11 +317,11 @@ def program_tick(
             duty_x, duty_y = int(percent_x), int(percent_y)
             has_logged, log_sonar_cm = log_counter == 0, sonar_cm
             log_counter = (log_counter + 1) & 0xFF
-            if log_counter == log_count:
+            if log_counter == p.log_count:
                 log_counter = 0
         elif control_mode == CALIBRATION:
-            x = (calibrated_offset(x[0], gyro_x, a_gc), x[1], x[2], x[3], x[4], x[5])
-            y = (calibrated_offset(y[0], gyro_y, a_gc), y[1], y[2], y[3], y[4], y[5])
+            x = (calibrated_offset(x[0], gyro_x, p.a_gc), x[1], x[2], x[3], x[4], x[5])
+            y = (calibrated_offset(y[0], gyro_y, p.a_gc), y[1], y[2], y[3], y[4], y[5])
 
     if tasks & TS2:  # look for an obstacle (section 7.5)
         # nxtOSEK fetches the sensor's register over I2C after the call, so the program sees a
@@ -373,27 +329,28 @@ def program_tick(
         if not tasks & BUS_BUSY:
             sonar_cm, sonar_reply = sonar_reply, sonar_register
         distance_cm, echo_time = held_distance(
-            distance_cm, echo_time, sonar_cm, systick_ms, sonar_hold
+            distance_cm, echo_time, sonar_cm, systick_ms, p.sonar_hold
         )
-        flag_avoid = distance_cm <= dst_thr
+        flag_avoid = distance_cm <= p.dst_thr
 
     if tasks & LCD:
         has_drawn = True
 
     if tasks & TS3:  # decide the state, average the battery voltage, sound (section 7.6)
-        battery = averaged_battery(battery, battery_mv, a_b)
+        battery = (ONE - p.a_b) * Single(battery_mv) + p.a_b * battery
         elapsed = (systick_ms - start_time) & UINT32_MASK
-        flag_auto = elapsed >= time_auto
-        was_calibrated, calibrated = calibrated, elapsed >= time_start
+        flag_auto = elapsed >= p.time_auto
+        was_calibrated, calibrated = calibrated, elapsed >= p.time_start
         has_started_tone = calibrated and not was_calibrated
-        is_in_control = in_control(
-            estimates_x[5], estimates_x[6], theta_diff_thr, psi_diff_thr
-        ) and in_control(estimates_y[5], estimates_y[6], theta_diff_thr, psi_diff_thr)
-        control_mode, timer_stop = next_mode(
-            elapsed, timer_stop, is_in_control, calibrated, time_stop
-        )
-        if calibrated and elapsed - time_start >= sound_dur:
-            distance_tone_hz = tone_of(distance_cm, tone_gain)
+        if in_control(estimates_x[5], estimates_x[6], p.theta_diff_thr, p.psi_diff_thr) and (
+            in_control(estimates_y[5], estimates_y[6], p.theta_diff_thr, p.psi_diff_thr)
+        ):
+            timer_stop = elapsed
+        control_mode = CONTROL if calibrated else CALIBRATION
+        if (elapsed - timer_stop) & UINT32_MASK >= p.time_stop:
+            control_mode = STOP
+        if calibrated and elapsed - p.time_start >= p.sound_dur:
+            distance_tone_hz = tone_of(distance_cm, p.tone_gain)
 
     return ProgramState(
         x, y, estimates_x, estimates_y, control_mode, battery, distance_cm, echo_time,
@@ -481,7 +438,7 @@ class ControlProgram:
 
     def _use(self, parameters: ControllerParameters) -> None:
         self._p = ProgramConstants.of(parameters)
-        self._constants = tick_constants(self._p)
+        self._law = constants_of(self._p)
 
     def copy(self) -> ControlProgram:
         """Return a program in the same state, which goes on by itself."""
@@ -523,7 +480,7 @@ class ControlProgram:
         if self._glide.is_moving and not tasks & SAME_TICK:
             self._use(self._glide.tick())
         self.state = program_tick(
-            self._constants, self.state, as_numbers(inputs), tasks, systick_ms & UINT32_MASK
+            self._law, self._p, self.state, as_numbers(inputs), tasks, systick_ms & UINT32_MASK
         )
         return self.outputs_of(self.state)
 
@@ -585,15 +542,6 @@ def tone_of(distance_cm: int, tone_gain: int) -> int:
     if tone_gain > 0 and 0 <= distance_cm < NO_ECHO_CM:
         return max(LOWEST_TONE_HZ, tone_gain * distance_cm)
     return 0
-
-
-def tick_constants(p: Any) -> TickConstants:
-    """Return the constants of :func:`program_tick`, for a row of a table, too."""
-    return TickConstants(
-        constants_of(p), p.a_b, p.a_gc, p.theta_diff_thr, p.psi_diff_thr, p.autonomous, p.gp_max,
-        p.dst_thr, p.sonar_hold, p.time_start, p.time_auto, p.time_stop, p.sound_dur, p.tone_gain,
-        p.log_count,
-    )  # fmt: skip
 
 
 def max_motor_voltage(battery: Single) -> Single:

@@ -125,10 +125,8 @@ class _Pitch:
         )
         self._covariance -= self._offset_variance * seconds
         self._offset_variance += _DRIFT * seconds
-        if abs(self.pitch) < _FALLING:
-            self._correct()
-
-    def _correct(self) -> None:
+        if abs(self.pitch) >= _FALLING:
+            return
         innovation = self.variance + _TILT_VARIANCE
         gain, offset_gain = self.variance / innovation, self._covariance / innovation
         self._offset -= offset_gain * self.pitch

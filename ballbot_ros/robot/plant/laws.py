@@ -1,4 +1,4 @@
-"""The laws of a step that are no equations of motion: motor, battery, falls, pushes, walls.
+"""The laws of a step that are no equations of motion: motor, battery, gear play, falls, walls.
 
 In the draining model, the open-circuit voltage falls in proportion to the charge drawn (from 9.5 V
 fresh to 7 V low over the capacity), and the internal resistance drops a voltage in proportion to
@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple, Protocol
 
-from ballbot_ros.robot.arithmetic import sine_cosine
 from ballbot_ros.robot.plant.ground_truth import Pair
 from ballbot_ros.robot.plant.integration import PlaneState
 from ballbot_ros.robot.plant.model import MassMatrix, impulse_ratio
@@ -44,14 +43,6 @@ def effective_duty(duty: int, dead_zone: float) -> float:
     if duty < -dead_zone:
         return duty + dead_zone
     return 0.0
-
-
-def supply_current(duty_x: int, duty_y: int, current_x: float, current_y: float) -> float:
-    """Return the current [A] that both motors draw from the battery.
-
-    A duty [%] is the share of the time in which the motor's current [A] flows through the battery.
-    """
-    return duty_x / 100.0 * current_x + duty_y / 100.0 * current_y
 
 
 def motor_current(
@@ -111,11 +102,6 @@ def discharge(
     return charge, max(0.0, full - slope * charge - resistance * current)
 
 
-def has_fallen(psi_x: float, psi_y: float, fall_angle: float) -> bool:
-    """Return whether a pitch [rad] is not within the fall angle [rad]; NaN is not."""
-    return not (-fall_angle < psi_x < fall_angle and -fall_angle < psi_y < fall_angle)
-
-
 def state_after_fall(state: PlaneState, fall_angle: float) -> PlaneState:
     """Return the state of a fallen plane at rest, at a pitch of at most `fall_angle` [rad]."""
     return state[0], max(-fall_angle, min(fall_angle, state[1])), 0.0, 0.0
@@ -132,35 +118,6 @@ def shaft_angle(shaft: float, wheel: float, half_play: float) -> float:
     The previous angle of the shaft, the wheel's angle and half of the play are in rad.
     """
     return min(wheel + half_play, max(wheel - half_play, shaft))
-
-
-def add_push_forces(
-    force_theta: float,
-    force_psi: float,
-    force: float,
-    torque: float,
-    psi: float,
-    ball_radius: float,
-    body_height: float,
-) -> Pair:
-    """Return the generalised forces [N·m] on theta and psi, with those of a push added.
-
-    Parameters
-    ----------
-    force_theta, force_psi : float
-        The other forces [N·m].
-    force, torque : float
-        Horizontal force at the body's centre [N] and torque [N·m] of the push.
-    psi : float
-        Pitch [rad].
-    ball_radius, body_height : float
-        Rs and L [m].
-    """
-    _, cosine = sine_cosine(psi)
-    force_theta += force * ball_radius
-    force_psi += force * body_height * cosine
-    force_psi += torque
-    return force_theta, force_psi
 
 
 class Floor(Protocol):
