@@ -10,6 +10,7 @@ from ballbot_ros.engine.plant import Plant
 from ballbot_ros.engine.scenario.scenario import Segment, StickSignal
 from ballbot_ros.parameters import PLANT, Dimensions, ParameterSet, ViewerParameters
 from ballbot_ros.robot.brick.brick import DeviceInputs
+from ballbot_ros.robot.brick.schedule import Schedule
 from ballbot_ros.robot.plant.integration import (
     advance_linear,
     advance_nonlinear,
@@ -23,6 +24,11 @@ DIMENSIONS = Dimensions.from_parameters(ViewerParameters())
 AT_REST = DeviceInputs(
     gyro=(600, 600), revolutions=(0, 0), sonar_cm=255, battery_mv=8003, sticks=(0, 0)
 )
+
+
+def tick(program, elapsed_ms, systick_ms, inputs):
+    """Run the tasks of a program that are due `elapsed_ms` after the start."""
+    return program.run(Schedule(program.tasks).due(elapsed_ms), systick_ms, inputs)
 
 
 def values_of(node, **changes):

@@ -48,7 +48,6 @@ from ballbot_ros.robot.brick.brick import (
     as_numbers,
 )
 from ballbot_ros.robot.brick.job_times import JobTimes
-from ballbot_ros.robot.brick.schedule import Schedule
 from ballbot_ros.robot.plant.model import PhysicalParameters
 
 
@@ -268,7 +267,6 @@ class ControllerProgram:
         self.times = times
         times.reset()
         self.tasks = loaded.tasks
-        self._schedule = Schedule(loaded.tasks)
         self._user, self._model = parameters, model
         self._glide = Glide(settings)
         self._readings = NO_READINGS
@@ -308,10 +306,6 @@ class ControllerProgram:
         except BaseException as error:
             at = f'{self._name}.retune at {elapsed_ms / SECOND_MS:.3f} s'
             raise self._error(error, at) from None
-
-    def tick(self, elapsed_ms: int, systick_ms: int, inputs: DeviceInputs) -> DeviceOutputs:
-        """Run the tasks due `elapsed_ms` after the start on the inputs of that time."""
-        return self.run(self._schedule.due(elapsed_ms), systick_ms, inputs)
 
     def run(
         self, tasks: Sequence[str], systick_ms: int, inputs: DeviceInputs, flags: int = 0

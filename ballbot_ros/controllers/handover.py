@@ -8,7 +8,7 @@ from ballbot_ros.controllers.interface import SAME_TICK, OperatingState, PlaneEs
 from ballbot_ros.parameters import ControllerParameters
 from ballbot_ros.robot.brick.brick import UINT32_MASK, DeviceInputs, DeviceOutputs
 from ballbot_ros.robot.brick.job_times import JobTimes
-from ballbot_ros.robot.brick.schedule import TaskTiming
+from ballbot_ros.robot.brick.schedule import Schedule, TaskTiming
 
 
 class HandedOver:
@@ -25,6 +25,7 @@ class HandedOver:
 
     def __init__(self, first: Program, second: Program, at_ms: int) -> None:
         self._first, self._second, self._at_ms = first, second, at_ms
+        self._schedule = Schedule(second.tasks)
         self._start_ms: int | None = None
         self._outputs = DeviceOutputs((0, 0))
         self._in_command = first
@@ -58,25 +59,17 @@ class HandedOver:
         self._first.restart()
         self._second.restart()
 
-    def tick(self, elapsed_ms: int, systick_ms: int, inputs: DeviceInputs) -> DeviceOutputs:
-        """Run the tasks due `elapsed_ms` after the start on the inputs of that time."""
-        return self._chosen(self._first.tick(elapsed_ms, systick_ms, inputs), systick_ms, inputs, 0)
-
     def run(
         self, tasks: Sequence[str], systick_ms: int, inputs: DeviceInputs, flags: int = 0
     ) -> DeviceOutputs:
         """Run the tasks with these names, and once in a tick the second program."""
         outputs = self._first.run(tasks, systick_ms, inputs, flags)
-        return self._chosen(outputs, systick_ms, inputs, flags)
-
-    def _chosen(
-        self, outputs: DeviceOutputs, systick_ms: int, inputs: DeviceInputs, flags: int
-    ) -> DeviceOutputs:
         if self._start_ms is None:
             self._start_ms = systick_ms
         elapsed_ms = (systick_ms - self._start_ms) & UINT32_MASK
         if not flags & SAME_TICK:
-            self._outputs = self._second.tick(elapsed_ms, systick_ms, inputs)
+            due = self._schedule.due(elapsed_ms)
+            self._outputs = self._second.run(due, systick_ms, inputs)
         if elapsed_ms < self._at_ms:
             return outputs
         self._in_command = self._second

@@ -95,9 +95,6 @@ class Program(Protocol):
     def restart(self) -> None:
         """Forget all but the newest samples: STOP and RUN start the program anew."""
 
-    def tick(self, elapsed_ms: int, systick_ms: int, inputs: DeviceInputs) -> DeviceOutputs:
-        """Run the tasks due `elapsed_ms` after the start on the inputs of that time."""
-
     def run(
         self, tasks: Sequence[str], systick_ms: int, inputs: DeviceInputs, flags: int = 0
     ) -> DeviceOutputs:

@@ -32,6 +32,7 @@ from ballbot_ros.robot.brick.kernel import (
     set_duty,
 )
 from ballbot_ros.robot.brick.link import is_sending, link_of
+from ballbot_ros.robot.brick.schedule import Schedule
 from ballbot_ros.robot.random_numbers import noise_key
 
 
@@ -55,6 +56,7 @@ class BrickTasks:
         self.is_timed = is_timed(parameters)
         self.faults = fault_row(faults_of(parameters), start_ns)
         self._start_ns = self._begun_ns = start_ns
+        self._schedule: Schedule | None = None
         self._kernel: OsekKernel | None = None
         self._duties: dict[int, tuple[int, int]] = {}
         self._newest_duty = 0, 0
@@ -86,8 +88,8 @@ class BrickTasks:
         if self.is_timed:
             return self._tick(program, now_ns, inputs)
         if released is None:
-            elapsed_ms = (now_ns - self._begun_ns) // MILLISECOND_NS
-            return program.tick(elapsed_ms, systick_ms, inputs)
+            self._schedule = self._schedule or Schedule(program.tasks)
+            released = self._schedule.due((now_ns - self._begun_ns) // MILLISECOND_NS)
         return program.run(released, systick_ms, inputs)
 
     def restore_state(

@@ -3,6 +3,7 @@
 import time
 
 import numpy as np
+import parts
 import pytest
 from own_controllers import BALANCE, FAULTY, line_in_faulty
 from parts import AT_REST, values_of
@@ -33,7 +34,7 @@ def make(tmp_path, monkeypatch):
 
 
 def run(program, ticks, inputs=AT_REST):
-    return [program.tick(4 * tick, START_MS + 4 * tick, inputs) for tick in range(ticks)]
+    return [parts.tick(program, 4 * tick, START_MS + 4 * tick, inputs) for tick in range(ticks)]
 
 
 def mine(body, imports='Controller, task'):
@@ -47,11 +48,11 @@ def test_each_tick_has_the_newest_readings(make):
             ' def tick(self, r):\n  self.all.append(r)\n  return 0, 0'
         )
     )
-    program.tick(0, START_MS, AT_REST._replace(sticks=None))
+    parts.tick(program, 0, START_MS, AT_REST._replace(sticks=None))
     quiet = AT_REST._replace(gyro=(1, 2), sonar_cm=None, battery_mv=None, sticks=None)
-    program.tick(4, START_MS + 4, quiet._replace(sticks=(5, 6)))
-    program.tick(8, START_MS + 8, quiet._replace(sonar_cm=40))
-    program.tick(104, START_MS + 104, quiet._replace(sonar_cm=-1))
+    parts.tick(program, 4, START_MS + 4, quiet._replace(sticks=(5, 6)))
+    parts.tick(program, 8, START_MS + 8, quiet._replace(sonar_cm=40))
+    parts.tick(program, 104, START_MS + 104, quiet._replace(sonar_cm=-1))
     readings = program.controller.all
     assert [each.elapsed_ms for each in readings] == [0, 4, 8, 104]
     assert [each.gyro for each in readings] == [(600, 600), (1, 2), (1, 2), (1, 2)]
@@ -148,7 +149,7 @@ def test_a_mistake_is_told_in_one_line_with_its_place(make, class_name, told):
     outputs = run(program, 100)
     assert {each.duty for each in outputs} == {(0, 0)}
     with pytest.raises(ControllerError) as raised:
-        program.tick(400, START_MS + 400, AT_REST)
+        parts.tick(program, 400, START_MS + 400, AT_REST)
     words = str(raised.value)
     assert told in words
     assert '\n' not in words
@@ -198,10 +199,10 @@ def test_the_controller_on_the_page_is_symmetric_and_still_at_rest(make):
     program = make(BALANCE, 'Balance')
     assert {each.duty for each in run(program, 500)} == {(0, 0)}
     leans = AT_REST._replace(gyro=(610, 600))
-    (one,) = {program.tick(2000, START_MS + 2000, leans).duty}
+    (one,) = {parts.tick(program, 2000, START_MS + 2000, leans).duty}
     other = make(BALANCE, 'Balance')
     run(other, 500)
-    swapped = other.tick(2000, START_MS + 2000, leans._replace(gyro=(600, 610))).duty
+    swapped = parts.tick(other, 2000, START_MS + 2000, leans._replace(gyro=(600, 610))).duty
     assert one == swapped[::-1]
     assert one[0] > 0
 

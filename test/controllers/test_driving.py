@@ -3,6 +3,7 @@
 from itertools import pairwise
 from typing import NamedTuple
 
+import parts
 import pytest
 from parts import AT_REST
 
@@ -134,7 +135,7 @@ def test_they_log_and_show_as_the_documents_program_does():
         parameters.set(CONTROLLER, 'implementation', name)
         compose_controller(parameters)
         program = implementation_for(parameters.of(ControllerParameters)).make()
-        outputs = [program.tick(4 * n, 4 * n, AT_REST) for n in range(500)]
+        outputs = [parts.tick(program, 4 * n, 4 * n, AT_REST) for n in range(500)]
         assert [n for n, each in enumerate(outputs) if each.pages] == [0, 125, 250, 375], name
         logged = [n for n, each in enumerate(outputs) if each.log]
         assert {after - before for before, after in pairwise(logged)} == {25}, name

@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+import parts
 import pytest
 
 from ballbot_ros.controllers.document.program import ControlProgram
@@ -35,7 +36,8 @@ def test_every_tick_equals_the_generated_c(path):
         # The brick answers a request with the sample of the previous request, the golden data with
         # that of the same tick.
         program.state = program.state._replace(sonar_reply=data['in_sonar_cm'][n])
-        outputs = program.tick(
+        outputs = parts.tick(
+            program,
             4 * n,
             data['in_systick_ms'][n],
             DeviceInputs(

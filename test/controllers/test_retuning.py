@@ -4,6 +4,7 @@ import math
 from functools import cache
 from pathlib import Path
 
+import parts
 import pytest
 from own_controllers import BALANCE
 from pushes import pushes
@@ -75,7 +76,7 @@ class Robot:
         inputs = inputs._replace(
             **dict.fromkeys(('battery_mv', 'sonar_cm', 'sticks')) if self.now_ms % 20 else {}
         )
-        outputs = self.program.tick(self.now_ms, 1000 + self.now_ms, inputs)
+        outputs = parts.tick(self.program, self.now_ms, 1000 + self.now_ms, inputs)
         self.now_ms += 4
         return outputs.duty
 
@@ -135,10 +136,10 @@ def test_nothing_of_the_old_gains_remains(controller):
     for tick in range(GLIDE_TICKS):
         at_rest = inputs._replace(revolutions=(0, 0))
         for program in (tuned, fresh):
-            program.tick(4 * tick, 1000 + 4 * tick, at_rest)
+            parts.tick(program, 4 * tick, 1000 + 4 * tick, at_rest)
     for tick in range(GLIDE_TICKS, 2 * GLIDE_TICKS + 100):
         found, expected = (
-            program.tick(4 * tick, 1000 + 4 * tick, inputs) for program in (tuned, fresh)
+            parts.tick(program, 4 * tick, 1000 + 4 * tick, inputs) for program in (tuned, fresh)
         )
         assert found == expected
     assert found.duty != (0, 0)

@@ -1,6 +1,7 @@
 """The control program's states, commands, log and sound, with synthetic device inputs."""
 
 import numpy as np
+import parts
 import pytest
 from parts import values_of
 
@@ -31,8 +32,11 @@ class Clock:
         """Return the outputs of the ticks up to and including `until_ms`, by their time."""
         outputs = {}
         while self.elapsed_ms <= until_ms:
-            outputs[self.elapsed_ms] = self.program.tick(
-                self.elapsed_ms, self._systick_ms + self.elapsed_ms, AT_REST._replace(**inputs)
+            outputs[self.elapsed_ms] = parts.tick(
+                self.program,
+                self.elapsed_ms,
+                self._systick_ms + self.elapsed_ms,
+                AT_REST._replace(**inputs),
             )
             self.elapsed_ms += 4
         return outputs

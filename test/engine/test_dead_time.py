@@ -48,9 +48,10 @@ class ShiftedDuties:
 
     def __init__(self, program, ticks):
         self.program, self.late = program, deque([(0, 0)] * ticks)
+        self.tasks = program.tasks
 
-    def tick(self, elapsed_ms, systick_ms, inputs):
-        outputs = self.program.tick(elapsed_ms, systick_ms, inputs)
+    def run(self, tasks, systick_ms, inputs):
+        outputs = self.program.run(tasks, systick_ms, inputs)
         self.late.append(outputs.duty)
         return replace(outputs, duty=self.late.popleft())
 
@@ -60,12 +61,13 @@ class ShiftedSamples:
 
     def __init__(self, program, ticks):
         self.program, self.late = program, deque([((600, 600), (0, 0))] * ticks)
+        self.tasks = program.tasks
 
-    def tick(self, elapsed_ms, systick_ms, inputs):
+    def run(self, tasks, systick_ms, inputs):
         self.late.append((inputs.gyro, inputs.revolutions))
         gyro, revolutions = self.late.popleft()
         inputs = inputs._replace(gyro=gyro, revolutions=revolutions)
-        return self.program.tick(elapsed_ms, systick_ms, inputs)
+        return self.program.run(tasks, systick_ms, inputs)
 
 
 def shifted_loop(settings, shifted, ticks):

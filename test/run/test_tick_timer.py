@@ -4,6 +4,7 @@ import signal
 import threading
 from types import SimpleNamespace
 
+import parts
 import pytest
 from parts import AT_REST
 
@@ -65,7 +66,7 @@ def ticks(tmp_path, monkeypatch, machine):
         machine.way = way
         with TickTimer(loaded, PlantParameters(**plant), stop):
             for tick, machine.wall_s in enumerate(walls_s):
-                program.tick(4 * tick, 4 * tick, AT_REST)
+                parts.tick(program, 4 * tick, 4 * tick, AT_REST)
 
     return ticks
 

@@ -27,7 +27,7 @@ from ballbot_ros.errors import CodegenError
 from ballbot_ros.parameters import ControllerParameters
 from ballbot_ros.robot.brick.brick import Brick, DeviceInputs, DeviceOutputs, Tone
 from ballbot_ros.robot.brick.job_times import JobTimes
-from ballbot_ros.robot.brick.schedule import Schedule, TaskTiming
+from ballbot_ros.robot.brick.schedule import TaskTiming
 
 MAX_DUE = 8
 _REQUEST = struct.Struct(f'<IiiiHHHBbbB{MAX_DUE}s2x')
@@ -183,7 +183,6 @@ class CompiledProgram:
         self._exchange = exchange
         self._autonomous = autonomous
         self.tasks = tasks
-        self._schedule = Schedule(tasks)
         self._numbers = {timing.name: number for number, timing in enumerate(tasks)}
         self.brick = Brick()
         self.x = self.y = Estimates(*[0.0] * len(fields(Estimates)))
@@ -201,10 +200,6 @@ class CompiledProgram:
 
     def restart(self) -> None:
         """Do nothing: task_init, which runs first, leaves nothing of what was before."""
-
-    def tick(self, elapsed_ms: int, systick_ms: int, inputs: DeviceInputs) -> DeviceOutputs:
-        """Run the tasks due `elapsed_ms` after the start; see :meth:`run`."""
-        return self.run(self._schedule.due(elapsed_ms), systick_ms, inputs)
 
     def run(
         self, tasks: Sequence[str], systick_ms: int, inputs: DeviceInputs, flags: int = 0

@@ -146,13 +146,15 @@ def compare(
         If the compiled program has ended.
     """
     python = ControlProgram(parameters)
+    schedule = Schedule(python.tasks)
     ticks = 0
     # Suppress warnings: a battery far below its range gives a motor voltage of zero, so infinities
     # are part of the test.
     with np.errstate(all='ignore'):
         for step in steps:
-            expected = python.tick(*step)
-            outputs = compiled.tick(*step)
+            due = schedule.due(step.elapsed_ms)
+            expected = python.run(due, step.systick_ms, step.inputs)
+            outputs = compiled.run(due, step.systick_ms, step.inputs)
             ticks += 1
             state = state_bytes(python)
             if outputs != expected or members(compiled.state) != state:

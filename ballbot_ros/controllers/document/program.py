@@ -137,20 +137,6 @@ DUTY_TASK, BUS_TASK = TASK_NUMBERS['task_ts1'], TASK_NUMBERS['task_ts2']
 """Those that set the duty and read the sonar."""
 
 
-def tasks_due(elapsed_ms: int, ts2_period: int, ts3_period: int) -> int:
-    """Return the tasks due `elapsed_ms` after the start, as bits."""
-    tasks = TS1
-    if elapsed_ms == 0:
-        tasks |= INIT
-    if elapsed_ms % ts2_period == 0:
-        tasks |= TS2
-    if elapsed_ms % ts3_period == 0:
-        tasks |= TS3
-    if elapsed_ms % LCD_MS == 0:
-        tasks |= LCD
-    return tasks
-
-
 class ProgramState(NamedTuple):
     """Everything in the program and its devices that changes with time.
 
@@ -458,31 +444,23 @@ class ControlProgram:
     def restart(self) -> None:
         """Do nothing: task_init, which runs first, leaves nothing of what was before."""
 
-    def tick(self, elapsed_ms: int, systick_ms: int, inputs: DeviceInputs) -> DeviceOutputs:
-        """Run the tasks due `elapsed_ms` after the start on the inputs of that time."""
-        tasks = tasks_due(elapsed_ms, self._p.ts2_period, self._p.ts3_period)
-        return self._run(tasks, systick_ms, inputs)
-
     def run(
         self, tasks: Sequence[str], systick_ms: int, inputs: DeviceInputs, flags: int = 0
     ) -> DeviceOutputs:
         """Run `tasks` on the inputs of a tick, by priority."""
         for name in tasks:
             flags |= TASK_BITS[name]
-        return self._run(flags, systick_ms, inputs)
+        if self._glide.is_moving and not flags & SAME_TICK:
+            self._use(self._glide.tick())
+        self.state = program_tick(
+            self._law, self._p, self.state, as_numbers(inputs), flags, systick_ms & UINT32_MASK
+        )
+        return self.outputs_of(self.state)
 
     def job_time(self, task: str, outputs: DeviceOutputs, times: JobTimes) -> float:
         """Return how long the job takes that has just run [µs]."""
         number, mode = TASK_NUMBERS[task], self.state.control_mode
         return job_time(times, number, mode, bool(outputs.log), bool(outputs.tones))
-
-    def _run(self, tasks: int, systick_ms: int, inputs: DeviceInputs) -> DeviceOutputs:
-        if self._glide.is_moving and not tasks & SAME_TICK:
-            self._use(self._glide.tick())
-        self.state = program_tick(
-            self._law, self._p, self.state, as_numbers(inputs), tasks, systick_ms & UINT32_MASK
-        )
-        return self.outputs_of(self.state)
 
     def outputs_of(self, state: ProgramState) -> DeviceOutputs:
         """Return the outputs of the tick after which the program has a state."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from typing import NamedTuple
 
@@ -26,11 +27,16 @@ class Schedule:
 
     def __init__(self, tasks: Iterable[TaskTiming]) -> None:
         self.tasks = sorted(tasks, key=lambda task: -task.priority)
+        self._cycle_ms = math.lcm(*(task.period_ms or 1 for task in self.tasks))
+        self._due: dict[int, list[str]] = {}
 
     def due(self, elapsed_ms: int) -> list[str]:
         """Return the names of the tasks due `elapsed_ms` after the start, by priority."""
-        return [
-            name
-            for name, _, period_ms in self.tasks
-            if (elapsed_ms % period_ms == 0 if period_ms else elapsed_ms == 0)
-        ]
+        at = elapsed_ms % self._cycle_ms if elapsed_ms else -1
+        if at not in self._due:
+            self._due[at] = [
+                name
+                for name, _, period_ms in self.tasks
+                if (elapsed_ms % period_ms == 0 if period_ms else elapsed_ms == 0)
+            ]
+        return self._due[at]

@@ -5,6 +5,7 @@ import os
 import signal
 from pathlib import Path
 
+import parts
 import pytest
 from generated import need
 from parts import AT_REST, values_of
@@ -37,7 +38,7 @@ def test_each_program_starts_from_the_initial_state_and_ends_with_its_owner(targ
         assert program.operating_state == 'calibration'
         states = []
         for elapsed_ms in range(0, 12, 4):
-            program.tick(elapsed_ms, 1000 + elapsed_ms, AT_REST)
+            parts.tick(program, elapsed_ms, 1000 + elapsed_ms, AT_REST)
             states.append(program.operating_state)
         assert states == ['backward'] * 3  # the sonar has not answered yet
         assert len(own_children() - before) == 1
@@ -51,18 +52,18 @@ def test_a_program_that_dies_is_reported(target):
     make = implementation_for(values_of(CONTROLLER, implementation=target)).make
     before = own_children()
     program = make()
-    program.tick(0, 1000, AT_REST)
+    parts.tick(program, 0, 1000, AT_REST)
     [pid] = own_children() - before
     os.kill(pid, signal.SIGKILL)
     with pytest.raises(CodegenError, match='the compiled controller ended with status -9'):
-        program.tick(4, 1004, AT_REST)
+        parts.tick(program, 4, 1004, AT_REST)
 
 
 def test_a_value_that_no_device_gives_is_refused():
     need('c')
     program = implementation_for(values_of(CONTROLLER, implementation='c')).make()
     with pytest.raises(CodegenError, match="a reading is out of its device's range"):
-        program.tick(0, 1000, AT_REST._replace(battery_mv=70000))
+        parts.tick(program, 0, 1000, AT_REST._replace(battery_mv=70000))
 
 
 @pytest.mark.parametrize('implementation', ['python', 'c'])
