@@ -117,7 +117,10 @@ _MOST_HINTS = 3
 def similar(name: str, known: Iterable[str], prefix: str = '') -> str:
     """Return the `known` names most similar to `name`, as in ``a or b``, each after `prefix`."""
     likeness = {each: _likeness(name, each) for each in sorted(known)}
-    alike = [each for each in likeness if _may_be_meant(name, each, likeness[each])]
+    # At most one letter in three is wrong, or `name` is the beginning.
+    alike = [
+        each for each in likeness if likeness[each] >= 2 / 3 or (name and each.startswith(name))
+    ]
     best = sorted(alike, key=likeness.__getitem__, reverse=True)[:_MOST_HINTS]
     return ' or '.join(prefix + each for each in best)
 
@@ -132,8 +135,3 @@ def _likeness(name: str, known: str) -> float:
     """Return the part of the longer name's letters that both have in the same order, 0 … 1."""
     blocks = SequenceMatcher(None, name, known, autojunk=False).get_matching_blocks()
     return sum(block.size for block in blocks) / max(len(name), len(known))
-
-
-def _may_be_meant(name: str, known: str, likeness: float) -> bool:
-    """Tell whether at most one letter in three is wrong, or `name` is the beginning of `known`."""
-    return likeness >= 2 / 3 or (name != '' and known.startswith(name))

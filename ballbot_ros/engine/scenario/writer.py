@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import asdict
 from typing import Any, cast
 
@@ -18,7 +18,6 @@ from ballbot_ros.parameters import (
     CONTROLLER,
     PLANT,
     ControllerParameters,
-    ParameterSet,
     PlantParameters,
 )
 from ballbot_ros.parameters.yaml_document import parse_value
@@ -44,11 +43,9 @@ def scenario_data(scenario: Scenario, plant: PlantParameters | None = None) -> d
     data = cast('dict[str, Any]', parse_value(scenario.text))
     if 'map' in data:
         data['map'] = scenario.parameters.of(PlantParameters).map
-    if 'parameters' in data:
-        data['parameters'] = {
-            node: _with_absolute_path(node, values, scenario.parameters)
-            for node, values in data['parameters'].items()
-        }
+    for node, values in data.get('parameters', {}).items():
+        if node in (CONTROLLER, _EVERY_NODE) and 'implementation' in values:
+            values['implementation'] = scenario.parameters.of(ControllerParameters).implementation
     if plant is not None:
         _set_plant(data, scenario.parameters.of(PlantParameters), plant)
     sticks = {'vertical': scenario.vertical, 'horizontal': scenario.horizontal}
@@ -77,15 +74,6 @@ def _set_plant(data: dict[str, Any], before: PlantParameters, plant: PlantParame
     # The last node prevails, also over the scenario's other keys.
     names = dict.fromkeys((*nodes.pop(PLANT, {}), *changed))
     data['parameters'] = {**nodes, PLANT: {name: new[name] for name in names}}
-
-
-def _with_absolute_path(
-    node: str, values: Mapping[str, object], parameters: ParameterSet
-) -> dict[str, object]:
-    changed = dict(values)
-    if node in (CONTROLLER, _EVERY_NODE) and 'implementation' in changed:
-        changed['implementation'] = parameters.of(ControllerParameters).implementation
-    return changed
 
 
 def _signal(signal: StickSignal) -> list[dict[str, object]]:

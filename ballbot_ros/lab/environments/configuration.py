@@ -17,7 +17,7 @@ import numpy as np
 from ballbot_ros.controllers.codegen.implementation import check_load
 from ballbot_ros.controllers.controller import TICK
 from ballbot_ros.engine.scenario.reader import IDEAL, load_profile
-from ballbot_ros.engine.scenario.scenario import Scenario, Segment, StickSignal
+from ballbot_ros.engine.scenario.scenario import Segment, StickSignal
 from ballbot_ros.errors import EnvironmentConfigurationError, short_repr
 from ballbot_ros.parameters import (
     CONTROLLER,
@@ -174,15 +174,8 @@ def _checked(time_s: float, x: int, y: int) -> SpeedCommand:
     return SpeedCommand(float(time_s), int(x), int(y))
 
 
-def commanded_scenario(commands: Commands, release_s: float) -> Scenario:
-    """Return the sticks that give the commands; the robot is released at `release_s` [s]."""
-    return Scenario(
-        vertical=_signal(((each.time_s, -each.x_percent) for each in commands), release_s),
-        horizontal=_signal(((each.time_s, each.y_percent) for each in commands), release_s),
-    )
-
-
-def _signal(values: Iterable[tuple[float, int]], release_s: float) -> StickSignal:
+def stick_signal(values: Iterable[tuple[float, int]], release_s: float) -> StickSignal:
+    """Return the signal of times from the release on [s] and values; each lasts until the next."""
     points = [(release_s + time, value) for time, value in values]
     times = [time for time, _ in points] + [math.inf]
     return StickSignal(

@@ -24,12 +24,12 @@ from ballbot_ros.lab.environments.configuration import (
     check_hold,
     check_step,
     checked_commands,
-    commanded_scenario,
     fingerprint,
     parameters_of_environment,
     random_commands,
     release_s,
     steps_of,
+    stick_signal,
 )
 from ballbot_ros.parameters import (
     GYRO,
@@ -288,7 +288,11 @@ class Setup:
 
     def scenario(self, start: Start) -> Scenario:
         """Return the sticks that give the commands of an episode."""
-        return commanded_scenario(start.commands, release_s(self.settings))
+        commands, release = start.commands, release_s(self.settings)
+        return Scenario(
+            vertical=stick_signal(((each.time_s, -each.x_percent) for each in commands), release),
+            horizontal=stick_signal(((each.time_s, each.y_percent) for each in commands), release),
+        )
 
 
 def checked_action(action: object) -> list[float]:

@@ -19,10 +19,10 @@ from ballbot_ros.controllers.codegen.application import (
     write_times,
 )
 from ballbot_ros.controllers.document.axis import TS1_MS, ProgramConstants
-from ballbot_ros.controllers.document.program import TASK_BITS, tasks_due
 from ballbot_ros.errors import CodegenError
 from ballbot_ros.parameters import CONTROLLER, ControllerParameters
 from ballbot_ros.parameters.files import read_parameter_file
+from ballbot_ros.robot.brick.schedule import Schedule
 
 VALUES = values_of(CONTROLLER)
 TASKS = ProgramConstants.of(VALUES).tasks
@@ -40,8 +40,7 @@ def constants(values):
 
 def tasks_run(values, elapsed_ms):
     """Return the names of the tasks that the program runs at a tick, in order."""
-    tasks = tasks_due(elapsed_ms, values.ts2_period, values.ts3_period)
-    return [name for name, bit in TASK_BITS.items() if tasks & bit]
+    return Schedule(ProgramConstants.of(values).tasks).due(elapsed_ms)
 
 
 def test_the_same_parameters_give_the_same_bytes(tmp_path):
