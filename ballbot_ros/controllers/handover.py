@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ballbot_ros.controllers.interface import SAME_TICK, OperatingState, PlaneEstimates, Program
+from ballbot_ros.controllers.interface import SAME_TICK, PlaneEstimates, Program
 from ballbot_ros.parameters import ControllerParameters
 from ballbot_ros.robot.brick.brick import UINT32_MASK, DeviceInputs, DeviceOutputs
 from ballbot_ros.robot.brick.job_times import JobTimes
-from ballbot_ros.robot.brick.schedule import Schedule, TaskTiming
+from ballbot_ros.robot.brick.schedule import Schedule
 
 
 class HandedOver:
@@ -28,27 +28,13 @@ class HandedOver:
         self._schedule = Schedule(second.tasks)
         self._start_ms: int | None = None
         self._outputs = DeviceOutputs((0, 0))
-        self._in_command = first
+        self.tasks = first.tasks
+        self._publish(first)
 
-    @property
-    def x(self) -> PlaneEstimates:
-        """Plane x."""
-        return self._in_command.x
-
-    @property
-    def y(self) -> PlaneEstimates:
-        """Plane y."""
-        return self._in_command.y
-
-    @property
-    def operating_state(self) -> OperatingState:
-        """The state of figure 7-1."""
-        return self._in_command.operating_state
-
-    @property
-    def tasks(self) -> Sequence[TaskTiming]:
-        """The tasks of the first program."""
-        return self._first.tasks
+    def _publish(self, in_command: Program) -> None:
+        self.x: PlaneEstimates = in_command.x
+        self.y: PlaneEstimates = in_command.y
+        self.operating_state = in_command.operating_state
 
     def retune(self, parameters: ControllerParameters) -> None:
         """Let the first program take over parameters."""
@@ -70,10 +56,9 @@ class HandedOver:
         if not flags & SAME_TICK:
             due = self._schedule.due(elapsed_ms)
             self._outputs = self._second.run(due, systick_ms, inputs)
-        if elapsed_ms < self._at_ms:
-            return outputs
-        self._in_command = self._second
-        return self._outputs
+        is_first = elapsed_ms < self._at_ms
+        self._publish(self._first if is_first else self._second)
+        return outputs if is_first else self._outputs
 
     def job_time(self, task: str, outputs: DeviceOutputs, times: JobTimes) -> float:
         """Return how long the job of the first program takes that has just run [µs]."""

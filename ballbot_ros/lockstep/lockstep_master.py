@@ -285,6 +285,6 @@ class LockstepMaster(RunMaster):
         self._recorder.leave()
         reason = self._participants.roster.reported_failure(RECORDER)
         text = f'the recorder has left the run{reason and ": "}{reason}'
-        self._act(do.Log(text, do.Severity.WARNING))
+        self._act(do.Log(text, is_warning=True))
         self._advance()
         return True

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from enum import Enum, auto
 from itertools import islice
 from typing import Any, NamedTuple
 
@@ -78,13 +77,6 @@ def changes_text(changes: Iterable[ParameterChange]) -> str:
     """Return the first changes of a run on one line; '' if there are none."""
     listed = [str(each) for each in islice(changes, _MAX_LISTED + 1)]
     return '; '.join([*listed[:_MAX_LISTED], *('…' for _ in listed[_MAX_LISTED:])])
-
-
-class Severity(Enum):
-    """Log level of a message."""
-
-    INFO = auto()
-    WARNING = auto()
 
 
 @dataclass(frozen=True)
@@ -160,10 +152,10 @@ class StopMotors:
 
 @dataclass(frozen=True)
 class Log:
-    """Write a line to the log; if throttled, at most one such line a second."""
+    """Write a line to the log; of throttled warnings, at most one a second."""
 
     text: str
-    severity: Severity = Severity.INFO
+    is_warning: bool = False
     is_throttled: bool = False
 
 

@@ -209,13 +209,13 @@ class RunMaster(ABC):
             self._note_early(self._topics.duty, stamp_ns)
         elif duty is None:
             text = f'{self._topics.duty}: duty ignored: not whole numbers within -100 … 100 %'
-            self._act(do.Log(text, do.Severity.WARNING))
+            self._act(do.Log(text, is_warning=True))
         elif duty.delay_ns and not self._plant.constants.has_late_duties:
             text = (
                 f'{self._topics.duty}: duty ignored: vector.z is {duty.delay_ns / 1e9:g} s, which '
                 'takes plant_sim.kernel or plant_sim.link'
             )
-            self._act(do.Log(text, do.Severity.WARNING))
+            self._act(do.Log(text, is_warning=True))
         else:
             self._take_duty(stamp_ns, duty, data, is_stop=is_stop)
 
@@ -243,7 +243,7 @@ class RunMaster(ABC):
             problem = f'{MAX_PUSHES} pushes are already active or pending'
         if problem:
             text = f'{self._topics.push}: push ignored: {problem}'
-            self._act(do.Log(text, do.Severity.WARNING, is_throttled=True))
+            self._act(do.Log(text, is_warning=True, is_throttled=True))
         else:
             self._external_pushes.append(push)
             self._push(push)

@@ -23,7 +23,6 @@ from ballbot_ros.lockstep.run_actions import (
     Log,
     PublishStatus,
     RunSummary,
-    Severity,
 )
 from ballbot_ros.parameters import (
     CONTROLLER,
@@ -135,7 +134,7 @@ class RunParticipants:
         participant, objection = announcement.participant, announcement.objection
         if participant.role not in NODES:
             text = f'{participant} announces {participant.role!r}, which is not a role'
-            self._act(Log(text, Severity.WARNING, is_throttled=True))
+            self._act(Log(text, is_warning=True, is_throttled=True))
         if objection and objection.topic and not self._is_lockstep:
             # Drop the objection: in free-running mode, a sample may have served to answer two
             # ticks.

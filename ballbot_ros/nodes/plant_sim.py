@@ -170,7 +170,7 @@ class PlantActions:
 
     def _log(self, action: do.Log) -> None:
         logger = self._node.get_logger()
-        if action.severity is do.Severity.INFO:
+        if not action.is_warning:
             logger.info(action.text)
         elif action.is_throttled:
             logger.warning(action.text, throttle_duration_sec=1.0)

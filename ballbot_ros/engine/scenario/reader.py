@@ -272,16 +272,12 @@ class ScenarioReader(ExpectationReader):
             pushes=tuple(self._pushes(data.get('pushes', []), duration)),
             faults=self._faults(data, duration),
             expectations=tuple(self._expectations(data.get('expectations', {}), plant)),
-            text=self._text(data, profile),
+            text=yaml_text({**data, 'profile': profile})
+            if profile is not None
+            else read_text(self._document.path),
         )
         properties = self._properties(data.get('properties', {}), plant, scenario.events)
         return replace(scenario, properties=properties)
-
-    def _text(self, data: Mapping[str, object], profile: str | None) -> str:
-        """Return the file's text; if `profile` is given, it replaces the one in the file."""
-        if profile is None:
-            return read_text(self._document.path)
-        return yaml_text({**data, 'profile': profile})
 
     def _parameters(self, data: Mapping[str, object], profile: str | None) -> ParameterSet:
         try:

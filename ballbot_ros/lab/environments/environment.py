@@ -78,7 +78,7 @@ class BallbotEnv(gymnasium.Env[Floats, NDArray[np.float32]]):
             raise EnvironmentConfigurationError(f"render_mode: {mode} is not None or 'rgb_array'")
         self.render_mode = render_mode
         self._painter: Painter | None = None
-        setup = Setup.of(self.task, observation, step_ms, duration, profile, parameters)
+        setup = Setup(self.task, observation, step_ms, duration, profile, parameters)
         self._setup, self.step_ms, self.duration = setup, setup.step_ms, setup.duration
         self.metadata = {**self.metadata, 'render_fps': 1000 // self.step_ms}
         self.state_names = tuple(each.name for each in setup.state_components)

@@ -85,7 +85,7 @@ class EnvironmentState:
 
 def compile_moves() -> None:
     """Compile the code that moves robots, and keep it."""
-    MovedRobots(Setup.of(BALANCE, DEVICES_OBSERVED, TICK_MS, None, None, None), 1).move()
+    MovedRobots(Setup(BALANCE, DEVICES_OBSERVED, TICK_MS, None, None, None), 1).move()
 
 
 def has_compiled_code() -> bool:

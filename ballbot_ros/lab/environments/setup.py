@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -91,7 +90,6 @@ def pair(name: str, bound: float) -> tuple[Component, Component]:
     return Component(name.format('x'), -bound, bound), Component(name.format('y'), -bound, bound)
 
 
-@dataclass(frozen=True)
 class Setup:
     """An environment's arguments, checked, and what follows from them.
 
@@ -107,23 +105,15 @@ class Setup:
         Those that all episodes have.
     """
 
-    task: Task
-    observes_state: bool
-    step_ms: int
-    steps: int
-    duration: float
-    parameters: ParameterSet
-
-    @classmethod
-    def of(
-        cls,
+    def __init__(
+        self,
         task: Task,
         observation: object,
         step_ms: int,
         duration: float | None,
         profile: str | None,
         parameters: Parameters | None,
-    ) -> Setup:
+    ) -> None:
         """Check the arguments of :class:`~ballbot_ros.lab.environments.environment.BallbotEnv`.
 
         Raises
@@ -135,14 +125,14 @@ class Setup:
             raise EnvironmentConfigurationError(
                 f'observation: {short_repr(observation)} is not {" or ".join(OBSERVATIONS)}'
             )
-        step = check_step(step_ms)
+        self.task, self.observes_state = task, observation == STATE
+        self.step_ms = check_step(step_ms)
         given = task.duration if duration is None else duration
-        steps = steps_of(given, step)
-        values = parameters_of_environment(profile, parameters)
-        check_hold(values)
-        check_rays(values.of(SonarParameters))
-        World.of(values.of(PlantParameters))
-        return cls(task, observation == STATE, step, steps, float(given), values)
+        self.steps, self.duration = steps_of(given, self.step_ms), float(given)
+        self.parameters = parameters_of_environment(profile, parameters)
+        check_hold(self.parameters)
+        check_rays(self.parameters.of(SonarParameters))
+        World.of(self.parameters.of(PlantParameters))
 
     @cached_property
     def settings(self) -> ControllerParameters:

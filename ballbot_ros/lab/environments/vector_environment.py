@@ -74,9 +74,7 @@ class BallbotVectorEnv(VectorEnv[Floats, Any, NDArray[Any]]):
                 "or vectorization_mode='sync'"
             )
         self.render_mode = None
-        setup = self._setup = Setup.of(
-            self.task, observation, step_ms, duration, profile, parameters
-        )
+        setup = self._setup = Setup(self.task, observation, step_ms, duration, profile, parameters)
         self.metadata = {'render_modes': [], 'autoreset_mode': self._mode}
         self.single_observation_space = setup.space
         self.single_action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
