@@ -30,7 +30,7 @@ FILES = {
 # Exact, or rounded alike everywhere: square roots, absolute values, comparisons, integers.
 ALLOWED_MATH = {
     'copysign', 'degrees', 'floor', 'ceil', 'frexp', 'inf', 'isfinite', 'isinf', 'isnan', 'nan',
-    'pi', 'radians', 'sqrt',
+    'lcm', 'pi', 'radians', 'sqrt',
 }  # fmt: skip
 ALLOWED_NUMPY = {
     # types and constants
@@ -40,7 +40,7 @@ ALLOWED_NUMPY = {
     'append', 'arange', 'array', 'asarray', 'ascontiguousarray', 'column_stack', 'concatenate',
     'empty', 'equal',
     'flatnonzero', 'frombuffer', 'full', 'generic', 'isin', 'load', 'ravel', 'repeat', 'savez',
-    'searchsorted', 'transpose', 'void', 'where', 'zeros',
+    'searchsorted', 'transpose', 'unique', 'void', 'where', 'zeros',
     # whole numbers
     'argmax', 'argmin', 'isfinite', 'unravel_index',
     # one number by one, in their order
