@@ -31,6 +31,14 @@ def tick(program, elapsed_ms, systick_ms, inputs):
     return program.run(Schedule(program.tasks).due(elapsed_ms), systick_ms, inputs)
 
 
+def sampled(device, parameters):
+    """Return the function that measures a device's quantity of the sample at a tick."""
+    age_of = device.age_of(parameters)
+    if not device.longest_delay(parameters):
+        return device.measured
+    return lambda truth: device.measured_of(truth.steps, *age_of(truth.stamp_ns))
+
+
 def values_of(node, **changes):
     parameters = ParameterSet()
     for name, value in changes.items():

@@ -9,6 +9,7 @@ import random
 from dataclasses import asdict
 from functools import partial
 
+import parts
 from lockstep_world import DRIVERS, ROLES, LockstepWorld, data_of
 
 from ballbot_ros.controllers.document.axis import task_timings
@@ -229,7 +230,7 @@ class RobotWorld(LockstepWorld):
     def _make_device(self, messages):
         device = messages.device
         parameters = self.parameter_set.of(device.parameters)
-        read, sampled = device.make(parameters), device.sampled(parameters)
+        read, sampled = device.make(parameters), parts.sampled(device, parameters)
         return self._driver(
             messages.sample.publisher,
             messages.sample,

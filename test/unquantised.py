@@ -11,6 +11,7 @@ from collections.abc import Iterable
 from typing import Any, NamedTuple, TypeAlias, cast
 
 import numpy as np
+import parts
 
 from ballbot_ros.controllers.document import axis
 from ballbot_ros.controllers.document.axis import ProgramConstants, Single
@@ -75,7 +76,7 @@ def run_unquantised(
         plant.push(push)
     devices: tuple[AnyDevice, ...] = (GYRO_DEVICE, ENCODER_DEVICE)
     plant.keep_steps(max(each.longest_delay(parameters.of(each.parameters)) for each in devices))
-    measures = [device.sampled(parameters.of(device.parameters)) for device in devices]
+    measures = [parts.sampled(device, parameters.of(device.parameters)) for device in devices]
     gains, *others = axis.constants_of(ProgramConstants.of(parameters.of(ControllerParameters)))
     constants = cast(axis.Constants, (tuple(map(number, gains)), *map(number, others)))
     volts = max_motor_voltage(_single(number, battery_mv(plant_values.battery_voltage)))

@@ -386,15 +386,6 @@ class Device(Generic[P, Reading]):
 
         return age
 
-    def sampled(
-        self, parameters: P, start_ns: int = FIRST_TICK_NS
-    ) -> Callable[[GroundTruth], Pair]:
-        """Return the function that measures the quantity of the sample at a tick."""
-        age_of = self.age_of(parameters, start_ns)
-        if not self.longest_delay(parameters):
-            return self.measured
-        return lambda truth: self.measured_of(truth.steps, *age_of(truth.stamp_ns))
-
     def measured_of(self, steps: tuple[float, ...], ages: tuple[int, int], share: float) -> Pair:
         """Return the quantity at ages as in :meth:`age_of`, of steps as in `GroundTruth`."""
         x, y = self._measured_at(steps, ages[0], share)

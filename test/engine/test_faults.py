@@ -1,6 +1,7 @@
 """Every pair of component and type: it changes what its component does, or is refused."""
 
 import numpy as np
+import parts
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -210,7 +211,7 @@ def test_drivers_read_what_the_closed_loop_samples(device):
     expected = ticks_with(faults)
     node = parameters.of(device.parameters)
     row = fault_row(faults_of(node), FIRST_TICK_NS)
-    read, sampled = device.reader(node, row), device.sampled(node)
+    read, sampled = device.reader(node, row), parts.sampled(device, node)
     for tick in expected:
         if tick.truth.stamp_ns % device.period_ns == 0:
             found = read(sampled(tick.truth), tick.truth.stamp_ns)

@@ -169,10 +169,9 @@ class SampledLoop:
         self.a, self.b = transition[:, :n], transition[:, n:]
         self.c, self.d = duty[:n], duty[n:]
 
-    def closed(self, gain: float = 1.0) -> tuple[Matrix, Matrix]:
-        """Return the matrices (n, n) and (n, 5) of the loop closed by `gain` times the duty."""
-        applied = gain * self.b[:, :1]
-        return self.a + applied * self.c, self.b + applied * self.d
+    def closed(self) -> tuple[Matrix, Matrix]:
+        """Return the matrices (n, n) and (n, 5) of the loop closed by the duty."""
+        return self.a + self.b[:, :1] * self.c, self.b + self.b[:, :1] * self.d
 
     def poles(self, gain: ArrayLike = 1.0) -> NDArray[np.complex128]:
         """Return the poles of the loop closed by `gain` times the duty, in the z plane.

@@ -2,6 +2,7 @@
 
 from collections import defaultdict
 
+import parts
 import pytest
 from parts import make_plant, run_plant
 
@@ -68,7 +69,7 @@ def test_a_driver_answers_the_steps_if_its_samples_have_a_dead_time(messages):
         topic, measured = messages.source(parameters, FIRST_TICK_NS)
         assert topic is PLANT_STEPS
         found = measured(encode_steps(truth), truth.stamp_ns)
-        assert found == messages.device.sampled(parameters)(truth)
+        assert found == parts.sampled(messages.device, parameters)(truth)
 
 
 @pytest.fixture(scope='module')
