@@ -146,15 +146,16 @@ def compare(
         If the compiled program has ended.
     """
     python = ControlProgram(parameters)
-    schedule = Schedule(python.tasks)
+    # That of the folder may differ.
+    schedule, compiled_schedule = Schedule(python.tasks), Schedule(compiled.tasks)
     ticks = 0
     # Suppress warnings: a battery far below its range gives a motor voltage of zero, so infinities
     # are part of the test.
     with np.errstate(all='ignore'):
         for step in steps:
-            due = schedule.due(step.elapsed_ms)
-            expected = python.run(due, step.systick_ms, step.inputs)
-            outputs = compiled.run(due, step.systick_ms, step.inputs)
+            elapsed_ms, systick_ms, inputs = step
+            expected = python.run(schedule.due(elapsed_ms), systick_ms, inputs)
+            outputs = compiled.run(compiled_schedule.due(elapsed_ms), systick_ms, inputs)
             ticks += 1
             state = state_bytes(python)
             if outputs != expected or members(compiled.state) != state:
