@@ -16,7 +16,8 @@ from __future__ import annotations
 
 import fcntl
 import os
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
@@ -60,8 +61,9 @@ class PartCheck(NamedTuple):
     notices: list[str]
 
 
-def _lock(folder: Path) -> int:
-    """Lock a folder; return the open file that holds the lock until :func:`_unlock` or the end."""
+@contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    """Lock a folder against other commands of this machine."""
     path = folder / LOCK
     descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
     try:
@@ -75,18 +77,17 @@ def _lock(folder: Path) -> int:
     except OSError as error:
         os.close(descriptor)
         raise StudyError(f'{path}: {error.strerror}; {_REMEDY}') from None
-    return descriptor
-
-
-def _unlock(descriptor: int) -> None:
-    # Forked workers have inherited the open file, so closing it does not unlock it.
-    with suppress(OSError):
-        fcntl.flock(descriptor, fcntl.LOCK_UN)
-        os.close(descriptor)
+    try:
+        yield
+    finally:
+        # Forked workers have inherited the open file, so closing it does not unlock it.
+        with suppress(OSError):
+            fcntl.flock(descriptor, fcntl.LOCK_UN)
+            os.close(descriptor)
 
 
 class StudyFolder:
-    """A study's folder, locked against other commands of this machine until it is closed.
+    """A study's folder.
 
     Attributes
     ----------
@@ -96,11 +97,10 @@ class StudyFolder:
         Whether the folder had been begun before.
     """
 
-    def __init__(self, path: Path, manifest: Manifest, lock: int, *, resumed: bool) -> None:
+    def __init__(self, path: Path, manifest: Manifest, *, resumed: bool) -> None:
         self.path = path
         self.manifest = manifest
         self.resumed = resumed
-        self._lock = lock
 
     @property
     def study(self) -> StudyRecord:
@@ -172,16 +172,6 @@ class StudyFolder:
         except OSError as error:
             raise unwritable(self.path, error) from None
 
-    def close(self) -> None:
-        """Let other commands use the folder."""
-        _unlock(self._lock)
-
-    def __enter__(self) -> StudyFolder:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self.close()
-
     def _write(self, manifest: Manifest) -> None:
         _write_manifest(self.path, manifest)
         self.manifest = manifest
@@ -197,8 +187,9 @@ class StudyFolder:
         return f'{self.path / PARTS / name}: {reason}; moved to {target}'
 
 
-def begin_or_resume(folder: Path, study: StudyRecord, now: datetime) -> StudyFolder:
-    """Begin a study in a new or empty folder, or resume it in its own.
+@contextmanager
+def begin_or_resume(folder: Path, study: StudyRecord, now: datetime) -> Iterator[StudyFolder]:
+    """Begin a study in a new or empty folder, or resume it in its own, which is locked meanwhile.
 
     Temporary files of dead processes are removed. A finished study is left as it is.
 
@@ -214,17 +205,15 @@ def begin_or_resume(folder: Path, study: StudyRecord, now: datetime) -> StudyFol
         raise StudyError(f'{folder}: not a folder; {_REMEDY}') from None
     except OSError as error:
         raise unwritable(folder, error) from None
-    try:
-        # Foreign folders get no lock file.
-        _check_contents(folder)
-        lock = _lock(folder)
+    with ExitStack() as stack:
         try:
-            return _begin_or_resume(folder, study, now, lock)
-        except BaseException:
-            _unlock(lock)
-            raise
-    except OSError as error:
-        raise unwritable(folder, error) from None
+            # Foreign folders get no lock file.
+            _check_contents(folder)
+            stack.enter_context(_locked(folder))
+            begun = _begin_or_resume(folder, study, now)
+        except OSError as error:
+            raise unwritable(folder, error) from None
+        yield begun
 
 
 def read_manifest(folder: Path) -> Manifest:
@@ -248,7 +237,7 @@ def read_manifest(folder: Path) -> Manifest:
         raise StudyError(f'{path}: {error}') from None
 
 
-def _begin_or_resume(folder: Path, study: StudyRecord, now: datetime, lock: int) -> StudyFolder:
+def _begin_or_resume(folder: Path, study: StudyRecord, now: datetime) -> StudyFolder:
     # Again, since another command may have begun or finished a study before the lock.
     begun = _check_contents(folder)
     if not begun:
@@ -269,7 +258,7 @@ def _begin_or_resume(folder: Path, study: StudyRecord, now: datetime, lock: int)
             manifest = Manifest(study, now.isoformat(timespec='seconds'))
             _write_manifest(folder, manifest)
     _remove_temporary(folder)
-    return StudyFolder(folder, manifest, lock, resumed=begun)
+    return StudyFolder(folder, manifest, resumed=begun)
 
 
 def _check_contents(folder: Path) -> bool:

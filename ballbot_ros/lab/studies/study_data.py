@@ -344,16 +344,17 @@ class StudyData:
         """Return the runs with the worst values of a measure, worst first.
 
         `MeasureColumn.badness` says which are the worst. Runs without a value are not among
-        them. Of equal values the first runs are taken.
+        them. Of equal values the first runs are taken. It takes the memory of one number a run.
         """
         column = self.measure(measure)
-        numbers, values = np.empty(0, np.int64), np.empty(0)
-        for table in self.parts([NUMBER.name, column.name]):
-            numbers = np.concatenate([numbers, _numbers(table.column(NUMBER.name))])
-            values = np.concatenate([values, _numbers(table.column(column.name))])
-            places = _places_of_worst(column, values, count)
-            numbers, values = numbers[places], values[places]
-        return _ranked(numbers, values)
+        return self._worst(column, self.column(column.name), count)
+
+    def _worst(self, column: MeasureColumn, values: Floats, count: int) -> list[RankedRun]:
+        # NaN sorts last.
+        places = np.argsort(-column.badness(values), kind='stable')[: max(count, 0)]
+        places = places[~np.isnan(values[places])]
+        numbers = self._present_numbers()[places]
+        return list(map(RankedRun, numbers.tolist(), values[places].tolist()))
 
     def measure(self, name: str) -> MeasureColumn:
         """Return the column of a measure.
@@ -383,15 +384,14 @@ class StudyData:
 
     def _summary(self, column: MeasureColumn, count: int) -> MeasureSummary:
         values = self.column(column.name)
-        numbers = self._present_numbers()
-        places = _places_of_worst(column, values, count)
-        worst = _ranked(numbers[places], values[places])
+        worst = self._worst(column, values, count)
+        runs = len(values)
         kept = values[~np.isnan(values)]
         del values
         quantiles = np.full(len(QUANTILES), np.nan)
         if kept.size:
             quantiles = np.quantile(kept, QUANTILES, overwrite_input=True)
-        return MeasureSummary(column, kept.size, numbers.size - kept.size, quantiles, worst)
+        return MeasureSummary(column, kept.size, runs - kept.size, quantiles, worst)
 
     def _present_numbers(self) -> NDArray[np.int64]:
         """Return the numbers of the runs that have been done."""
@@ -407,17 +407,6 @@ class StudyData:
 
     def _file(self, part: int) -> Path:
         return self.path / PARTS / self.study.part_name(part)
-
-
-def _places_of_worst(column: MeasureColumn, values: Floats, count: int) -> NDArray[np.intp]:
-    """Return the places of the worst values, worst first; of equal values the first are taken."""
-    # NaN sorts last.
-    places = np.argsort(-column.badness(values), kind='stable')[: max(count, 0)]
-    return places[~np.isnan(values[places])]
-
-
-def _ranked(numbers: NDArray[np.int64], values: Floats) -> list[RankedRun]:
-    return list(map(RankedRun, numbers.tolist(), values.tolist()))
 
 
 def _numbers(column: Any) -> Column:

@@ -27,6 +27,12 @@ def folder(tmp_path):
     return tmp_path / 'study'
 
 
+def begin(folder, study):
+    """Begin or resume a study, and leave its folder again."""
+    with begin_or_resume(folder, study, NOW):
+        pass
+
+
 def totals(study):
     return sum((rows_of(study, part).summary for part in range(study.parts)), PartSummary())
 
@@ -100,7 +106,7 @@ def test_another_study_is_refused(folder):
             'its numpy version: 2.0, not 2.1',
         ),
     ):
-        text = refusal(StudyError, begin_or_resume, folder, other, NOW)
+        text = refusal(StudyError, begin, folder, other)
         assert text.startswith(f'{folder}: '), text
         assert difference in text
         assert 'choose another --output' in text
@@ -151,7 +157,7 @@ def test_foreign_folders_are_refused_and_left_alone(tmp_path):
         (Path('/proc/ballbot_study'), 'No such file or directory'),
         (tmp_path / ('n' * 300), 'File name too long'),
     ):
-        text = refusal(StudyError, begin_or_resume, folder, record(), NOW)
+        text = refusal(StudyError, begin, folder, record())
         assert str(folder) in text, text
         assert reason in text
         assert '--output' in text
@@ -197,7 +203,7 @@ def test_a_damaged_manifest_is_refused(folder):
         path.write_bytes(text)
         for read in (StudyData.open, read_manifest):
             assert str(path) in refusal(StudyError, read, folder), text
-        message = refusal(StudyError, begin_or_resume, folder, record(), NOW)
+        message = refusal(StudyError, begin, folder, record())
         assert 'choose another --output' in message, text
         assert path.read_bytes() == text
     path.unlink()
@@ -233,20 +239,20 @@ def test_damaged_and_foreign_parts_are_moved_aside_and_redone(folder):
 
 
 def test_a_folder_without_parts_can_be_another_study(folder):
-    begin_or_resume(folder, record(), NOW).close()
+    begin(folder, record())
     with begin_or_resume(folder, record(seed=2), NOW) as begun:
         assert begun.study.seed == read_manifest(folder).study.seed == 2
 
 
 def test_one_command_at_a_time(folder):
     with begin_or_resume(folder, record(), NOW):
-        text = refusal(StudyError, begin_or_resume, folder, record(), NOW)
+        text = refusal(StudyError, begin, folder, record())
         assert 'in use by another command' in text
-    begin_or_resume(folder, record(), NOW).close()
+    begin(folder, record())
     # A study that is refused does not stay locked.
     write_study(folder, parts=[0])
-    refusal(StudyError, begin_or_resume, folder, record(seed=2), NOW)
-    begin_or_resume(folder, record(), NOW).close()
+    refusal(StudyError, begin, folder, record(seed=2))
+    begin(folder, record())
 
 
 def test_the_lock_ends_although_a_forked_worker_lives(folder):
@@ -259,7 +265,7 @@ def test_the_lock_ends_although_a_forked_worker_lives(folder):
             os._exit(0)
         os.close(read)
     try:
-        begin_or_resume(folder, record(), NOW).close()
+        begin(folder, record())
     finally:
         os.close(write)
         os.waitpid(worker, 0)
@@ -317,7 +323,7 @@ def test_a_part_that_can_not_be_written_leaves_nothing(folder, monkeypatch):
         assert files(folder) == good
         with begin_or_resume(folder, study, NOW) as begun:
             assert 'No space left' in refusal(StudyError, begun.restart, NOW)
-        refusal(StudyError, begin_or_resume, folder.parent / 'new', study, NOW)
+        refusal(StudyError, begin, folder.parent / 'new', study)
     assert files(folder) == good
     with begin_or_resume(folder.parent / 'new', study, NOW) as begun:
         assert not begun.resumed
