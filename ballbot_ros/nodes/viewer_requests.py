@@ -42,7 +42,11 @@ _PLANT_SERVICES = {
     f'{SUPERVISOR}/set_parameters': SetParameters,
     f'{SUPERVISOR}/start': Trigger,
 }
-_PARAMETER_SERVICES = {SetParameters: 'set_parameters', GetParameters: 'get_parameters'}
+_PARAMETER_SERVICES = {
+    DescribeParameters: 'describe_parameters',
+    GetParameters: 'get_parameters',
+    SetParameters: 'set_parameters',
+}
 
 QUERY_RETRY_S = 1.0
 PARAMETERS_OF_PLANT = f'parameters of {PLANT}'
@@ -65,7 +69,7 @@ class ViewerRequests:
         self._clients = {
             name: node.create_client(kind, name) for name, kind in _PLANT_SERVICES.items()
         }
-        self._plant_parameters = _ParameterClients(node)
+        self._parameters = _ParameterClients(node)
         self._push = node.output(PUSH)
         self._had_plant = False
         self._query: _ParameterQuery | None = None
@@ -120,7 +124,7 @@ class ViewerRequests:
                 self._waiting.put(lambda: self._set_in_plant(setting))
 
     def _set_in_plant(self, setting: SetParameters.Request) -> None:
-        client = self._plant_parameters.find(SetParameters)
+        client = self._parameters.of_plant(SetParameters)
         self._send(client, PARAMETERS_OF_PLANT, setting, self._notify_refusal)
 
     def _notify_refusal(self, response: SetParameters.Response) -> None:
@@ -166,7 +170,7 @@ class ViewerRequests:
         query, now_s = self._query, time.monotonic()
         if query is None or now_s - self._queried_at < QUERY_RETRY_S:
             return
-        client = self._plant_parameters.find(GetParameters)
+        client = self._parameters.of_plant(GetParameters)
         if client is None or not client.service_is_ready():
             return
         self._queried_at = now_s
@@ -187,28 +191,25 @@ class ViewerRequests:
 
 
 class _ParameterClients:
-    """Clients of the plant's parameter services, whose names begin with the plant's node name."""
+    """Clients of the parameter services of nodes, which are found some time after they are made."""
 
     def __init__(self, node: AnyNode) -> None:
         self._node = node
-        self._plant = ''
-        self._clients: dict[Any, Any] = {}
+        self._clients: dict[tuple[str, Any], Any] = {}
 
-    def find(self, kind: object) -> Any:
-        """Return the client of a service, or None while the plant's name is unknown."""
+    def of(self, name: str, kind: Any) -> Any:
+        """Return the client of a service of the node with this full name."""
+        if (name, kind) not in self._clients:
+            service = f'{name}/{_PARAMETER_SERVICES[kind]}'
+            self._clients[name, kind] = self._node.create_client(kind, service)
+        return self._clients[name, kind]
+
+    def of_plant(self, kind: Any) -> Any:
+        """Return that of the plant, which announces runs; None while its name is unknown."""
         offers = self._node.get_publishers_info_by_topic(RUN.name)
-        names = list(filter(None, map(full_name, offers)))
-        if not names:
-            return None
-        if names[0] != self._plant:
-            self._plant = names[0]
-            for client in self._clients.values():
-                self._node.destroy_client(client)
-            self._clients = {
-                kind: self._node.create_client(kind, f'{self._plant}/{service}')
-                for kind, service in _PARAMETER_SERVICES.items()
-            }
-        return self._clients[kind]
+        name = next(filter(None, map(full_name, offers)), '')
+        found = {each: self.of(name, each) for each in (SetParameters, GetParameters) if name}
+        return found.get(kind)
 
 
 def send(client: Any, request: object, on_response: Callable[[Any], None]) -> bool:
@@ -228,11 +229,6 @@ def parameter_setting(name: str, value: object) -> SetParameters.Request:
 SETTLE_S = 1.0
 """A slider that has been moved follows other changes again after this time."""
 
-_TUNING_SERVICES = {
-    DescribeParameters: 'describe_parameters',
-    GetParameters: 'get_parameters',
-    SetParameters: 'set_parameters',
-}
 _REAL = {ParameterType.PARAMETER_DOUBLE, ParameterType.PARAMETER_DOUBLE_ARRAY}
 _NUMERIC = {*_REAL, ParameterType.PARAMETER_INTEGER}
 
@@ -255,7 +251,7 @@ class TuningRequests:
         sliders: TuningSliders,
     ) -> None:
         self._node, self._notify, self._sliders = node, notify, sliders
-        self._clients: dict[tuple[str, Any], Any] = {}
+        self._clients = _ParameterClients(node)
         self._participants: dict[str, Participant] = {}
         self._faults: queue.SimpleQueue[str] = queue.SimpleQueue()
         self._controller = ('', '')
@@ -317,7 +313,7 @@ class TuningRequests:
             return
         participant = announcement.participant
         self._participants[participant.role] = participant
-        self._client(participant.node, SetParameters)
+        self._clients.of(participant.node, SetParameters)
         joined = (announcement.run, participant.instance)
         if participant.role == CONTROLLER and joined != self._controller:
             self._controller = joined
@@ -403,16 +399,10 @@ class TuningRequests:
                 self._sliders.follow({name: self._present[name]})
 
     def _call(self, node: str, request: object, on_response: Callable[[Any], None]) -> None:
-        kind = next(kind for kind in _TUNING_SERVICES if isinstance(request, kind.Request))
-        is_there = send(self._client(node, kind), request, on_response)
+        kind = next(kind for kind in _PARAMETER_SERVICES if isinstance(request, kind.Request))
+        is_there = send(self._clients.of(node, kind), request, on_response)
         if kind is SetParameters and not is_there:
             self._notify(f'{node}: service not available')
-
-    def _client(self, node: str, kind: Any) -> Any:
-        if (node, kind) not in self._clients:
-            service = f'{node}/{_TUNING_SERVICES[kind]}'
-            self._clients[node, kind] = self._node.create_client(kind, service)
-        return self._clients[node, kind]
 
 
 def _tunable_names(announcement: Announcement) -> list[str]:

@@ -195,7 +195,7 @@ def test_faults_are_added_to_those_of_their_node_and_refusals_are_told(page):
     for role, text in (('gyro_driver', 'gyro_y off time=1'), ('controller', '')):
         page.announce(role=role, tunable=[], faults=text)
         page.until(lambda role=role: role in page.requests._participants, what='the participant')
-    (client,) = page.requests._clients.values()
+    (client,) = page.requests._clients._clients.values()
     page.client.spin_until(client.service_is_ready)
     for text in ('gyro_x stuck duration=2', 'task_ts1 slow'):
         page.requests.add_fault(text)
