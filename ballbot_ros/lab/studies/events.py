@@ -132,7 +132,6 @@ def _field(name: str, field: str, known: Mapping[str, Parameter], owner: str) ->
 
 def scenarios_of(
     scenario: Scenario,
-    parts: Mapping[str, EventPart],
     columns: Mapping[str, Column],
     durations: NDArray[np.float64],
     first: int = 0,
@@ -141,10 +140,8 @@ def scenarios_of(
 
     Parameters
     ----------
-    parts : mapping of str to EventPart
-        What varies, by the names of `columns`.
     columns : mapping of str to ndarray
-        The values, each (r,).
+        The values of what varies, each (r,).
     durations : ndarray, shape (r,)
         Lengths of the runs [s].
     first : int
@@ -155,11 +152,12 @@ def scenarios_of(
     StudyError
         If a run's pushes or sticks are not possible; the message names the run.
     """
-    table = zip(*(columns[name].tolist() for name in parts), strict=True)
+    parts = [event_part(name, scenario) for name in columns]
+    table = zip(*(values.tolist() for values in columns.values()), strict=True)
     return [
         _scenario(
             scenario,
-            tuple(zip(parts.values(), values, strict=True)),
+            tuple(zip(parts, values, strict=True)),
             duration,
             f'run {first + run}',
         )

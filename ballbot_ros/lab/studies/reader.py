@@ -23,7 +23,7 @@ from ballbot_ros.engine.scenario.scenario import Expectation
 from ballbot_ros.errors import BallbotError, StudyError, did_you_mean, short_repr
 from ballbot_ros.files import read_text, share_directory
 from ballbot_ros.lab.studies.columns import TRACED
-from ballbot_ros.lab.studies.events import extreme_scenarios, is_event
+from ballbot_ros.lab.studies.events import event_part, extreme_scenarios, is_event
 from ballbot_ros.lab.studies.programs import with_values
 from ballbot_ros.lab.studies.study import CASE, MAX_RUNS, Sampling, Study, grid_shape, nearest_grid
 from ballbot_ros.lab.studies.variables import (
@@ -157,7 +157,11 @@ class StudyReader(DistributionReader):
         for kind in sorted(each for each in names if is_event(each) and each.endswith('.kind')):
             if not names.isdisjoint(kind.replace('.kind', f'.{word}') for word in WORDS):
                 raise self._error(('vary', kind), f'{kind} is a component and its type')
-        varied = [(each.part, each.distribution) for each in variables if each.part is not None]
+        varied = [
+            (event_part(each.name, spec.scenario), each.distribution)
+            for each in variables
+            if is_event(each.name)
+        ]
         words = [
             [(part, (word, word)) for word in each.levels]
             for part, each in varied
@@ -266,10 +270,10 @@ class StudyReader(DistributionReader):
         self, name: str, data: object, keys: tuple[Hashable, ...], spec: RunSpec
     ) -> Variable:
         try:
-            parameter, part = find_variable(name, spec)
+            parameter = find_variable(name, spec)
         except BallbotError as error:
             raise self._error(keys, str(error)) from None
-        variable = Variable(name, parameter, self._distribution(data, keys, parameter), part)
+        variable = Variable(name, parameter, self._distribution(data, keys, parameter))
         low, _ = variable.distribution.ends
         if name == DURATION and low < TICK_S:
             raise self._error(keys, f'{name}: a run must last at least {TICK_S:g} s')
@@ -277,7 +281,7 @@ class StudyReader(DistributionReader):
             levels = variable.distribution
             if not isinstance(levels, Levels) or not all(each % 2 for each in levels.levels):
                 raise self._error(keys, f'{name}: needs a list of odd numbers')
-        if part is not None and part.field == 'duration' and low == 0.0:
+        if is_event(name) and name.endswith('.duration') and low == 0.0:
             raise self._error(keys, f'{name}: a push must last longer than 0 s')
         return variable
 

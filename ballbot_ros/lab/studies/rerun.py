@@ -11,7 +11,7 @@ from ballbot_ros.engine.scenario.reader import load_scenario
 from ballbot_ros.engine.scenario.scenario import Scenario
 from ballbot_ros.engine.scenario.writer import scenario_data
 from ballbot_ros.errors import StudyError, short_text
-from ballbot_ros.lab.studies.events import event_part, fault_values, is_event, scenarios_of
+from ballbot_ros.lab.studies.events import fault_values, is_event, scenarios_of
 from ballbot_ros.lab.studies.manifest import StudyRecord
 from ballbot_ros.lab.studies.programs import with_values
 from ballbot_ros.lab.studies.study_data import RunResults, StudyData
@@ -136,8 +136,9 @@ def rerun_spec(
         folder.mkdir(parents=True)
         parameters = study_parameters(record, path, controller)
         scenario = _scenario(path, row)
-        values = {**_values(row), **fault_values(scenario, load_scenario(str(path)))}
-        changed = with_values(parameters, values)
+        values = {name: value for name, value in row.varied.items() if not is_event(name)}
+        faults = fault_values(scenario, load_scenario(str(path)))
+        changed = with_values(parameters, {**values, SEED: row.seed, **faults})
         parameter_file.write_text(parameter_text(changed), encoding='utf-8')
         text = yaml_text(scenario_data(scenario, changed.of(PlantParameters)))
         path.write_text(text, encoding='utf-8')
@@ -146,17 +147,8 @@ def rerun_spec(
     return RunSpec.of_scenario(str(path), options)
 
 
-def _values(row: RunResults) -> dict[str, object]:
-    """Return the values of a run's parameters that are not those of its study."""
-    values = {name: value for name, value in row.varied.items() if not is_event(name)}
-    return {**values, SEED: row.seed}
-
-
 def _scenario(path: Path, row: RunResults) -> Scenario:
     """Return the study's scenario, in a file, with the pushes, sticks and faults of a run."""
     scenario = load_scenario(str(path))
     events = {name: np.array([value]) for name, value in row.varied.items() if is_event(name)}
-    if not events:
-        return scenario
-    parts = {name: event_part(name, scenario) for name in events}
-    return scenarios_of(scenario, parts, events, np.array([np.inf]), row.number)[0]
+    return scenarios_of(scenario, events, np.array([np.inf]), row.number)[0] if events else scenario

@@ -18,10 +18,7 @@ from ballbot_ros.analysis.metrics import judge_property, measure_one
 from ballbot_ros.analysis.signals import motion_signals
 from ballbot_ros.controllers.codegen.implementation import compose_controller, implementation_for
 from ballbot_ros.engine.closed_loop import ClosedLoop
-from ballbot_ros.engine.compilation import (
-    CompilationError,
-    compiled_and_kept,
-)
+from ballbot_ros.engine.compilation import CompilationError, compiled_and_kept
 from ballbot_ros.engine.compiled_loop import are_timed, events_of, floor_of, rings_of
 from ballbot_ros.engine.law_runs import FAULTS
 from ballbot_ros.engine.rows import Column, RobotRows, Rows, are_finite
@@ -40,7 +37,7 @@ from ballbot_ros.engine.scenario.task_timing import COUNT
 from ballbot_ros.engine.trajectory import TrajectoryLog
 from ballbot_ros.errors import ControllerError, StudyError, WorldError
 from ballbot_ros.lab.studies.columns import TRACED, measure_runs, robustness_of, traced_signal
-from ballbot_ros.lab.studies.events import event_part, fault_values, scenarios_of
+from ballbot_ros.lab.studies.events import fault_values, scenarios_of
 from ballbot_ros.lab.studies.programs import Programs, programs_of, with_values
 from ballbot_ros.lab.studies.variables import DURATION
 from ballbot_ros.parameters import DEVICES, PLANT, ControllerParameters, PlantParameters
@@ -452,9 +449,8 @@ def scenarios_of_runs(spec: RunSpec, samples: Samples) -> Sequence[Scenario]:
     """
     if not samples.events:
         return ()
-    parts = {name: event_part(name, spec.scenario) for name in samples.events}
     durations = samples.values.get(DURATION, np.full(samples.count, spec.plant.duration))
-    return scenarios_of(spec.scenario, parts, samples.events, durations, samples.first)
+    return scenarios_of(spec.scenario, samples.events, durations, samples.first)
 
 
 def faults_of_runs(spec: RunSpec, scenarios: Sequence[Scenario]) -> list[tuple[Fault, ...]]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import yaml
 
@@ -13,7 +12,7 @@ from ballbot_ros.engine.rows import Column
 from ballbot_ros.engine.scenario.properties import Property
 from ballbot_ros.engine.scenario.scenario import Expectation, Measure, Scenario
 from ballbot_ros.errors import printable
-from ballbot_ros.lab.studies.events import EventPart
+from ballbot_ros.lab.studies.events import is_event
 from ballbot_ros.lab.studies.runs import Samples
 from ballbot_ros.lab.studies.variables import (
     DISTRIBUTIONS,
@@ -109,11 +108,6 @@ class Study:
         names = tuple(each.name for each in self.variables)
         return (*names, SEED) if self.draws_seeds else names
 
-    @cached_property
-    def parts(self) -> Mapping[str, EventPart]:
-        """The variables that are parts of pushes and sticks."""
-        return {each.name: each.part for each in self.variables if each.part is not None}
-
     def samples(self, columns: Mapping[str, Column], first: int = 0) -> Samples:
         """Return the samples of consecutive runs, given the values of all of :attr:`columns`.
 
@@ -125,8 +119,8 @@ class Study:
             Number of the first run, for error messages.
         """
         count = len(columns[self.columns[0]])
-        values = {name: columns[name] for name in self.columns if name not in self.parts}
-        events = {name: columns[name] for name in self.parts}
+        values = {name: columns[name] for name in self.columns if not is_event(name)}
+        events = {name: columns[name] for name in self.columns if is_event(name)}
         return Samples(count, values, events, first)
 
     @property

@@ -15,7 +15,7 @@ from ballbot_ros.controllers.controller_program import own_rows
 from ballbot_ros.engine.rows import Column, robot_parameter
 from ballbot_ros.engine.scenario.reader import ExpectationReader, Keys
 from ballbot_ros.errors import StudyError
-from ballbot_ros.lab.studies.events import FAULT, EventPart, event_part, is_event
+from ballbot_ros.lab.studies.events import FAULT, event_part, is_event
 from ballbot_ros.parameters import (
     CONTROLLER,
     PLANT,
@@ -311,20 +311,15 @@ class Variable:
         ``stick.STICK.SEGMENT.field``.
     parameter : Parameter
         Its type, unit and bounds; it has the variable's name.
-    part : EventPart or None
-        The part of pushes and sticks that it is; None for a node's parameter.
     """
 
     name: str
     parameter: Parameter
     distribution: Distribution
-    part: EventPart | None = None
 
 
-def find_variable(name: str, spec: RunSpec) -> tuple[Parameter, EventPart | None]:
-    """Return the parameter of a variable, and the part of pushes and sticks that it is, or None.
-
-    The parameter has the variable's name.
+def find_variable(name: str, spec: RunSpec) -> Parameter:
+    """Return the parameter of a variable, with the variable's name.
 
     Raises
     ------
@@ -340,17 +335,17 @@ def find_variable(name: str, spec: RunSpec) -> tuple[Parameter, EventPart | None
         others = {*TASKS, OWN_TASK}.difference(tasks)  # of other controllers
         choices = part.parameter.choices
         known = tuple(each for each in choices if str(each).split()[0] not in others)
-        return replace(part.parameter, name=name, choices=known), part
+        return replace(part.parameter, name=name, choices=known)
     node, _, rest = name.partition('.')
     if node == CONTROLLER and is_own(rest):
-        return replace(_own_parameter(rest, spec), name=name), None
+        return replace(_own_parameter(rest, spec), name=name)
     parameter = replace(robot_parameter(name), name=name)
     if rest in WITHOUT_EFFECT:
         raise StudyError(f'{name} cannot vary: the motion of a run does not depend on it')
     if isinstance(parameter.default, tuple):
         last = len(parameter.default)
         raise StudyError(f'{name} cannot vary as a whole; its elements can: {name}.1 … {last}')
-    return parameter, None
+    return parameter
 
 
 def _own_parameter(name: str, spec: RunSpec) -> Parameter:
