@@ -45,8 +45,6 @@ from ballbot_ros.recording.messages.topics import (
 from ballbot_ros.viewer.run_activity import Session, decode_session
 from ballbot_ros.viewer.snapshot import UNKNOWN, ForceEvent, ShownRun, Snapshot, acting_force
 
-"""States in which the controller's estimates mean nothing."""
-
 _PUBLISHED = 'source_timestamp'
 """Time of publication in a message's metadata [ns]."""
 

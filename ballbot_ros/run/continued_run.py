@@ -316,9 +316,9 @@ class ContinuedRun:
         """Begin a fault at the next tick, as in a scenario; BallbotError if it can't be."""
         now_ns = self._robot.now_ns
         before = self._live.faults
-        new = (replace(each, time=_time(now_ns)) for each in parse_faults(text))
-        self._set_faults((*before, *new))
+        new = [replace(each, time=_time(now_ns)) for each in parse_faults(text)]
         try:
+            self._set_faults((*before, *new))
             self._robot = self._robot_at(now_ns)
         except BallbotError:
             self._set_faults(before)
@@ -326,17 +326,10 @@ class ContinuedRun:
 
     def _set_faults(self, faults: tuple[Fault, ...]) -> None:
         """Let the robot have faults from the start on, which begin later."""
-        before = self._live.faults
         self._live.faults = faults
-        try:
-            self._spec = branch_spec(
-                self._past, Future(at=self.begun, faults=faults), self._scratch
-            )
-            tasks = [task.name for task in self._implementation.tasks]
-            faults_of(self._spec.parameters.of(ControllerParameters), tasks)
-        except BallbotError:
-            self._live.faults = before
-            raise
+        self._spec = branch_spec(self._past, Future(at=self.begun, faults=faults), self._scratch)
+        tasks = [task.name for task in self._implementation.tasks]
+        faults_of(self._spec.parameters.of(ControllerParameters), tasks)
         self._later_states = []
 
     def keep(self, observer: RunObserver) -> Path | None:
