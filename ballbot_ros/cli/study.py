@@ -194,8 +194,7 @@ def report(folder: Path, output: Path | None) -> int:
     """
     require('study')
     offer('report')
-    from ballbot_ros.lab.studies.report import study_report
-    from ballbot_ros.lab.studies.report_page import check_output, several_report
+    from ballbot_ros.lab.studies.report import check_output, several_report, study_report
     from ballbot_ros.lab.studies.study_data import StudyData
 
     place = check_output(folder, output)

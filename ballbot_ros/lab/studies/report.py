@@ -2,26 +2,126 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from itertools import combinations
+import os
+import re
+import shutil
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations, islice
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 
-from ballbot_ros.errors import StudyError
-from ballbot_ros.lab.studies.charts import histogram_edges, share_bins
-from ballbot_ros.lab.studies.columns import PASSED
+from ballbot_ros.analysis.chart import ChartFigure
+from ballbot_ros.analysis.figure_parts import Table, csv_of, png_of
+from ballbot_ros.analysis.interactive import MISSING, InteractiveFigures, packed_figures
+from ballbot_ros.analysis.page import (
+    ReportError,
+    check_folder,
+    number_text,
+    render_template,
+    write_folder,
+)
+from ballbot_ros.analysis.run_figures import RenderedFigure
+from ballbot_ros.engine.scenario.scenario import bounds_text
+from ballbot_ros.errors import BallbotError, StudyError, one_line
+from ballbot_ros.files import own_command
+from ballbot_ros.lab.studies.charts import (
+    Histogram,
+    ShareChart,
+    histogram_edges,
+    sensitivity_figure,
+    sensitivity_table,
+    share_bins,
+)
+from ballbot_ros.lab.studies.columns import PASSED, ResultColumn
+from ballbot_ros.lab.studies.events import is_event
 from ballbot_ros.lab.studies.manifest import StudyRecord
-from ballbot_ros.lab.studies.maps import map_bins
-from ballbot_ros.lab.studies.report_page import Findings, StudyReport
-from ballbot_ros.lab.studies.sensitivity import MAX_SAMPLE, Sensitivity, analyse
+from ballbot_ros.lab.studies.maps import PassMap, PredictedLimit, map_bins, predict, usual_values
+from ballbot_ros.lab.studies.outcomes import ending_table, endings_below, endings_of
+from ballbot_ros.lab.studies.programs import with_values
+from ballbot_ros.lab.studies.rerun import study_parameters
+from ballbot_ros.lab.studies.sensitivity import MAX_SAMPLE, MIN_SAMPLE, SLICES, analyse
 from ballbot_ros.lab.studies.study import StudyText
-from ballbot_ros.lab.studies.study_data import StudyData
+from ballbot_ros.lab.studies.study_data import QUANTILES, RunResults, StudyData, StudySummary
 from ballbot_ros.lab.studies.survey import Axis, Survey, tally
+
+REPORT = 'report'
+"""Name of the report's folder in that of its study."""
+
+_SUFFIXES = {'.html', '.png', '.csv'}
+
+
+@dataclass(frozen=True)
+class StudyReport:
+    """A report, ready to be written.
+
+    Attributes
+    ----------
+    page : str
+        The HTML.
+    figures : list of StudyFigure
+    files : mapping of str to bytes
+        Other files, by name.
+    """
+
+    page: str
+    figures: list[StudyFigure]
+    files: Mapping[str, bytes]
+
+    def write(self, folder: Path) -> None:
+        """Write it into a folder, which is new, empty, or has an earlier report of a study.
+
+        Raises
+        ------
+        ReportError
+            If the folder can't be written.
+        """
+        _remove_report(folder)
+        write_folder(folder, self.page, self.figures, self.files)
+
+
+def check_output(study: Path, output: Path | None) -> Path:
+    """Return the folder of the report of a study, by default in the folder of the study.
+
+    Raises
+    ------
+    ReportError
+        If it has files that are not those of an earlier report, or can't be written.
+    """
+    folder = output or study / REPORT
+    if not _is_report(folder):
+        check_folder(folder)
+    existing = next(each for each in (folder, *folder.absolute().parents) if each.exists())
+    if not existing.is_dir():
+        raise ReportError(f'{existing}: not a folder; choose another --output')
+    if not os.access(existing, os.W_OK | os.X_OK):
+        raise ReportError(f'{existing}: Permission denied; choose another --output')
+    return folder
+
+
+def _is_report(folder: Path) -> bool:
+    """Return whether a folder has a page, and nothing but the files of a report."""
+    if not (folder / 'index.html').is_file():
+        return False
+    return all(each.is_file() and each.suffix in _SUFFIXES for each in folder.iterdir())
+
+
+def _remove_report(folder: Path) -> None:
+    if _is_report(folder):
+        try:
+            shutil.rmtree(folder)
+        except OSError as error:
+            raise ReportError(f'{folder}: {error.strerror}') from None
+
+
+FAILED_SHOWN = 10
+WORST_SHOWN = 3
 
 MAPPED_VARIABLES = 4
 """Largest number of variables, those with the most influence, of which all pairs have a map."""
-
-WORST_SHOWN = 3
 
 
 def study_report(data: StudyData) -> StudyReport:
@@ -35,48 +135,338 @@ def study_report(data: StudyData) -> StudyReport:
     BallbotError
         If there are no runs yet, a part is damaged, or SALib is not installed.
     """
-    study = data.study
-    text = StudyText.of(study.text)
-    survey = Survey.of(data, MAX_SAMPLE, np.random.default_rng(study.seed))
-    if not survey.totals.runs:
-        raise StudyError(f'{data.path}: has no results yet')
-    varied = {each.name: survey.sample[each.name] for each in study.varied}
-    results = {each.name: survey.sample[each.name] for each in (*study.measures, PASSED)}
-    found = analyse(varied, results, study.seed)
-    summary = data.summary(WORST_SHOWN)
-    axes = [_axis(study, each.name, text, survey, share_bins) for each in study.varied]
-    pairs = _pairs(study, text, survey, found)
-    edges = {
-        each.name: histogram_edges(each, survey.extents[each.name], survey.sample[each.name])
-        for each in study.measures
-    }
-    tallies = tally(data, pairs, axes, edges)
-    findings = Findings(data, text, survey, summary, found, axes, pairs, edges, tallies)
-    return findings.report()
+    return _Findings(data).report()
 
 
-def _pairs(
-    study: StudyRecord, text: StudyText, survey: Survey, found: Sensitivity
-) -> list[tuple[Axis, Axis]]:
-    """Return the axes of each map, those of the most influential pair first."""
-    names = found.most_influential(MAPPED_VARIABLES)
-    axes = {name: _axis(study, name, text, survey, map_bins) for name in names}
-    # In the order of the study, so that a variable is on the same side of all its maps.
-    ranks = {each.name: place for place, each in enumerate(study.varied)}
-    chosen = (sorted(pair, key=ranks.__getitem__) for pair in combinations(names, 2))
-    return [(axes[x], axes[y]) for x, y in chosen]
+class _Findings:
+    """All that is read and computed for a report."""
+
+    def __init__(self, data: StudyData) -> None:
+        study = data.study
+        self.data = data
+        self.text = StudyText.of(study.text)
+        survey = self.survey = Survey.of(data, MAX_SAMPLE, np.random.default_rng(study.seed))
+        if not survey.totals.runs:
+            raise StudyError(f'{data.path}: has no results yet')
+        varied = {each.name: survey.sample[each.name] for each in study.varied}
+        results = {each.name: survey.sample[each.name] for each in (*study.measures, PASSED)}
+        self.found = analyse(varied, results, study.seed)
+        self.summary = data.summary(WORST_SHOWN)
+        self.axes = [self._axis(each, share_bins) for each in study.varied]
+        self.pairs = self._pairs()
+        self.edges = {
+            each.name: histogram_edges(each, survey.extents[each.name], survey.sample[each.name])
+            for each in study.measures
+        }
+        self.tallies = tally(data, self.pairs, self.axes, self.edges)
+
+    def _pairs(self) -> list[tuple[Axis, Axis]]:
+        """Return the axes of each map, horizontal and vertical, the most influential pair first."""
+        names = self.found.most_influential(MAPPED_VARIABLES)
+        # In the order of the study, so that a variable is on the same side of all its maps.
+        varied = [each for each in self.data.study.varied if each.name in names]
+        axes = {each.name: self._axis(each, map_bins) for each in varied}
+        ranks = list(axes)
+        chosen = (sorted(pair, key=ranks.index) for pair in combinations(names, 2))
+        return [(axes[x], axes[y]) for x, y in chosen]
+
+    def _axis(self, column: ResultColumn, bins: Callable[[int], int]) -> Axis:
+        runs = self.survey.totals.runs
+        return Axis.of(
+            column,
+            self.survey.extents[column.name],
+            runs,
+            bins(runs),
+            is_grid=self.text.is_grid,
+            is_log=column.name in self.text.logarithmic,
+        )
+
+    def report(self) -> StudyReport:
+        """Return the report."""
+        names = _FileNames()
+        predictions, no_theory = self._predictions()
+        maps = self._maps(predictions)
+        map_figures = [_map_figure(each, names) for each in maps]
+        shares = [
+            _share_figure(ShareChart(axis, counts), names)
+            for axis, counts in zip(self.axes, self.tallies.shares, strict=True)
+        ]
+        histograms = self._histograms(names)
+        sensitivity = self._sensitivity()
+        files = {
+            f'{figure.name}_lines.csv': csv_of(each.line_table())
+            for figure, each in zip(map_figures, maps, strict=True)
+        }
+        measures = self._measures()
+        figures = [*map_figures, *shares, *histograms]
+        if sensitivity:
+            figures.append(sensitivity['figure'])
+        page = render_template(
+            'study.html',
+            package='ballbot_ros.lab.studies',
+            title=self.data.study.name,
+            text=self.text,
+            banner=self._banner(),
+            outcome=_outcome(self.summary),
+            facts=self._facts(),
+            varied=self._varied(),
+            measures=measures,
+            quantiles=[f'{100.0 * each:g} %' for each in QUANTILES],
+            maps=map_figures,
+            no_theory=no_theory,
+            mapped=len({axis.column.name for pair in self.pairs for axis in pair}),
+            shares=shares,
+            histograms=histograms,
+            sensitivity=sensitivity,
+            min_sample=MIN_SAMPLE,
+            slices=SLICES,
+            failed=[self._row(number) for number in islice(self.data.failed(), FAILED_SHOWN)],
+            failed_count=self.summary.totals.failed,
+            versions=self._versions(),
+            endings=ending_table(endings_of(self.data)),
+            number_command=self._rerun('NUMBER'),
+            worst_command=self._rerun('--worst', 'MEASURE'),
+            interactive=_interactive(figures),
+            missing=MISSING,
+        )
+        return StudyReport(page, figures, files)
+
+    def _rerun(self, *words: object) -> str:
+        return own_command('study', 'rerun', self.data.path, *words)
+
+    def _banner(self) -> list[str]:
+        done, study = self.survey.totals.runs, self.data.study
+        if not self.data.missing:
+            return []
+        progress = f'This study is not finished: {done:,} of {study.runs:,} runs are done.'
+        return [f'{progress} Give the command of the study again to do the others.']
+
+    def _facts(self) -> list[tuple[str, str]]:
+        study, totals = self.data.study, self.summary.totals
+        manifest = self.data.manifest
+        facts = [
+            ('Runs', f'{totals.runs:,}'),
+            ('Passed', f'{totals.passed:,}'),
+            ('Fallen', f'{totals.fallen:,}'),
+            ('Failed', f'{totals.failed:,}'),
+            ('Seed', str(study.seed)),
+            ('Sampling', self.text.sampling or 'unknown'),
+            ('Version', f'{study.versions.ballbot_ros}, code {study.code_sha256[:12]}'),
+            ('Begun', manifest.begun.replace('T', ' ')),
+        ]
+        if manifest.finished:
+            facts.append(('Finished', manifest.finished.replace('T', ' ')))
+        return facts
+
+    def _varied(self) -> list[tuple[str, str, str, str]]:
+        return [
+            (
+                each.name,
+                '' if each.unit == '1' else each.unit,
+                self.text.distributions.get(each.name, ''),
+                each.meaning,
+            )
+            for each in self.data.study.varied
+        ]
+
+    def _versions(self) -> list[tuple[str, str]]:
+        study = self.data.study
+        versions = [
+            (name, value or 'not installed') for name, value in vars(study.versions).items()
+        ]
+        return [*versions, ('SHA-256 of the code', study.code_sha256)]
+
+    def _maps(self, predictions: Iterable[PredictedLimit | None]) -> list[PassMap]:
+        others = len(self.data.study.varied) > 2
+        return [
+            PassMap(x, y, counts, prediction, others)
+            for (x, y), counts, prediction in zip(
+                self.pairs, self.tallies.maps, predictions, strict=True
+            )
+        ]
+
+    def _predictions(self) -> tuple[list[PredictedLimit | None], str]:
+        """Return the prediction for each map, and why there are none at all, or an empty text."""
+        names = [each.name for each in self.data.study.varied]
+        varied = {name: self.survey.sample[name] for name in names if not is_event(name)}
+        try:
+            with TemporaryDirectory(prefix='ballbot_report_') as folder:
+                parameters = study_parameters(self.data.study, Path(folder) / 'study.yaml')
+            usual = with_values(parameters, usual_values(varied))
+        except BallbotError as error:
+            # Such as a map or a controller that is not on this machine.
+            return [None] * len(self.pairs), one_line(error)
+        return [predict(usual, x, y) for x, y in self.pairs], ''
+
+    def _histograms(self, names: _FileNames) -> list[StudyFigure]:
+        figures = []
+        pairs = zip(self.summary.measures, self.tallies.histograms, strict=True)
+        for summary, counts in pairs:
+            chart = Histogram(summary, self.edges[summary.column.name], counts)
+            if not summary.count:
+                continue
+            figures.append(
+                _figure(
+                    names('distribution', summary.column.name),
+                    summary.column.name,
+                    chart.caption(),
+                    chart.figure(),
+                    chart.table(),
+                )
+            )
+        return figures
+
+    def _sensitivity(self) -> dict[str, Any] | None:
+        """Return the section with the indices, the variables with the most influence first."""
+        found = self.found
+        if not found.variables or np.isnan(found.pawn).all():
+            return None
+        runs = self.survey.totals.runs
+        notes = []
+        if found.sampled < runs:
+            notes.append(
+                f'The indices are those of {found.sampled:,} of the {runs:,} runs, drawn at random.'
+            )
+        for name, count in zip(found.results, found.counts.tolist(), strict=True):
+            if count < found.sampled:
+                without = f'{found.sampled - count:,} of {found.sampled:,} runs'
+                notes.append(f'{name}: {without} have no value and are left out.')
+        order = np.argsort(-found.influence(), kind='stable').tolist()
+        if np.isnan(found.floor[-1]):
+            order = []  # passing does not vary
+        rows = [
+            (
+                found.variables[place],
+                _plus_minus(found.first_order[place, -1], found.half_width[place, -1]),
+                number_text(float(found.pawn[place, -1])),
+            )
+            for place in order
+        ]
+        figure = _figure(
+            'sensitivity',
+            'Sensitivity indices',
+            'Both indices of each varied value for each measure, and for passing. A dash: the '
+            'result does not vary, or too few runs have a value.',
+            sensitivity_figure(found),
+            sensitivity_table(found),
+        )
+        return {'found': found, 'figure': figure, 'rows': rows, 'notes': notes}
+
+    def _measures(self) -> list[dict[str, object]]:
+        """Return the measures in the tables of the page, with the worst runs of each."""
+        return [
+            {
+                'name': each.column.name,
+                'unit': each.column.unit,
+                'meaning': each.column.meaning,
+                'expected': bounds_text(each.column.minimum, each.column.maximum).replace('-', '−'),
+                'quantiles': [number_text(value) for value in each.quantiles.tolist()],
+                'missing': each.missing,
+                'worst': [self._row(run.number, run.value) for run in each.worst],
+            }
+            for each in self.summary.measures
+        ]
+
+    def _row(self, number: int, value: float | None = None) -> dict[str, object]:
+        """Return a run in a table of the page; a failed one has no value of a measure."""
+        row = self.data.row(number)
+        return {
+            'number': number,
+            'value': '' if value is None else number_text(value),
+            'varied': _varied_text(row, self.data.study),
+            'verdict': _verdict(row),
+            'command': self._rerun(number),
+        }
 
 
-def _axis(
-    study: StudyRecord, name: str, text: StudyText, survey: Survey, bins: Callable[[int], int]
-) -> Axis:
-    column = next(each for each in study.varied if each.name == name)
-    runs = survey.totals.runs
-    return Axis.of(
-        column,
-        survey.extents[name],
-        runs,
-        bins(runs),
-        is_grid=text.is_grid,
-        is_log=name in text.logarithmic,
+def several_report(folder: Path) -> StudyReport | None:
+    """Return the page of the studies of several scenarios and controllers; None without any."""
+    endings = endings_below(folder)
+    if not endings:
+        return None
+    page = render_template(
+        'endings.html',
+        package='ballbot_ros.lab.studies',
+        title=folder.name,
+        table=ending_table(endings),
+        command=own_command('study', 'rerun', folder / 'SCENARIO/CONTROLLER', 'NUMBER'),
     )
+    return StudyReport(page, [], {})
+
+
+class _FileNames:
+    """Makes names of files of the names of variables and measures, each only once."""
+
+    def __init__(self) -> None:
+        self._taken: set[str] = set()
+
+    def __call__(self, *words: str) -> str:
+        plain = '__'.join(re.sub(r'[^\w.]+', '_', each).strip('_') for each in words)
+        name, number = plain, 1
+        while name.lower() in self._taken:
+            number += 1
+            name = f'{plain}_{number}'
+        self._taken.add(name.lower())
+        return name
+
+
+@dataclass(frozen=True)
+class StudyFigure(RenderedFigure):
+    """A picture with its numbers, and the chart that an interactive page shows instead."""
+
+    chart: ChartFigure
+
+
+def _figure(name: str, title: str, caption: str, chart: ChartFigure, table: Table) -> StudyFigure:
+    return StudyFigure(name, title, caption, png_of(chart.draw()), table, chart)
+
+
+def _interactive(figures: Sequence[StudyFigure]) -> InteractiveFigures | None:
+    charts = {f'chart_{each.name}': each.chart for each in figures}
+    return packed_figures(
+        lambda _: {name: chart.description() for name, chart in charts.items()},
+        (each.name for each in figures),
+    )
+
+
+def _map_figure(each: PassMap, names: _FileNames) -> StudyFigure:
+    x, y = each.x.column.name, each.y.column.name
+    return _figure(names('map', x, y), f'{x} × {y}', each.caption(), each.figure(), each.table())
+
+
+def _share_figure(chart: ShareChart, names: _FileNames) -> StudyFigure:
+    name = chart.axis.column.name
+    meaning = chart.axis.column.meaning
+    caption = f'{meaning[:1].upper()}{meaning[1:]}.' if meaning else ''
+    return _figure(names('share', name), name, caption, chart.figure(), chart.table())
+
+
+def _outcome(summary: StudySummary) -> str:
+    low, high = (100.0 * each for each in summary.interval)
+    share = 100.0 * summary.share_passed
+    return f'{share:.3g} % passed; 95 % interval (Wilson) {low:.3g} … {high:.3g} %'
+
+
+def _plus_minus(value: float, half: float) -> str:
+    # The sum has no -0.0.
+    text = f'{round(value, 3) + 0.0:.3f} ± {half:.3f}'
+    return '–' if np.isnan(value) else text.replace('-', '−')
+
+
+def _verdict(row: RunResults) -> str:
+    if row.outcome == 'failed':
+        return 'failed'
+    verdict = 'passed' if row.passed else 'not passed'
+    return f'{verdict}, fallen' if row.fallen else verdict
+
+
+def _varied_text(row: RunResults, study: StudyRecord) -> str:
+    units = {each.name: '' if each.unit in ('', '1') else f' {each.unit}' for each in study.varied}
+    values = row.varied
+    return ', '.join(f'{name} = {_value_text(values[name])}{unit}' for name, unit in units.items())
+
+
+def _value_text(value: object) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f'{value:.4g}'.replace('-', '−') if isinstance(value, float) else str(value)
