@@ -81,12 +81,16 @@ def public_parameters(spec: RunSpec, attached: Container[str]) -> ParameterSet:
 def versions() -> Mapping[str, str]:
     """Return the versions that influence the result."""
     found = {'ballbot_ros': __version__, 'python': platform.python_version()}
-    for package in RECORDED_VERSIONS:
-        try:
-            found[package] = version(package)
-        except PackageNotFoundError:
-            continue
-    return found
+    known = {package: version_of(package) for package in RECORDED_VERSIONS}
+    return found | {package: known[package] for package in known if known[package]}
+
+
+def version_of(package: str) -> str:
+    """Return the version of a package; empty if it is not installed."""
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return ''
 
 
 def write_attachments(spec: RunSpec, scratch: Path) -> Path:

@@ -157,6 +157,11 @@ class ShareChart:
             'high_95': high,
         }
 
+    def caption(self) -> str:
+        """Return the meaning of the variable."""
+        meaning = self.axis.column.meaning
+        return f'{meaning[:1].upper()}{meaning[1:]}.' if meaning else ''
+
     def figure(self) -> ChartFigure:
         """Return the share with its intervals."""
         low, high = self.intervals().T * 100.0

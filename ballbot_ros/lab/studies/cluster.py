@@ -24,10 +24,11 @@ from ballbot_ros.engine.compilation import code_sha256
 from ballbot_ros.errors import StudyError, importing, one_line
 from ballbot_ros.lab.studies.execution import StudyObserver, WorkersOfJob
 from ballbot_ros.lab.studies.job import Job, PackedJob
-from ballbot_ros.lab.studies.manifest import PartSummary, version_of
+from ballbot_ros.lab.studies.manifest import PartSummary
 from ballbot_ros.lab.studies.part_file import EncodedPart
 from ballbot_ros.lab.studies.runs import Samples
 from ballbot_ros.lab.studies.worker_task import Answer
+from ballbot_ros.run.graph import version_of
 
 if TYPE_CHECKING:
     from distributed import Client

@@ -8,7 +8,6 @@ import platform
 from collections.abc import Mapping
 from dataclasses import asdict, astuple, dataclass, field, fields
 from functools import cached_property
-from importlib.metadata import PackageNotFoundError, version
 from operator import add
 from typing import Any, TypeVar
 
@@ -16,6 +15,7 @@ import ballbot_ros
 from ballbot_ros.engine.compilation import code_sha256
 from ballbot_ros.errors import StudyError
 from ballbot_ros.lab.studies.columns import AFTER, BEFORE, ColumnKind, MeasureColumn, ResultColumn
+from ballbot_ros.run.graph import version_of
 
 FORMAT = 1
 """Version of the folder's format; a reader takes no other."""
@@ -250,11 +250,3 @@ def _checked(value: object, kind: type | tuple[type, ...]) -> Any:
     if not isinstance(value, kind) or isinstance(value, bool):
         raise TypeError(f'{value!r}')
     return value
-
-
-def version_of(package: str) -> str:
-    """Return the version of a package; empty if it is not installed."""
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return ''

@@ -83,6 +83,9 @@ class StudyReader(DistributionReader):
         parameter_file: Path | None = None,
     ) -> None:
         super().__init__(document)
+        for option, value, low, high in (('runs', runs, 1, MAX_RUNS), ('seed', seed, 0, MAX_SEED)):
+            if value is not None and not low <= value <= high:
+                raise StudyError(f'--{option} {value}: not within {low} … {high}')
         self._runs = runs
         self._seed = seed
         self._controller = controller
@@ -127,8 +130,8 @@ class StudyReader(DistributionReader):
         plant = _shortest(spec.plant, variables)
         self._check_events(spec, variables, plant.duration)
         expectations = self._study_expectations(data, spec, plant)
-        if sampling is Sampling.GRID and self._override('runs', self._runs, 1, MAX_RUNS):
-            variables = tuple(nearest_grid(variables, self._runs or 1, repeats=draws_seeds))
+        if sampling is Sampling.GRID and self._runs is not None:
+            variables = tuple(nearest_grid(variables, self._runs, repeats=draws_seeds))
         runs = self._number_of_runs(data, sampling, variables, draws_seeds)
         if sampling is Sampling.LATIN_HYPERCUBE and runs * len(variables) > MAX_HYPERCUBE:
             raise self._error(
@@ -305,13 +308,12 @@ class StudyReader(DistributionReader):
             return self._runs_of_grid(data, prod(grid_shape(variables)), draws_seeds)
         if 'repeats' in data:
             raise self._error(('repeats',), 'repeats is only for `sampling: grid`; give runs')
-        runs = self._override('runs', self._runs, 1, MAX_RUNS)
         if 'runs' in data:
             given = self._whole(data['runs'], ('runs',), 1, MAX_RUNS)
-            return given if runs is None else runs
-        if runs is None:
+            return given if self._runs is None else self._runs
+        if self._runs is None:
             raise self._error((), 'runs is missing')
-        return runs
+        return self._runs
 
     def _runs_of_grid(self, data: Mapping[str, object], points: int, draws_seeds: bool) -> int:
         if 'runs' in data:
@@ -329,19 +331,13 @@ class StudyReader(DistributionReader):
 
     def _seed_of(self, data: Mapping[str, object]) -> int:
         given = self._whole(data.get('seed', 1), ('seed',), 0, MAX_SEED)
-        seed = self._override('seed', self._seed, 0, MAX_SEED)
-        return given if seed is None else seed
+        return given if self._seed is None else self._seed
 
     def _whole(self, value: object, keys: tuple[Hashable, ...], low: int, high: int) -> int:
         if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
             raise self._error(
                 keys, f'{keys[-1]}: {short_repr(value)} is not a whole number, {low} … {high}'
             )
-        return value
-
-    def _override(self, option: str, value: int | None, low: int, high: int) -> int | None:
-        if value is not None and not low <= value <= high:
-            raise StudyError(f'--{option} {value}: not within {low} … {high}')
         return value
 
     def _study_expectations(

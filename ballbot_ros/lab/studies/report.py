@@ -186,12 +186,22 @@ class _Findings:
         names = _FileNames()
         predictions, no_theory = self._predictions()
         maps = self._maps(predictions)
-        map_figures = [_map_figure(each, names) for each in maps]
+        map_figures = [
+            _chart_figure(names, 'map', [each.x.column.name, each.y.column.name], each)
+            for each in maps
+        ]
         shares = [
-            _share_figure(ShareChart(axis, counts), names)
+            _chart_figure(names, 'share', [axis.column.name], ShareChart(axis, counts))
             for axis, counts in zip(self.axes, self.tallies.shares, strict=True)
         ]
-        histograms = self._histograms(names)
+        measured = zip(
+            self.summary.measures, self.edges.values(), self.tallies.histograms, strict=True
+        )
+        histograms = [
+            _chart_figure(names, 'distribution', [each.column.name], Histogram(each, edges, counts))
+            for each, edges, counts in measured
+            if each.count
+        ]
         sensitivity = self._sensitivity()
         files = {
             f'{figure.name}_lines.csv': csv_of(each.line_table())
@@ -297,24 +307,6 @@ class _Findings:
             # Such as a map or a controller that is not on this machine.
             return [None] * len(self.pairs), one_line(error)
         return [predict(usual, x, y) for x, y in self.pairs], ''
-
-    def _histograms(self, names: _FileNames) -> list[StudyFigure]:
-        figures = []
-        pairs = zip(self.summary.measures, self.tallies.histograms, strict=True)
-        for summary, counts in pairs:
-            chart = Histogram(summary, self.edges[summary.column.name], counts)
-            if not summary.count:
-                continue
-            figures.append(
-                _figure(
-                    names('distribution', summary.column.name),
-                    summary.column.name,
-                    chart.caption(),
-                    chart.figure(),
-                    chart.table(),
-                )
-            )
-        return figures
 
     def _sensitivity(self) -> dict[str, Any] | None:
         """Return the section with the indices, the variables with the most influence first."""
@@ -429,16 +421,11 @@ def _interactive(figures: Sequence[StudyFigure]) -> InteractiveFigures | None:
     )
 
 
-def _map_figure(each: PassMap, names: _FileNames) -> StudyFigure:
-    x, y = each.x.column.name, each.y.column.name
-    return _figure(names('map', x, y), f'{x} × {y}', each.caption(), each.figure(), each.table())
-
-
-def _share_figure(chart: ShareChart, names: _FileNames) -> StudyFigure:
-    name = chart.axis.column.name
-    meaning = chart.axis.column.meaning
-    caption = f'{meaning[:1].upper()}{meaning[1:]}.' if meaning else ''
-    return _figure(names('share', name), name, caption, chart.figure(), chart.table())
+def _chart_figure(
+    names: _FileNames, kind: str, columns: list[str], chart: PassMap | ShareChart | Histogram
+) -> StudyFigure:
+    name, title = names(kind, *columns), ' × '.join(columns)
+    return _figure(name, title, chart.caption(), chart.figure(), chart.table())
 
 
 def _outcome(summary: StudySummary) -> str:
