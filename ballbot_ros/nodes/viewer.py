@@ -201,8 +201,7 @@ class Viewer(BallbotNode[ViewerParameters]):
     def _report_page(self) -> bytes:
         """Return the report of the run that has ended; runs in a thread of the page."""
         session = self._newest.session
-        result = session.result if session else None
-        return self._report.page(result.recording if result else '')
+        return self._report.page(session.recording if session else '')
 
     def _show(self, snapshot: Snapshot, changed: Collection[Topic]) -> None:
         if RUN in changed or MAP in changed:

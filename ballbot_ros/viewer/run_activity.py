@@ -23,36 +23,20 @@ from ballbot_ros.viewer.snapshot import Snapshot
 
 
 @dataclass(frozen=True)
-class SessionResult:
-    """Result of a run.
+class Session:
+    """The run that the command has started last.
 
     Attributes
     ----------
-    verdict : str
-        One of :class:`~ballbot_ros.analysis.metrics.Verdict`.
-    reason : str
-        Why the run did not pass; otherwise ''.
+    result : Banner or None
+        What it says about its result; None until it has ended.
     recording : str
-        Path of the recording; '' if there is none.
-    judgements : tuple of Judgement
-        The expectations with their measured values; empty if the run was not judged.
-    missed_properties : tuple of str
-        The properties that do not hold, each with the moment that decides it.
+        Path of its recording; '' until it has ended, or if there is none.
     """
 
-    verdict: str
-    reason: str = ''
-    recording: str = ''
-    judgements: tuple[Judgement, ...] = ()
-    missed_properties: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class Session:
-    """The run that the command has started last; `result` is None until it has ended."""
-
     scenario: str
-    result: SessionResult | None = None
+    result: Banner | None = None
+    recording: str = ''
 
 
 def encode_session(scenario: str, result: Mapping[str, object] | None = None) -> str:
@@ -64,28 +48,13 @@ def decode_session(text: str) -> Session:
     """Decode a session; ValueError if the text is none."""
     try:
         content = json.loads(text)
-        result = content['result']
-        return Session(str(content['scenario']), None if result is None else _result(result))
+        scenario, result = str(content['scenario']), content['result']
+        if result is None:
+            return Session(scenario)
+        recording = str(result.get('recording') or '')
+        return Session(scenario, _result_banner(scenario, result, recording), recording)
     except (AttributeError, KeyError, RecursionError, TypeError) as error:
         raise ValueError(f'not a session: {error!r}') from None
-
-
-def _result(content: Mapping[str, Any]) -> SessionResult:
-    return SessionResult(
-        verdict=str(content['outcome']),
-        reason=str(content['reason']),
-        recording=str(content.get('recording') or ''),
-        judgements=tuple(
-            _judgement(each)
-            for each in content.get('expectations', ())
-            if each['holds'] is not None
-        ),
-        missed_properties=tuple(
-            _missed_property(each)
-            for each in content.get('properties', ())
-            if each['holds'] is False
-        ),
-    )
 
 
 def _missed_property(content: Mapping[str, Any]) -> str:
@@ -247,7 +216,7 @@ class RunActivity:
     def _banner(self) -> Banner | None:
         session, report = self.session, self.report
         if session and session.result:
-            return _result_banner(session.scenario, session.result)
+            return session.result
         if session and report and report.outcome:
             return Banner(f'{session.scenario} has ended, judging …', BannerKind.BUSY)
         if report and report.outcome:
@@ -281,25 +250,28 @@ def _report_banner(report: PlantReport) -> Banner | None:
     return Banner(report.problem, BannerKind.BAD) if report.problem else None
 
 
-def _result_banner(scenario: str, result: SessionResult) -> Banner:
+def _result_banner(scenario: str, result: Mapping[str, Any], recording: str) -> Banner:
+    verdict = str(result['outcome'])
     return Banner(
-        f'{scenario}: {result.verdict}',
-        _KINDS.get(result.verdict, BannerKind.BAD),
+        f'{scenario}: {verdict}',
+        _KINDS.get(verdict, BannerKind.BAD),
         _result_details(result),
-        link=REPORT if result.recording else '',
+        link=REPORT if recording else '',
         link_text='report',
     )
 
 
-def _result_details(result: SessionResult) -> tuple[str, ...]:
+def _result_details(result: Mapping[str, Any]) -> tuple[str, ...]:
     """Return what was not met, or else the reason of a failure and a few metrics."""
-    missed = [_missed_text(each) for each in result.judgements if not each.holds]
-    missed += result.missed_properties
+    expectations, properties = result.get('expectations', ()), result.get('properties', ())
+    judgements = [_judgement(each) for each in expectations if each['holds'] is not None]
+    missed = [_missed_text(each) for each in judgements if not each.holds]
+    missed += [_missed_property(each) for each in properties if each['holds'] is False]
     if missed:
         rest = len(missed) - _MAX_DETAILS
         return (*missed[:_MAX_DETAILS], *([f'and {rest} more'] if rest > 0 else []))
-    whole = [each for each in result.judgements if each.expectation.covers_whole_run]
-    return (*_lines(result.reason), *map(_value_text, whole[:_MAX_DETAILS]))
+    whole = [each for each in judgements if each.expectation.covers_whole_run]
+    return (*_lines(str(result['reason'])), *map(_value_text, whole[:_MAX_DETAILS]))
 
 
 def _missed_text(judgement: Judgement) -> str:

@@ -184,7 +184,7 @@ def test_nothing_is_shown_between_the_request_of_a_run_and_its_announcement(poll
     _, (snapshot, _) = poll({LCD: 'old', MAP: 'old', **POSE})
     assert snapshot is not None
     poll({SESSION: encode_session('push', {'outcome': 'passed', 'reason': ''})})
-    assert newest.session.result.verdict == 'passed'
+    assert newest.session.result.text == 'push: passed'
     _, (snapshot, _) = poll({})
     assert snapshot is not None, 'the end of a run stays on the page'
     _, (snapshot, _) = poll({SESSION: encode_session('square'), LCD: 'old', **POSE})

@@ -17,7 +17,6 @@ from ballbot_ros.viewer.run_activity import (
     STEP,
     RunActivity,
     Session,
-    SessionResult,
     decode_session,
     encode_session,
 )
@@ -31,11 +30,14 @@ INFO, BUSY, GOOD, BAD = BannerKind
 
 
 def ended(verdict, reason='', *judgements, recording=''):
-    return RunActivity(
-        session=Session('square', SessionResult(verdict, reason, recording, judgements)),
-        has_pose=True,
-        has_lost_plant=True,
-    )
+    result = {
+        'outcome': verdict,
+        'reason': reason,
+        'recording': recording,
+        'expectations': [{**each.as_json(), 'holds': each.holds} for each in judgements],
+    }
+    session = decode_session(encode_session('square', result))
+    return RunActivity(session=session, has_pose=True, has_lost_plant=True)
 
 
 def running(session=None, **report):
@@ -158,9 +160,11 @@ def test_a_session_survives_its_encoding():
         'outcome': 'failed', 'reason': 'much', 'recording': '/r/x.mcap', 'metrics': {'a': None},
         'expectations': [{**each.as_json(), 'holds': each.holds} for each in (MET, MISSED)],
     }  # fmt: skip
-    expected = SessionResult('failed', 'much', '/r/x.mcap', (MET, MISSED))
-    assert decode_session(encode_session('square', content)).result == expected
+    session = decode_session(encode_session('square', content))
+    assert (session.scenario, session.recording) == ('square', '/r/x.mcap')
+    (detail,) = session.result.details
+    assert detail.startswith('final x from start')
     unjudged = [{**MET.as_json(), 'holds': None}]
     content |= {'expectations': unjudged, 'recording': None}
-    expected = SessionResult('failed', 'much')
-    assert decode_session(encode_session('square', content)).result == expected
+    expected = Session('square', Banner('square: failed', BAD, ('much',), link_text='report'))
+    assert decode_session(encode_session('square', content)) == expected
