@@ -342,10 +342,10 @@ def _estimates(program: Program) -> ControllerState:
 
 def _tunables(run: ContinuedRun) -> list[Tunable]:
     """Return the numbers that can be changed, as sliders need them."""
-    start, now = run.parameters_at_start.values(), run.parameters.values()
+    start, now = run.implementation.parameters.values(), run.parameters.values()
     return [
         _tunable(row, start[row.name], now[row.name])
-        for row in run.tunable
+        for row in run.implementation.tunable
         if not isinstance(row.default, bool | str)
     ]
 

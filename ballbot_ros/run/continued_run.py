@@ -23,7 +23,6 @@ from ballbot_ros.parameters import (
     CONTROLLER,
     PLANT,
     ControllerParameters,
-    Parameter,
     ParameterSet,
     Value,
     value_text,
@@ -129,6 +128,8 @@ class ContinuedRun:
 
     Attributes
     ----------
+    implementation : Implementation
+        Its controller, with the parameters with which the recorded run began.
     begun : float
         When it began to be changed, from the start of the run [s].
     pushes : list of Push
@@ -145,7 +146,7 @@ class ContinuedRun:
         self._live = LiveInputs()
         spec = branch_spec(past, Future(at=past.end), scratch)
         settings = spec.parameters.of(ControllerParameters)
-        self._implementation = implementation_for(settings, spec.controller)
+        self.implementation = implementation_for(settings, spec.controller)
         self._push_ns = round(spec.plant.push_duration * SECOND_NS)
         self._timer = TickTimer(spec.controller, spec.plant)
         self._period_ns = (1 + int(past.end / _MAX_STATES)) * SECOND_NS
@@ -168,7 +169,7 @@ class ContinuedRun:
 
     def _new_robot(self, inputs: ExternalInputs) -> _Robot:
         changes = PendingChanges.of(self._spec.parameters.of(ControllerParameters), FIRST_TICK_NS)
-        tuned = TunedProgram(self._implementation, changes)
+        tuned = TunedProgram(self.implementation, changes)
         return _Robot(self._spec, tuned, inputs)
 
     def _make_states(self) -> None:
@@ -205,16 +206,6 @@ class ContinuedRun:
         """Description of the wall hit that has ended the run; '' if there is none."""
         plant = self._robot.loop.plant
         return str(plant.newest_hit) if plant.stopped else ''
-
-    @property
-    def tunable(self) -> tuple[Parameter, ...]:
-        """The parameters that can be changed."""
-        return self._implementation.tunable
-
-    @property
-    def parameters_at_start(self) -> ControllerParameters:
-        """Those with which the recorded run began."""
-        return self._implementation.parameters
 
     @property
     def parameters(self) -> ControllerParameters:
@@ -308,7 +299,7 @@ class ContinuedRun:
 
     def retune(self, values: Mapping[str, object]) -> None:
         """Change parameters of the controller at the next tick; BallbotError if they can't be."""
-        new = self._implementation.changed(self.parameters, values).values()
+        new = self.implementation.changed(self.parameters, values).values()
         retuned = self._live.retunings.setdefault(self._robot.now_ns, {})
         retuned.update({name: new[name] for name in values})
 
@@ -328,7 +319,7 @@ class ContinuedRun:
         """Let the robot have faults from the start on, which begin later."""
         self._live.faults = faults
         self._spec = branch_spec(self._past, Future(at=self.begun, faults=faults), self._scratch)
-        tasks = [task.name for task in self._implementation.tasks]
+        tasks = [task.name for task in self.implementation.tasks]
         faults_of(self._spec.parameters.of(ControllerParameters), tasks)
         self._later_states = []
 

@@ -67,7 +67,9 @@ def live(run, draw, ticks):
         if choice < 0.02:
             run.push((draw.uniform(-0.3, 0.3), draw.uniform(-0.3, 0.3)))
         elif choice < 0.03:
-            row = draw.choice([row for row in run.tunable if isinstance(row.default, float)])
+            row = draw.choice(
+                [row for row in run.implementation.tunable if isinstance(row.default, float)]
+            )
             now = run.parameters.values()[row.name]
             run.retune({row.name: now * draw.uniform(0.95, 1.05)})
         elif choice < 0.035:
