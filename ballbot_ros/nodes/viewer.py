@@ -7,11 +7,9 @@ import time
 from collections.abc import Collection, Iterator
 from contextlib import suppress
 from dataclasses import fields
-from functools import partial
 from itertools import islice
 
 from rclpy.qos import QoSProfile
-from rclpy.subscription import Subscription
 
 from ballbot_ros.engine.scenario.reader import scenario_names
 from ballbot_ros.errors import WorldError
@@ -56,15 +54,6 @@ from ballbot_ros.viewer.run_activity import REPORT, RealTimeFactor, RunActivity,
 from ballbot_ros.viewer.snapshot import LIVE_SIGNALS, History, Snapshot
 
 _DEPTH = 50
-
-
-def _reports(subscription: Subscription) -> Iterator[PlantReport]:
-    """Yield the plant's reports that have arrived on a topic that all nodes share, in order."""
-    # Read no more messages than can be waiting: other nodes may publish faster than this.
-    for data, _ in islice(drain(subscription), _DEPTH):
-        if (report := decode_plant_report(data)) is not None:
-            yield report
-
 
 _SHOWN = (
     PLANT_IMU, PLANT_ODOM, MOTOR_DUTY, CONTROLLER_STATE, GAMEPAD_JOY, SONAR_RANGE,
@@ -127,8 +116,8 @@ class Viewer(BallbotNode[ViewerParameters]):
         self._tuning = TuningRequests(self, self._page.notify, sliders)
         FaultChooser(self._page.server.gui, self._tuning.add_fault)
         self._newest = LatestMessages(self, _SHOWN)
-        diagnostics = raw_subscription(self._newest.inbox, DIAGNOSTICS, QoSProfile(depth=_DEPTH))
-        self._plant_reports = partial(_reports, diagnostics)
+        qos = QoSProfile(depth=_DEPTH)
+        self._plant_status = raw_subscription(self._newest.inbox, DIAGNOSTICS, qos)
         self._plant_report = PlantReport()
         self._run = ''
         self._history = History()
@@ -160,6 +149,13 @@ class Viewer(BallbotNode[ViewerParameters]):
             snapshot = snapshot._replace(state='run ended')
         self._show(snapshot, changed)
         self._show_processor(is_paused=activity.is_paused)
+
+    def _plant_reports(self) -> Iterator[PlantReport]:
+        """Yield the plant's reports that have arrived on a topic that all nodes share, in order."""
+        # Read no more messages than can be waiting: other nodes may publish faster than this.
+        for data, _ in islice(drain(self._plant_status), _DEPTH):
+            if (report := decode_plant_report(data)) is not None:
+                yield report
 
     def _activity(self, robot: Snapshot | None) -> RunActivity:
         """Return what is known about the run that is shown."""
