@@ -182,8 +182,9 @@ def branch_spec(
     BallbotError
         If the recorded run does not reach the moment, or can't have these changes.
     """
+    push_name, fault_name, value_name, _ = future.names
     if not 0.0 <= future.at <= past.end:
-        raise BallbotError(f'--at {future.at:g}: not within the recorded run, 0 … {past.end:.3f} s')
+        raise BallbotError(f'at {future.at:g} s: not within the recorded run, 0 … {past.end:.3f} s')
     parameters = ParameterSet()
     parameters.update(past.parameters)
     for node, values in _OF_A_RUN.items():
@@ -194,13 +195,12 @@ def branch_spec(
         parameters.set(PLANT, 'duration', ticks * TICK_NS / SECOND_NS)
     duration = parameters.of(PlantParameters).duration
     if future.controller and future.values:
-        raise BallbotError('--set: another controller takes over at that time')
-    for option, events in (('--push', future.pushes), ('--fault', future.faults)):
+        raise BallbotError(f'{value_name}: another controller takes over at that time')
+    for name, events in ((push_name, future.pushes), (fault_name, future.faults)):
         for each in events:
             if not future.at <= each.time < duration:
                 raise BallbotError(
-                    f'{option}: begins at {each.time:g} s, not within {future.at:g} … '
-                    f'{duration:g} s'
+                    f'{name}: begins at {each.time:g} s, not within {future.at:g} … {duration:g} s'
                 )
     changes = changes_text(each for each in _changes(past, future) if each.time < duration)
     parameters.set(CONTROLLER, 'changes', changes)

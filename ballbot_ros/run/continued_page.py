@@ -153,7 +153,7 @@ class ContinuedPage(RecordingPage):
             self._history.clear()
             first = max(0.0, run.time - WINDOW_S)
             for recorded in np.arange(first, run.time, _PERIOD_S).tolist():
-                self._history.add(self.runs[0].snapshot(recorded))
+                self._history.add(self.runs[0].snapshot(recorded, rolls=False))
             self._shown = self.runs[0].snapshot(run.time)
         self._sliders.follow({each.name: each.value for each in _tunables(run)})
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal, TypeAlias
@@ -22,6 +22,8 @@ RECORDED: Literal['recorded'] = 'recorded'
 
 HeldSticks: TypeAlias = Sticks | Literal['recorded']
 """The sticks (vertical, horizontal) that are held, or :data:`RECORDED`."""
+
+Names: TypeAlias = tuple[str, str, str, str]
 
 DEFAULT_PUSH_S = 0.1
 """How long a push lasts, unless it says something else."""
@@ -48,6 +50,8 @@ class Future:
         knows the robot.
     is_live : bool
         Whether the user drives, in real time, until the run is stopped.
+    names : tuple of str
+        What errors call pushes, faults, values and sticks.
     """
 
     at: float
@@ -57,6 +61,7 @@ class Future:
     sticks: HeldSticks = RECORDED
     controller: str | None = None
     is_live: bool = False
+    names: Names = ('--push', '--fault', '--set', '--sticks')
 
     @property
     def told(self) -> tuple[str, ...]:
@@ -86,7 +91,7 @@ def given_future(
     values: Mapping[str, object],
     sticks: object,
     controller: str | None,
-    names: Sequence[str],
+    names: Names,
 ) -> Future:
     """Return the future that somebody asks for.
 
@@ -100,7 +105,7 @@ def given_future(
         As in a parameter `faults`.
     values : mapping of str to object
         By ``controller.param``.
-    names : sequence of str
+    names : tuple of str
         What errors call pushes, faults, values and sticks.
 
     Raises
@@ -111,6 +116,7 @@ def given_future(
     push_name, fault_name, value_name, stick_name = names
     return Future(
         at=at,
+        names=names,
         pushes=tuple(
             read_push({'time': at, 'duration': DEFAULT_PUSH_S, **each}, push_name)
             for each in pushes

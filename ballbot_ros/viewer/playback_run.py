@@ -133,8 +133,11 @@ class PlaybackRun:
         """Return the sim time at a time [s] of the run [µs], as that of its jobs."""
         return self._run.recorded.start_ns // 1000 + round(time * 1e6)
 
-    def snapshot(self, time: float) -> Snapshot:
-        """Return the robot at `time` [s], or at the nearer end of the run."""
+    def snapshot(self, time: float, *, rolls: bool = True) -> Snapshot:
+        """Return the robot at `time` [s], or at the nearer end of the run.
+
+        Unless the ball `rolls`, which takes longest, its orientation is left out.
+        """
         motion = self._run.trajectory
         tick = self._tick(time)
         state = bisect_right(self._state_times, time) - 1
@@ -143,7 +146,7 @@ class PlaybackRun:
         psi_x, psi_y = motion.psi[tick].tolist()
         duty_x, duty_y = motion.duty[tick].tolist()
         sonar = self._run.series.get(SONAR_RANGE)
-        w, i, j, k = wxyz(self._ball.at(tick)).tolist()
+        ball = tuple(wxyz(self._ball.at(tick)).tolist()) if rolls else None
         return Snapshot(
             time=float(motion.time[tick]),
             position=(x, y),
@@ -154,7 +157,7 @@ class PlaybackRun:
             battery=_newest(self._run.series.get(BATTERY_STATE), time),
             state=self._run.states[state].name if state >= 0 else '',
             lcd=self._run.pages[page][1] if page >= 0 else '',
-            ball=(w, i, j, k),
+            ball=ball,
             force=acting_force(self._forces, time),
         )
 

@@ -258,7 +258,7 @@ def test_the_parent_next_to_it_has_a_relative_path(tmp_path):
 @pytest.mark.parametrize(
     ('future', 'told'),
     [
-        (Future(at=5.0), '--at 5: not within the recorded run, 0 … 4.496 s'),
+        (Future(at=5.0), 'at 5 s: not within the recorded run, 0 … 4.496 s'),
         (
             Future(at=2.0, pushes=(ScheduledPush(1.0, 0.1),)),
             '--push: begins at 1 s, not within 2 … 4.5 s',
@@ -304,6 +304,8 @@ def test_the_library_returns_both(parent):
     assert len(after.plot().axes[0].lines) == 4
     with pytest.raises(BallbotError, match=r'^pushes: 2000 is not within'):
         bb.branch(before, 2.0, pushes=[{'force': 2000, 'direction': 'left'}])
+    with pytest.raises(BallbotError, match=r'^pushes: begins at 1 s, not within 2'):
+        bb.branch(before, 2.0, pushes={'time': 1, 'force': 1, 'direction': 'left'})
     with pytest.raises(BallbotError, match=r'^parameters: plant_sim\.seed is not of the form'):
         bb.branch(before, 2.0, parameters={'plant_sim.seed': 3})
     with pytest.raises(BallbotError, match=r'^sticks: \(0, 101\) is not recorded, neutral'):
