@@ -22,15 +22,15 @@ from ballbot_ros.robot.compiler_hints import inlined
 Floats = NDArray[np.float64]
 
 
-Number = TypeVar('Number', int, float)
+_Number = TypeVar('_Number', int, float)
 
 
-class Numbers(Protocol[Number]):
+class Numbers(Protocol[_Number]):
     """Numbers in a buffer, a list or an array, shape (n,)."""
 
     def __len__(self) -> int: ...
-    def __getitem__(self, at: int, /) -> Number: ...
-    def __setitem__(self, at: int, value: Number, /) -> None: ...
+    def __getitem__(self, at: int, /) -> _Number: ...
+    def __setitem__(self, at: int, value: _Number, /) -> None: ...
 
 
 Ints: TypeAlias = Numbers[int]
