@@ -19,6 +19,7 @@ from ballbot_ros.errors import BallbotError
 from ballbot_ros.parameters import Parameter
 from ballbot_ros.parameters.timing import FIRST_TICK_NS, SECOND_NS, TICK_S
 from ballbot_ros.recording.messages.conversions import NO_CONTROLLER_STATE, ControllerState
+from ballbot_ros.robot.arithmetic import Floats
 from ballbot_ros.robot.brick.sensors import sonar_cm_to_metres
 from ballbot_ros.robot.plant.ground_truth import Pair
 from ballbot_ros.run.continued_run import ContinuedRun
@@ -86,6 +87,7 @@ class ContinuedPage(RecordingPage):
         self._todo: queue.SimpleQueue[Callable[[ContinuedRun], None]] = queue.SimpleQueue()
         self._sticks = PageSticks()
         self._history = History()
+        self._tables: dict[PlotKind, dict[str, Floats]] = {}  # of the earlier run
         self._shown = runs[0].snapshot(0.0)
         self._since_tick = 0.0
         self._banner: Banner | None = None
@@ -129,12 +131,11 @@ class ContinuedPage(RecordingPage):
         """Let the robot be live from a moment on [s]."""
         try:
             run = self._made.result()
+            self._go_to(run, time)
         except BallbotError as error:
             self._refuse(error)
             return
-        self._run = run
-        self._go_to(run, time)
-        self.clock.is_playing = False
+        self._run, self.clock.is_playing = run, False
         self.processor.show(None, 0, 0.0)
         for ghost in self.robots.drawn[1:]:
             ghost.hide()
@@ -190,7 +191,7 @@ class ContinuedPage(RecordingPage):
             case Hold():
                 self._sticks.hold(request)
             case Press(name) if name == _PAUSE:
-                self._is_playing = not self._is_playing
+                self._is_playing, self._banner = not self._is_playing, None
             case Press(name) if name == _STEP:
                 self._is_playing, self._since_tick = False, TICK_S
             case Press(name) if name == _AGAIN:
@@ -274,12 +275,13 @@ class ContinuedPage(RecordingPage):
     def _live_plot(self, kind: PlotKind) -> PlotData:
         """Return the last seconds of a plot, and those of the earlier run."""
         run = self.runs[0]
+        if kind not in self._tables:  # with a row after the end, which is NaN
+            self._tables[kind] = ghost_columns(run.table(kind.columns, run.ticks + 1))
         x, y = run.start
         when, columns = self._history.columns(run.dimensions.ball_radius, (x, -y))
-        ticks = np.rint(when / TICK_S).astype(int)
-        earlier = run.table(kind.columns, int(ticks[-1]) + 1)
-        table = {**columns, **ghost_columns({name: each[ticks] for name, each in earlier.items()})}
-        return plot_data(kind.with_ghost(), when, table, keeps_unknown=True)
+        ticks = np.rint(when / TICK_S).astype(int).clip(max=run.ticks)
+        table = {name: each[ticks] for name, each in self._tables[kind].items()}
+        return plot_data(kind.with_ghost(), when, {**columns, **table}, keeps_unknown=True)
 
 
 class _Keeping:
