@@ -314,19 +314,23 @@ class RunLog(NamedTuple):
         Duty [%].
     timing : ndarray of float64, shape (r, n, 4) or (r, 0, 4)
         As in :class:`~ballbot_ros.engine.scenario.metrics.Motion`; NaN for some runs without it.
+    others : ndarray of float64, shape (r, n, 6) or (r, 0, 6)
+        Pitch rates [rad/s], readings of gyros and encoders.
     """
 
     position: Any
     psi: Any
     duty: Any
     timing: Any
+    others: Any
 
 
-def new_log(runs: int, ticks: int, *, is_timed: bool) -> RunLog:
+def new_log(runs: int, ticks: int, *, is_timed: bool, has_others: bool = False) -> RunLog:
     """Return an empty log; `is_timed` is whether jobs take time in any of the runs."""
     timing = np.zeros((runs, ticks if is_timed else 0, COUNT))
     duty = np.zeros((runs, ticks, 2), np.int8)
-    return RunLog(np.zeros((runs, ticks, 2)), np.zeros((runs, ticks, 2)), duty, timing)
+    others = np.zeros((runs, ticks if has_others else 0, 6))
+    return RunLog(np.zeros((runs, ticks, 2)), np.zeros((runs, ticks, 2)), duty, timing, others)
 
 
 def new_robots(count: int, programs: Rows) -> Rows:
@@ -501,7 +505,7 @@ def simulate_runs(
                 rings.effects_ns[run], rings.waiting_duties[run], rings.steps[run],
                 rings.kernel[run],
                 log.position[run][done:], log.psi[run][done:], log.duty[run][done:],
-                log.timing[run][done:], traces[run][done:], robot, part,
+                log.timing[run][done:], log.others[run][done:], traces[run][done:], robot, part,
             )  # fmt: skip
             done += part
             is_going_on = robot.ticks - first == done < most
@@ -529,6 +533,7 @@ def simulate_run(
     pitches: Floats,
     duties: NDArray[np.int8],
     timing: Floats,
+    others: Floats,
     trace: Rows,
     robot: Any,
     most: int,
@@ -563,7 +568,7 @@ def simulate_run(
     if not is_timed:
         timing[:] = math.nan
     ticks = min(round(plant.duration * SECOND_NS) // TICK_NS - first, most)
-    is_traced = len(trace) > 0
+    is_traced, has_others = len(trace) > 0, len(others) > 0
     done = vertical = horizontal = delay_ns = 0
     while done < ticks and not state.is_stopped:
         now_ns = state.time_ns
@@ -575,6 +580,10 @@ def simulate_run(
             vertical = signal_value(vertical_times, vertical_values, elapsed_s)
             horizontal = signal_value(horizontal_times, horizontal_values, elapsed_s)
         inputs = sample(constants, state, vertical, horizontal, steps, sides, faults)
+        if has_others:
+            others[done, 0], others[done, 1] = state.x[3], state.y[3]
+            others[done, 2], others[done, 3] = inputs.gyro_x, inputs.gyro_y
+            others[done, 4], others[done, 5] = inputs.revolution_x, inputs.revolution_y
         elapsed_ms = (now_ns - begun_ns) // MILLISECOND_NS
         systick_ms = now_ns // MILLISECOND_NS & UINT32_MASK
         tasks = 0

@@ -90,7 +90,7 @@ class TrajectoryLog:
 
     def extend(self, stamps_ns: NDArray[np.int64], ticks: RunLog) -> None:
         """Add ticks of a run; they come before those that are added one by one."""
-        position, psi, duty, timing = ticks
+        position, psi, duty, timing, _ = ticks
         self._hash.update(duty.tobytes())
         self.ticks += len(duty)
         if self._keep:

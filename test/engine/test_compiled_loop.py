@@ -54,7 +54,7 @@ def simulate(parameters, scenario, simulate_many=None):
     rows = RobotRows(parameters, {}, 1)
     plant = parameters.of(PlantParameters)
     ticks = round(plant.duration * SECOND_NS) // TICK_NS
-    log = new_log(1, ticks, is_timed=are_timed(rows))
+    log = new_log(1, ticks, is_timed=are_timed(rows), has_others=True)
     ends = new_robots(1, rows_of([INITIAL_STATE]))
     tables = [rows[cls] for cls in (PlantParameters, *DEVICES, ControllerParameters)]
     tables.append(program_rows(rows[ControllerParameters]))
@@ -72,13 +72,16 @@ def assert_equal_runs(parameters, scenario, simulate_many=None):
     """Compare each tick's motion, duties and timing, and the final state, bit for bit."""
     log, end = simulate(parameters, scenario, simulate_many)
     loop = ClosedLoop(parameters, scenario)
-    ordinary = TrajectoryLog(parameters.of(ControllerParameters))
+    ordinary, others = TrajectoryLog(parameters.of(ControllerParameters)), []
     for tick in loop.ticks(parameters.of(PlantParameters).duration):
         ordinary.add(tick.truth, *tick.outputs.duty, tick.outputs)
+        others.append((*tick.truth.psi_rate, *tick.inputs.gyro, *tick.inputs.revolutions))
     assert end['ticks'] == ordinary.ticks
     expected = ordinary.trajectory()
-    for name, found in log._asdict().items():
-        assert found[0, : ordinary.ticks].tobytes() == getattr(expected, name).tobytes(), name
+    assert log.others[0, : ordinary.ticks].tobytes() == np.array(others, float).tobytes()
+    for name in ('position', 'psi', 'duty', 'timing'):
+        found = getattr(log, name)[0, : ordinary.ticks]
+        assert found.tobytes() == getattr(expected, name).tobytes(), name
     assert_equal_states(end['plant'], loop.plant.state)
     assert_equal_states(end['program'], loop.program.state)
 

@@ -159,18 +159,18 @@ def robustness_of(
     return found
 
 
-TRACED = (
+OTHERS = (
     *('pitch_rate_x_deg_per_s', 'pitch_rate_y_deg_per_s', 'gyro_x_deg_per_s', 'gyro_y_deg_per_s'),
     *('encoder_x_deg', 'encoder_y_deg'),
 )
-"""Signals of studies that do not follow from the motion; runs that need one are traced."""
+"""Signals of studies that do not follow from the motion, as in `RunLog.others`."""
 
 
-def traced_signal(columns: Any, name: str) -> Floats:
-    """Return one of :data:`TRACED`, (r, n), from columns in their order, with rates in rad/s."""
-    if name not in TRACED:
+def other_signal(others: Floats, name: str) -> Floats:
+    """Return one of :data:`OTHERS`, (r, n), from those of runs, with rates in rad/s."""
+    if name not in OTHERS:
         raise MissingSignalError(name)
-    values = np.asarray(columns[TRACED.index(name)], np.float64)
+    values = others[..., OTHERS.index(name)]
     return np.asarray(np.degrees(values)) if name.startswith('pitch') else values
 
 

@@ -22,7 +22,7 @@ from ballbot_ros.engine.scenario.reader import (
 from ballbot_ros.engine.scenario.scenario import Expectation
 from ballbot_ros.errors import BallbotError, StudyError, did_you_mean, short_repr
 from ballbot_ros.files import read_text, share_directory
-from ballbot_ros.lab.studies.columns import TRACED
+from ballbot_ros.lab.studies.columns import OTHERS
 from ballbot_ros.lab.studies.events import event_part, extreme_scenarios, is_event
 from ballbot_ros.lab.studies.programs import with_values
 from ballbot_ros.lab.studies.study import CASE, MAX_RUNS, Sampling, Study, grid_shape, nearest_grid
@@ -358,7 +358,7 @@ class StudyReader(DistributionReader):
             given = data.get('properties', {})
             found = self._properties(given, spec.plant, spec.scenario.events)
         for each in found:
-            known = *OF_MOTION, *TRACED
+            known = *OF_MOTION, *OTHERS
             if missing := next((name for name in each.signals if name not in known), ''):
                 keys = ('properties', each.name) if 'properties' in data else ('scenario',)
                 raise self._error(

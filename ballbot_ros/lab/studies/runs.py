@@ -36,7 +36,7 @@ from ballbot_ros.engine.scenario.scenario import Measure, Scenario
 from ballbot_ros.engine.scenario.task_timing import COUNT
 from ballbot_ros.engine.trajectory import TrajectoryLog
 from ballbot_ros.errors import ControllerError, StudyError, WorldError
-from ballbot_ros.lab.studies.columns import TRACED, measure_runs, robustness_of, traced_signal
+from ballbot_ros.lab.studies.columns import OTHERS, measure_runs, other_signal, robustness_of
 from ballbot_ros.lab.studies.events import fault_values, scenarios_of
 from ballbot_ros.lab.studies.programs import Programs, programs_of, with_values
 from ballbot_ros.lab.studies.variables import DURATION
@@ -51,7 +51,7 @@ from ballbot_ros.run.tick_timer import TickTimer
 
 _LOG_BYTES = 2**20
 """Size of the log of the runs that are simulated together: it stays in the processor's cache."""
-_BYTES_A_TICK, _BYTES_OF_TIMING = 34, 8 * COUNT
+_BYTES_A_TICK, _BYTES_OF_TIMING, _BYTES_OF_OTHERS = 34, 8 * COUNT, 8 * len(OTHERS)
 
 _PLACE = ('start_position_x', 'start_position_y', 'body_depth', 'body_width')
 
@@ -183,15 +183,15 @@ class OrdinarySimulator:
         implementation = implementation_for(controller, loaded)
         loop = ClosedLoop(parameters, scenario, program=implementation.make())
         log = TrajectoryLog(controller)
-        failed, traced = False, array('d')
-        is_traced = are_traced(self._measures)
+        failed, others = False, array('d')
+        has_others = need_others(self._measures)
         try:
             with TickTimer(loaded, plant):
                 for tick in loop.ticks(plant.duration):
                     log.add(tick.truth, *tick.outputs.duty, tick.outputs)
-                    if is_traced:
+                    if has_others:
                         readings = (*tick.inputs.gyro, *tick.inputs.revolutions)
-                        traced.extend((*tick.truth.psi_rate, *readings))
+                        others.extend((*tick.truth.psi_rate, *readings))
         except ControllerError:
             failed = True
         trajectory = log.trajectory()
@@ -200,9 +200,9 @@ class OrdinarySimulator:
         results.ticks[run] = log.ticks
         results.failed[run] = failed or loop.plant.stopped
         results.fallen[run] = loop.plant.fallen
-        columns = np.array(traced).reshape(-1, len(TRACED)).T[:, np.newaxis]
+        rows = np.array(others).reshape(1, -1, len(OTHERS))
         signals = motion_signals(trajectory, walls, lambda: None)
-        signals = signals._replace(other=partial(traced_signal, columns))
+        signals = signals._replace(other=partial(other_signal, rows))
         course = Course(scenario.events, controller.mode)
         for number, each in enumerate(self._measures):
             results.measured[run, number] = (
@@ -268,13 +268,12 @@ class CompiledSimulator:
         ticks = max((round(each * SECOND_NS) // TICK_NS for each in durations.tolist()), default=0)
         is_timed = are_timed(rows)
         programs, states = self._programs.rows(rows, samples.values, samples.count)
-        tick, is_traced = tick_type(states.dtype), are_traced(self._measures)
-        bytes_a_tick = _BYTES_A_TICK + is_traced * tick.itemsize
-        # Calls of numpy for each traced run alone would cost more than a full cache.
-        together = max(3 if is_traced else 1, _LOG_BYTES // (max(ticks, 1) * bytes_a_tick))
+        has_others = need_others(self._measures)
+        bytes_a_tick = _BYTES_A_TICK + has_others * _BYTES_OF_OTHERS
+        together = max(1, _LOG_BYTES // (max(ticks, 1) * bytes_a_tick))
         try:
-            time, log = time_of(ticks), new_log(together, ticks, is_timed=is_timed)
-            traces = np.zeros((together, ticks * is_traced), tick)
+            time = time_of(ticks)
+            log = new_log(together, ticks, is_timed=is_timed, has_others=has_others)
         except MemoryError:
             size = together * ticks * (bytes_a_tick + is_timed * _BYTES_OF_TIMING) / 1e9
             raise StudyError(
@@ -298,10 +297,8 @@ class CompiledSimulator:
                 rings = rings_of(
                     of_runs, self._programs.tasks, faults[runs] if faults[1:] else faults
                 )
-                self._simulate(
-                    of_runs, programs[runs], part, rings, log, traces, time, robots, done
-                )
-                self._judge(of_runs, courses[runs], log, traces, time, done)
+                self._simulate(of_runs, programs[runs], part, rings, log, time, robots, done)
+                self._judge(of_runs, courses[runs], log, time, done)
                 doubtful = ~are_finite(robots['program'])
             except FAULTS:
                 doubtful = np.ones(len(robots), np.bool_)
@@ -350,16 +347,16 @@ class CompiledSimulator:
         events: Events,
         rings: Rings,
         log: RunLog,
-        traces: Rows,
         time: Floats,
         ends: Rows,
         results: Results,
     ) -> None:
         plants = rows[PlantParameters]
         ticks = log.duty.shape[1]
+        no_traces = np.zeros((len(ends), 0), tick_type(ends['program'].dtype))
         self._run(
             plants, *(rows[each] for each in DEVICES), rows[ControllerParameters], programs,
-            self._floor, events, rings, log, traces, ends, ticks,
+            self._floor, events, rings, log, no_traces, ends, ticks,
         )  # fmt: skip
         results.ticks[:] = ends['ticks']
         results.failed[:] = ends['plant']['is_stopped']
@@ -393,21 +390,17 @@ class CompiledSimulator:
         rows: RobotRows,
         courses: list[Course],
         log: RunLog,
-        traces: Rows,
         time: Floats,
         results: Results,
     ) -> None:
         """Evaluate the properties in simulated runs."""
-        plants, readings = rows[PlantParameters], traces['inputs']
-        columns = [traces['plant'][plane][:, :, 3] for plane in 'xy']
-        names = 'gyro_x', 'gyro_y', 'revolution_x', 'revolution_y'
-        columns += [readings[name] for name in names]
+        plants = rows[PlantParameters]
         for number, each in enumerate(self._measures):
             if not isinstance(each, Property):
                 continue
             for runs, walls in self._walls_of(plants, CLEARANCE in each.signals):
                 motion = log.position[runs], log.psi[runs], log.duty[runs]
-                other = partial(traced_signal, [column[runs] for column in columns])
+                other = partial(other_signal, log.others[runs])
                 signals = MotionSignals(time, *motion, other, walls)
                 holds, ticks = plants['hold_time'][runs].tolist(), results.ticks[runs].tolist()
                 found = robustness_of(each, signals, holds, ticks, courses[runs])
@@ -459,7 +452,7 @@ def faults_of_runs(spec: RunSpec, scenarios: Sequence[Scenario]) -> list[tuple[F
     return [own if each.faults == given else each.faults for each in scenarios] or [own]
 
 
-def are_traced(measures: Iterable[Measure | Property]) -> bool:
+def need_others(measures: Iterable[Measure | Property]) -> bool:
     """Return whether properties need signals that do not follow from the motion."""
     signals = (each.signals for each in measures if isinstance(each, Property))
     return not {name for names in signals for name in names} <= OF_MOTION.keys()

@@ -14,7 +14,7 @@ from ballbot_ros.engine.scenario.properties import DRIVE_MODES, OF_MOTION
 from ballbot_ros.engine.scenario.property_language import parse_property
 from ballbot_ros.engine.scenario.scenario import Expectation, Measure
 from ballbot_ros.errors import StudyError
-from ballbot_ros.lab.studies.columns import TRACED, MeasureColumn
+from ballbot_ros.lab.studies.columns import OTHERS, MeasureColumn
 from ballbot_ros.lab.studies.job import passed
 from ballbot_ros.lab.studies.reader import read_study
 from ballbot_ros.lab.studies.rerun import rerun_spec
@@ -178,5 +178,5 @@ def test_which_requirements_a_study_has(tmp_path):
     path = write(tmp_path, {**base, 'properties': {'mine': 'always: distance_m > 0.1'}})
     line = next(n for n, text in enumerate(path.read_text().splitlines(), 1) if 'mine' in text)
     assert refusal(StudyError, read_study, str(path)) == (
-        f"{path}:{line}: 'mine': studies lack distance_m; known: {', '.join((*OF_MOTION, *TRACED))}"
+        f"{path}:{line}: 'mine': studies lack distance_m; known: {', '.join((*OF_MOTION, *OTHERS))}"
     )
