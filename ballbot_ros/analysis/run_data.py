@@ -59,7 +59,6 @@ from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.writer import RUN_OUTCOME
 from ballbot_ros.robot.arithmetic import Floats
 from ballbot_ros.robot.brick.brick import Tone
-from ballbot_ros.robot.brick.faults import performer_of
 from ballbot_ros.robot.world.floor_map import FloorMap, OccupancyGrid
 
 Integers = NDArray[np.int64]
@@ -306,7 +305,7 @@ def _fault_changes(before: ParameterSet, after: ParameterSet) -> Iterator[Parame
     known = known_faults(before)
     for each in known_faults(after):
         if each not in known:
-            yield ParameterChange(each.time, performer_of(each.component), 'faults', str(each))
+            yield ParameterChange.of_fault(each)
 
 
 def run_data(

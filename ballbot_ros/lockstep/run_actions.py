@@ -21,6 +21,7 @@ from ballbot_ros.lockstep.participants import Membership, Participant
 from ballbot_ros.parameters import PlantParameters, Value, value_text
 from ballbot_ros.parameters.parameter import TextEnum
 from ballbot_ros.parameters.timing import SECOND_NS, TICK_NS
+from ballbot_ros.robot.brick.faults import Fault, performer_of
 from ballbot_ros.robot.plant.ground_truth import GroundTruth, Push
 from ballbot_ros.robot.world.world import World
 
@@ -43,6 +44,11 @@ class ParameterChange(NamedTuple):
     node: str
     name: str
     value: Value
+
+    @classmethod
+    def of_fault(cls, fault: Fault) -> ParameterChange:
+        """Return the change by which a node was given a fault."""
+        return cls(fault.time, performer_of(fault.component), 'faults', str(fault))
 
     @classmethod
     def from_json(cls, content: Mapping[str, Any]) -> ParameterChange:

@@ -34,7 +34,7 @@ from ballbot_ros.parameters.changes import scheduled_at
 from ballbot_ros.parameters.timing import FIRST_TICK_NS, SECOND_NS, TICK_NS, next_start_ns
 from ballbot_ros.robot.brick.brick import MotorDuty
 from ballbot_ros.robot.brick.fault_effects import change_faults
-from ballbot_ros.robot.brick.faults import new_faults, performer_of
+from ballbot_ros.robot.brick.faults import new_faults
 from ballbot_ros.robot.plant.ground_truth import Pair, Push
 
 DISCOVERY_S = 1.0
@@ -179,10 +179,7 @@ class RunMaster(ABC):
         self._on_news()
 
     def _note_faults(self, before: str, after: str) -> None:
-        self._changes += [
-            ParameterChange(each.time, performer_of(each.component), 'faults', str(each))
-            for each in new_faults(before, after)
-        ]
+        self._changes += map(ParameterChange.of_fault, new_faults(before, after))
 
     @event
     def on_unreadable_announcement(self) -> None:
