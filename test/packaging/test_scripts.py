@@ -221,6 +221,20 @@ def test_run_passes_its_arguments_to_the_command(machine):
     assert machine.run('run', *words).arguments == words
 
 
+def reader_of(script):
+    """Return the process ID of the only child of a script."""
+    (child,) = Path(f'/proc/{script.pid}/task/{script.pid}/children').read_text().split()
+    return int(child)
+
+
+def catches(process, number):
+    """Return whether a process has a handler of its own for a signal."""
+    status = dict(
+        line.split(':', 1) for line in Path(f'/proc/{process}/status').read_text().splitlines()
+    )
+    return bool(int(status['SigCgt'], 16) & 1 << number - 1)
+
+
 def test_a_first_run_at_a_terminal_with_a_browser_offers_to_watch_it(machine, monkeypatch):
     for day in ('2026-01-01', '2026-01-02'):
         recording = machine.folder / f'runs/{day}_stationary/stationary.mcap'
@@ -239,6 +253,7 @@ def test_a_first_run_at_a_terminal_with_a_browser_offers_to_watch_it(machine, mo
     terminal = Terminal()
     process = terminal.start(words, **machine.environment, BROWSER='any')
     terminal.wait_for_text(b'Enter: watch it in 3D')
+    assert not catches(reader_of(process), signal.SIGINT)  # it dies of one at any moment
     terminal.press(b'\x03')
     assert process.wait(LAST_RESORT_S) == 0
 
