@@ -7,9 +7,9 @@ import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from contextlib import closing, suppress
+from contextlib import ExitStack, suppress
 from datetime import datetime
 from multiprocessing.connection import Connection
 from typing import Protocol, TypeVar, cast
@@ -224,24 +224,128 @@ def _check_speed(job: Job) -> str:
     return f'{NO_COMPILER}, so the runs take several hundred times as long: {REMEDY}'
 
 
+Sample = Callable[[int, int], Samples]
+"""Returns the samples of the runs from one number up to, but not including, another."""
+
+
+class StudyRun:
+    """A study that is carried out; a context in which its folder is locked.
+
+    Parameters
+    ----------
+    workers : callable
+        Finds workers when the first parts are done; by default the cores of this machine.
+    again : bool
+        Whether a study that is finished, or begun, is done from the start.
+
+    Attributes
+    ----------
+    missing : list of int
+        The parts that were not there at the beginning, in order.
+    done : PartSummary
+        Numbers of runs of the others.
+
+    Raises
+    ------
+    BallbotError
+        If the folder is another study's or can't be written.
+    """
+
+    missing: list[int]
+    done: PartSummary
+
+    def __init__(
+        self,
+        job: Job,
+        observer: StudyObserver,
+        workers: WorkersOfJob = LocalWorkers,
+        *,
+        again: bool = False,
+    ) -> None:
+        self._job, self._observer, self._find_workers = job, observer, workers
+        self._again = again
+        self._workers: Workers | None = None
+        self._open = ExitStack()
+
+    def __enter__(self) -> StudyRun:
+        load_pyarrow()  # before the folder is created
+        now = datetime.now().astimezone()
+        with ExitStack() as stack:
+            self._folder = stack.enter_context(
+                begin_or_resume(self._job.folder, self._job.record, now)
+            )
+            if self._again and self._folder.resumed:
+                self._folder.restart(now)
+            check = self._folder.check_parts()
+            self._open = stack.pop_all()
+        for each in check.notices:
+            self._observer.notice(each)
+        self.missing, self.done = check.missing, check.summary
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        with self._open:
+            if self._workers:
+                self._workers.close()
+
+    def do(self, parts: Sequence[int], sample: Sample) -> int:
+        """Do parts, and return 0, or the number of the signal that stopped it.
+
+        Raises
+        ------
+        BallbotError
+            If a run is not possible, or a part can't be written.
+        """
+        if not parts:
+            return 0
+        # Outside of the block, in which signals are only noted: a cluster may take seconds to
+        # answer.
+        doing = self._workers = self._workers or self._find_workers(self._job, self._observer)
+        # A second signal has its usual effect: it need not wait for a part that is in work.
+        with StopRequest() as stop:
+            rest = iter(parts)
+            in_work: set[Future[PartSummary]] = set()
+            while not stop.signal:
+                while len(in_work) < 2 * doing.count and (part := next(rest, None)) is not None:
+                    numbers = self._job.record.numbers(part)
+                    in_work.add(doing.submit(part, sample(numbers.start, numbers.stop)))
+                if not in_work:
+                    return 0
+                done, in_work = wait(in_work, POLL_S, FIRST_COMPLETED)
+                for each in done:
+                    self._observer.part(each.result())
+            self._observer.notice(
+                'stopping: parts in work are given up (Ctrl-C again ends at once)'
+            )
+            return int(stop.signal)
+
+    def finish(self) -> None:
+        """Check all parts, and note in the folder that the study is finished.
+
+        Raises
+        ------
+        StudyError
+            If a part is missing or damaged.
+        """
+        if not self.missing and self._folder.is_finished:
+            return
+        check = self._folder.finish(datetime.now().astimezone())
+        if check.missing:
+            raise StudyError(
+                f'{self._folder.path}: {len(check.missing)} parts are missing or damaged; give the '
+                'command again, which redoes them'
+            )
+
+
 def run_study(
     job: Job,
-    sample: Callable[[int, int], Samples],
+    sample: Sample,
     observer: StudyObserver,
     workers: WorkersOfJob = LocalWorkers,
     *,
     again: bool = False,
 ) -> int:
-    """Do all parts of a study that are missing in its folder.
-
-    Parameters
-    ----------
-    sample : callable
-        Returns the samples of the runs from one number up to, but not including, another.
-    workers : callable
-        Finds workers, if parts are missing; by default the cores of this machine.
-    again : bool
-        Whether a study that is finished, or begun, is done from the start.
+    """Do all parts of a study that are missing in its folder; see :class:`StudyRun`.
 
     Returns
     -------
@@ -253,50 +357,9 @@ def run_study(
     BallbotError
         If the folder is another study's or can't be written, or a run is not possible.
     """
-    load_pyarrow()  # before the folder is created
-    with begin_or_resume(job.folder, job.record, datetime.now().astimezone()) as folder:
-        if again and folder.resumed:
-            folder.restart(datetime.now().astimezone())
-        check = folder.check_parts()
-        for each in check.notices:
-            observer.notice(each)
-        observer.begin(job.record.runs, check.summary)
-        if check.missing:
-            stopped = _do_parts(job, sample, observer, workers, check.missing)
-            if stopped:
-                return stopped
-        if check.missing or not folder.is_finished:
-            check = folder.finish(datetime.now().astimezone())
-            if check.missing:
-                raise StudyError(
-                    f'{folder.path}: {len(check.missing)} parts are missing or damaged; give the '
-                    'command again, which redoes them'
-                )
+    with StudyRun(job, observer, workers, again=again) as run:
+        observer.begin(job.record.runs, run.done)
+        if stopped := run.do(run.missing, sample):
+            return stopped
+        run.finish()
     return 0
-
-
-def _do_parts(
-    job: Job,
-    sample: Callable[[int, int], Samples],
-    observer: StudyObserver,
-    workers: WorkersOfJob,
-    missing: list[int],
-) -> int:
-    # Outside of the block, in which signals are only noted: a cluster may take seconds to answer.
-    doing = workers(job, observer)
-    # A second signal has its usual effect: it need not wait for a part that is in work.
-    with closing(doing), StopRequest() as stop:
-        parts = iter(missing)
-        in_work: set[Future[PartSummary]] = set()
-        while not stop.signal:
-            while len(in_work) < 2 * doing.count and (part := next(parts, None)) is not None:
-                numbers = job.record.numbers(part)
-                samples = sample(numbers.start, numbers.stop)
-                in_work.add(doing.submit(part, samples))
-            if not in_work:
-                return 0
-            done, in_work = wait(in_work, POLL_S, FIRST_COMPLETED)
-            for each in done:
-                observer.part(each.result())
-        observer.notice('stopping: parts in work are given up (Ctrl-C again ends at once)')
-        return int(stop.signal)
