@@ -240,6 +240,7 @@ class StudyRun:
 
     Attributes
     ----------
+    job : Job
     missing : list of int
         The parts that were not there at the beginning, in order.
     done : PartSummary
@@ -262,7 +263,7 @@ class StudyRun:
         *,
         again: bool = False,
     ) -> None:
-        self._job, self._observer, self._find_workers = job, observer, workers
+        self.job, self._observer, self._find_workers = job, observer, workers
         self._again = again
         self._workers: Workers | None = None
         self._open = ExitStack()
@@ -272,7 +273,7 @@ class StudyRun:
         now = datetime.now().astimezone()
         with ExitStack() as stack:
             self._folder = stack.enter_context(
-                begin_or_resume(self._job.folder, self._job.record, now)
+                begin_or_resume(self.job.folder, self.job.record, now)
             )
             if self._again and self._folder.resumed:
                 self._folder.restart(now)
@@ -300,14 +301,14 @@ class StudyRun:
             return 0
         # Outside of the block, in which signals are only noted: a cluster may take seconds to
         # answer.
-        doing = self._workers = self._workers or self._find_workers(self._job, self._observer)
+        doing = self._workers = self._workers or self._find_workers(self.job, self._observer)
         # A second signal has its usual effect: it need not wait for a part that is in work.
         with StopRequest() as stop:
             rest = iter(parts)
             in_work: set[Future[PartSummary]] = set()
             while not stop.signal:
                 while len(in_work) < 2 * doing.count and (part := next(rest, None)) is not None:
-                    numbers = self._job.record.numbers(part)
+                    numbers = self.job.record.numbers(part)
                     in_work.add(doing.submit(part, sample(numbers.start, numbers.stop)))
                 if not in_work:
                     return 0

@@ -112,8 +112,10 @@ class Job:
         return encode_part(self.record, part, rows)
 
 
-def job_of(study: Study, folder: Path) -> Job:
+def job_of(study: Study, folder: Path, runs_per_part: int | None = None) -> Job:
     """Return the job of a study whose results are in a folder.
+
+    By default a part is a few seconds of work.
 
     Raises
     ------
@@ -128,7 +130,7 @@ def job_of(study: Study, folder: Path) -> Job:
         parameters=parameter_text(spec.parameters) + _identities(study.spec),
         runs=study.runs,
         seed=study.seed,
-        runs_per_part=_runs_per_part(study),
+        runs_per_part=runs_per_part or _runs_per_part(study),
         varied=tuple(
             ResultColumn(
                 each.name,

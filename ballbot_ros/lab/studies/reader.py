@@ -48,10 +48,10 @@ from ballbot_ros.robot.world.floor_map import is_file_name
 from ballbot_ros.run.requirements import Processes
 from ballbot_ros.run.spec import RunOptions, RunSpec
 
-STUDY_KEYS = {
+STUDY_KEYS = frozenset({
     'purpose', 'scenario', 'profile', 'controller', 'parameters', 'faults', 'runs', 'repeats',
     'seed', 'sampling', 'vary', 'metrics', 'expectations', 'properties',
-}  # fmt: skip
+})  # fmt: skip
 MAX_SEED = 2**63 - 1
 MAX_HYPERCUBE = 20_000_000
 """Largest number of numbers in a Latin hypercube, which is kept as a whole."""
@@ -72,6 +72,7 @@ class StudyReader(DistributionReader):
     """
 
     what: ClassVar[str] = 'the study'
+    keys: ClassVar[frozenset[str]] = STUDY_KEYS
     error_class: ClassVar[type[BallbotError]] = StudyError
 
     def __init__(
@@ -99,7 +100,7 @@ class StudyReader(DistributionReader):
         BallbotError
             The message is one line that names file and line.
         """
-        data = dict(self._mapping(self._document.data, (), STUDY_KEYS))
+        data = self._content()
         if self._controller is not None and isinstance(data.get('controller'), list):
             data['controller'] = [self._controller]
         for required in ('purpose', 'scenario'):
@@ -111,6 +112,10 @@ class StudyReader(DistributionReader):
             case = {**data, **dict(zip(keys, words, strict=True))}
             self._check_lines_of_text(case, CASE)
             yield self._study(case).of_several() if keys else self._study(case)
+
+    def _content(self) -> dict[str, object]:
+        """Return the keys of a study with their values."""
+        return dict(self._mapping(self._document.data, (), self.keys))
 
     def _study(self, data: Mapping[str, object]) -> Study:
         fixed, values = self._fixed(data.get('parameters', {}))

@@ -1,0 +1,140 @@
+"""The runs of candidates, generation by generation, as parts of a study."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot_ros.engine.rows import Column
+from ballbot_ros.errors import BallbotError, StudyError
+from ballbot_ros.lab.studies.columns import FALLEN, OUTCOME, PASSED
+from ballbot_ros.lab.studies.execution import StudyObserver, StudyRun
+from ballbot_ros.lab.studies.part_file import PARTS, read_columns
+from ballbot_ros.lab.studies.programs import why_not_compiled
+from ballbot_ros.lab.studies.runs import Samples
+from ballbot_ros.lab.studies.study import Study
+from ballbot_ros.lab.studies.variables import Distribution, Levels, Variable, WholeNumbers
+from ballbot_ros.lockstep.run_actions import Outcome
+from ballbot_ros.robot.arithmetic import Floats
+
+PART_S = 4_000.0
+"""Most sim time of the compiled runs of a part [s]: half a second of work on a core."""
+
+FEWEST_PARTS = 4
+"""Parts of a generation, so that several cores have work."""
+
+_HALVINGS = 60
+
+
+class SearchObserver(StudyObserver):
+    """Sees how a search goes on; this one shows nothing."""
+
+    def generation(self, text: str) -> None:
+        """Show what is known after another generation."""
+
+
+class SearchStoppedError(BallbotError):
+    """A signal has stopped a search; nothing is lost.
+
+    Attributes
+    ----------
+    signal : int
+    """
+
+    def __init__(self, signal: int) -> None:
+        super().__init__(f'stopped by signal {signal}')
+        self.signal = signal
+
+
+def run_candidates(run: StudyRun, samples: Samples) -> dict[str, Column]:
+    """Do what is missing of a generation, and return columns of the results of its runs.
+
+    Parameters
+    ----------
+    run : StudyRun
+        The study of which the generation is some parts.
+    samples : Samples
+        Those of its runs.
+
+    Raises
+    ------
+    SearchStoppedError
+        If a signal stops it.
+    BallbotError
+        If a run is not possible, or results can't be written or read.
+    """
+    record, first = run.job.record, samples.first
+    begin = first // record.runs_per_part
+    parts = range(begin, begin + -(-samples.count // record.runs_per_part))
+    missing = [part for part in parts if part in run.missing]
+    if stopped := run.do(missing, lambda low, high: samples.part(low - first, high - first)):
+        raise SearchStoppedError(stopped)
+    varied = [each.name for each in record.varied]
+    names = [*varied, *(each.name for each in record.measures), PASSED.name, FALLEN.name]
+    files = [run.job.folder / PARTS / record.part_name(part) for part in parts]
+    tables = [
+        read_columns(file, record, part, [*names, OUTCOME.name])
+        for file, part in zip(files, parts, strict=True)
+    ]
+    columns = {
+        name: np.concatenate([np.asarray(each.column(name).to_numpy()) for each in tables])
+        for name in names
+    }
+    asked = {**samples.values, **samples.events}
+    for name in varied:
+        if not np.array_equal(columns[name], asked[name]):
+            raise StudyError(
+                f'{run.job.folder}: its candidates differ from those of this machine; go on where '
+                'it began, or give --again'
+            )
+    outcomes = [each.column(OUTCOME.name).cast('string').to_numpy() for each in tables]
+    columns[OUTCOME.name] = np.concatenate(outcomes) == Outcome.FAILED
+    return columns
+
+
+def runs_per_part(study: Study, population: int, runs_each: int) -> int:
+    """Return how many runs a part has: those of whole candidates, in parts of equal size."""
+    _, longest = study.common_scenario
+    work_s = population * runs_each * longest.duration
+    divisors = [each for each in range(1, population + 1) if population % each == 0]
+    enough = [each for each in divisors if each >= FEWEST_PARTS and work_s / each <= PART_S]
+    parts = population if why_not_compiled(study.spec) or not enough else enough[0]
+    return population // parts * runs_each
+
+
+def values_of(variables: Sequence[Variable], points: Floats) -> dict[str, Column]:
+    """Return the values of variables at points of the unit cube, (n, d), by name."""
+    return {
+        each.name: each.distribution.values(points[:, number])
+        for number, each in enumerate(variables)
+    }
+
+
+def share_of(distribution: Distribution, value: object) -> float:
+    """Return a share within [0, 1) that has a value, which is within the ends."""
+    if isinstance(distribution, Levels):
+        return (distribution.levels.index(value) + 0.5) / len(distribution.levels)
+    low, high = 0.0, 1.0
+    for _ in range(_HALVINGS):
+        middle = (low + high) / 2.0
+        if distribution.values(np.array([middle]))[0] < value:
+            low = middle
+        else:
+            high = middle
+    return min(high, 1.0 - 2.0**-53)
+
+
+def least_steps(variables: Sequence[Variable]) -> NDArray[np.float64]:
+    """Return the smallest useful steps of variables in the unit cube: those of discrete values."""
+    counts = []
+    for each in variables:
+        of = each.distribution
+        if isinstance(of, Levels):
+            counts.append(float(len(of.levels)))
+        elif isinstance(of, WholeNumbers):
+            counts.append(float(of.high - of.low + 1))
+        else:
+            counts.append(np.inf)
+    return 0.3 / np.array(counts)

@@ -1,0 +1,154 @@
+"""What a tuning is for: one number for each candidate, from the runs of many robots."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ballbot_ros.engine.rows import Column
+from ballbot_ros.lab.studies.columns import FALLEN, OUTCOME, MeasureColumn
+from ballbot_ros.robot.arithmetic import Floats
+
+DEAD_TIME_MARGIN = 'dead_time_margin_ms'
+"""A limit that is no measure of runs: the dead time that the designed loop bears beyond its own."""
+
+MEAN, WORST = 'mean', 'worst'
+
+INFEASIBLE = 1e6
+"""Cost from which on a candidate breaks a limit; such ones are compared by how far they do."""
+
+
+@dataclass(frozen=True)
+class Limit:
+    """A bound that a candidate must keep.
+
+    Attributes
+    ----------
+    name : str
+        A measure, over the runs as the objective is, or :data:`DEAD_TIME_MARGIN`.
+    minimum, maximum : float or None
+    """
+
+    name: str
+    minimum: float | None = None
+    maximum: float | None = None
+
+    def excess(self, values: Floats) -> Floats:
+        """Return by how much values break the limit, relative to it; 0 if they keep it."""
+        excess: Floats = np.zeros(len(values))
+        for bound, sign in ((self.minimum, -1.0), (self.maximum, 1.0)):
+            if bound is not None:
+                beyond = sign * (values - bound) / (abs(bound) or 1.0)
+                excess += np.where(np.isnan(beyond), math.inf, np.maximum(0.0, beyond))
+        return np.minimum(excess, 1e3)
+
+
+class Verdict(NamedTuple):
+    """What is known of candidates, (n,) each.
+
+    Attributes
+    ----------
+    cost : ndarray
+        The lower, the better; from :data:`INFEASIBLE` on a limit is broken.
+    value : ndarray
+        The objective over the runs that have a value; NaN without any.
+    lost : ndarray
+        Share of the runs without a value: the robot fell, the run failed, or a measure has none.
+    limits : ndarray, shape (n, l)
+        The values of the limits.
+    """
+
+    cost: Floats
+    value: Floats
+    lost: Floats
+    limits: Floats
+
+    @property
+    def is_feasible(self) -> Column:
+        """Whether they keep all limits."""
+        return self.cost < INFEASIBLE
+
+
+@dataclass(frozen=True)
+class Objective:
+    """A weighted sum of measures of a run, over all runs.
+
+    Attributes
+    ----------
+    weights : mapping of str to float
+        By measure. What is good if it is large, such as a robustness, counts with the other sign.
+    share : float or None
+        Quantile over the runs: 1 for the worst; None for the mean.
+    limits : tuple of Limit
+    """
+
+    weights: Mapping[str, float]
+    share: float | None
+    limits: tuple[Limit, ...]
+
+    @property
+    def over(self) -> str:
+        """How it is taken over the runs, in words."""
+        if self.share is None:
+            return MEAN
+        return WORST if self.share == 1.0 else f'{100 * self.share:g} % quantile'
+
+    def judge(
+        self,
+        measures: Sequence[MeasureColumn],
+        columns: Mapping[str, Column],
+        margins: Floats | None = None,
+    ) -> Verdict:
+        """Judge candidates.
+
+        Parameters
+        ----------
+        measures : sequence of MeasureColumn
+            The measures of the runs.
+        columns : mapping of str to ndarray
+            Columns of the results, (n, r) each: a row for each candidate.
+        margins : ndarray, shape (n,), optional
+            The dead-time margins [ms], if there is a limit for them.
+        """
+        known = {each.name: each for each in measures}
+        gone = columns[FALLEN.name] | columns[OUTCOME.name]
+        values = np.zeros(gone.shape)
+        for name, weight in self.weights.items():
+            values = values + weight * known[name].badness(columns[name])
+        values = np.where(gone, np.nan, values)
+        is_lost = np.isnan(values)
+        lost = is_lost.mean(axis=1)
+        kept = np.array([
+            margins if each.name == DEAD_TIME_MARGIN else self._over(known[each.name], columns)
+            for each in self.limits
+        ]).reshape(len(self.limits), -1)  # fmt: skip
+        tolerated = 0.0 if self.share is None else 1.0 - self.share
+        excess = np.maximum(0.0, lost - tolerated)
+        for each, found in zip(self.limits, kept, strict=True):
+            excess = excess + each.excess(found)
+        value = _over_runs(values, self.share)
+        cost = np.where(excess > 0.0, INFEASIBLE * (1.0 + excess), value)
+        return Verdict(cost, value, lost, kept.T)
+
+    def _over(self, column: MeasureColumn, columns: Mapping[str, Column]) -> Floats:
+        """Return a limited measure over the runs: its bad values count for a quantile."""
+        values = np.asarray(columns[column.name], float)
+        limit = next(each for each in self.limits if each.name == column.name)
+        sign = 1.0 if limit.maximum is not None else -1.0
+        return sign * _over_runs(sign * values, self.share)
+
+
+def _over_runs(values: Floats, share: float | None) -> Floats:
+    """Return the mean, or the quantile, of each row of values, without NaN; (n,)."""
+    found = np.full(len(values), math.nan)
+    for number, row in enumerate(values):
+        some = row[~np.isnan(row)]
+        if some.size:
+            found[number] = (
+                some.mean() if share is None else np.quantile(some, share, method='higher')
+            )
+    return found

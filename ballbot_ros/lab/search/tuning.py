@@ -1,0 +1,299 @@
+"""Tunings: what is tuned, on which robots, and for what; read from a file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, cast
+
+import numpy as np
+
+from ballbot_ros.engine.rows import split_element
+from ballbot_ros.engine.scenario.metrics import METRICS
+from ballbot_ros.engine.scenario.reader import Keys
+from ballbot_ros.errors import StudyError, did_you_mean
+from ballbot_ros.files import share_directory
+from ballbot_ros.lab.search.candidates import share_of
+from ballbot_ros.lab.search.objective import DEAD_TIME_MARGIN, MEAN, WORST, Limit, Objective
+from ballbot_ros.lab.search.optimiser import Method
+from ballbot_ros.lab.studies.columns import MeasureColumn
+from ballbot_ros.lab.studies.reader import STUDY_KEYS, StudyReader
+from ballbot_ros.lab.studies.study import Study
+from ballbot_ros.lab.studies.variables import GRID, Variable, identity
+from ballbot_ros.parameters import (
+    CONTROLLER,
+    DOCUMENTS_PROGRAM,
+    ControllerParameters,
+    is_own,
+    suggest,
+)
+from ballbot_ros.parameters.yaml_document import YamlDocument
+from ballbot_ros.robot.arithmetic import Floats
+from ballbot_ros.run.spec import RunSpec
+
+MAX_CANDIDATES, MAX_POPULATION = 1_000_000, 1_000
+_START = 'start'
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """A tuning, as read from its file.
+
+    Attributes
+    ----------
+    studies : tuple of Study
+        The robots on which each candidate is tried: a study for each scenario.
+    tuned : tuple of Variable
+    start : ndarray, shape (d,)
+        Where the search begins, as shares of the ranges.
+    objective : Objective
+    candidates, population : int
+        Number of candidates, and of those of a generation.
+    unseen : int
+        Number of robots on which the result is judged.
+    method : Method
+    """
+
+    studies: tuple[Study, ...]
+    tuned: tuple[Variable, ...]
+    start: Floats
+    objective: Objective
+    candidates: int
+    population: int
+    unseen: int
+    method: Method = Method.CMA
+
+    @property
+    def name(self) -> str:
+        """Name of the file."""
+        return self.studies[0].name.split('_')[0] if self.studies[1:] else self.studies[0].name
+
+    @property
+    def generations(self) -> int:
+        """Number of generations."""
+        return -(-self.candidates // self.population)
+
+
+class TuningReader(StudyReader):
+    """Reads the file of a tuning: that of a study, and what is tuned for what."""
+
+    what: ClassVar[str] = 'the tuning'
+    keys: ClassVar[frozenset[str]] = STUDY_KEYS - {'controller'} | {
+        'tune', 'objective', 'limits', 'candidates', 'population', 'unseen',
+    }  # fmt: skip
+
+    def tuning(self, candidates: int | None = None, method: Method = Method.CMA) -> Tuning:
+        """Return the tuning in the document.
+
+        Parameters
+        ----------
+        candidates : int or None
+            Number of candidates in place of the file's.
+
+        Raises
+        ------
+        BallbotError
+            The message is one line that names file and line.
+        """
+        data = self._content()
+        studies = tuple(self.studies())
+        spec = studies[0].spec
+        tuned, starts = self._tuned(data, studies)
+        objective = self._objective(data, studies[0])
+        if any(each.name == DEAD_TIME_MARGIN for each in objective.limits):
+            self._require_documents_program(spec)
+        default = 4 + int(3 * np.log(len(tuned)))  # that of CMA-ES
+        population = self._whole(
+            data.get('population', -(-default // 4) * 4), ('population',), 2, MAX_POPULATION
+        )
+        given = self._whole(data.get('candidates', 1000), ('candidates',), 1, MAX_CANDIDATES)
+        unseen = self._whole(data.get('unseen', 1000), ('unseen',), 1, MAX_CANDIDATES)
+        return Tuning(
+            studies, tuned, starts, objective, candidates or given, population, unseen, method
+        )
+
+    def _content(self) -> dict[str, object]:
+        data = super()._content()
+        for required in ('tune', 'objective'):
+            if required not in data:
+                raise self._error((), f'{required} is missing')
+        data['controller'] = self._chosen(data)
+        terms = self._terms(data)
+        limited = self._mapping(data.get('limits', {}), ('limits',))
+        given = data.get('metrics', [])
+        if isinstance(given, list):
+            names = dict.fromkeys(
+                (*given, *(each for each in (*terms, *limited) if each in METRICS))
+            )
+            data['metrics'] = list(names) or given
+        if not data['metrics']:
+            del data['metrics']
+        return data
+
+    def _chosen(self, data: Mapping[str, object]) -> str:
+        """Return the controller that is tuned: the first one, unless another is asked for."""
+        known = list(self._mapping(data['tune'], ('tune',)))
+        if not known:
+            raise self._error(('tune',), 'nothing is tuned: needs a controller and its parameters')
+        chosen = self._controller or str(known[0])
+        if chosen not in known:
+            raise StudyError(
+                f'--controller {chosen}: {self._document.path} tunes {", ".join(map(str, known))}'
+            )
+        return chosen
+
+    def _tuned(
+        self, data: Mapping[str, object], studies: tuple[Study, ...]
+    ) -> tuple[tuple[Variable, ...], Floats]:
+        """Return what is tuned, and where the search begins."""
+        controller = cast(str, data['controller'])
+        at: Keys = ('tune', controller)
+        spec, found, starts = studies[0].spec, dict[Any, Variable](), list[float]()
+        varied = {identity(each.name, each.parameter) for each in studies[0].variables}
+        for key, content in self._mapping(
+            self._mapping(data['tune'], ('tune',))[controller], at
+        ).items():
+            keys = (*at, key)
+            given = dict(self._mapping(content, keys))
+            start = given.pop(_START, None)
+            if GRID in given:
+                raise self._error((*keys, GRID), f'{key}: {GRID} is only for studies')
+            variable = self._variable(str(key), given, keys, spec)
+            if not variable.name.startswith(f'{CONTROLLER}.'):
+                raise self._error(keys, f'{key}: only parameters of {CONTROLLER} can be tuned')
+            same = identity(variable.name, variable.parameter)
+            if same in varied or same in found:
+                raise self._error(keys, f'{key} varies already')
+            found[same] = variable
+            starts.append(self._start(start, keys, variable, spec))
+        if not found:
+            raise self._error(at, f'nothing of {controller} is tuned')
+        return tuple(found.values()), np.array(starts)
+
+    def _start(self, given: object, keys: Keys, variable: Variable, spec: RunSpec) -> float:
+        """Return the share of the range at which a search begins: by default the value in force."""
+        distribution, parameter = variable.distribution, variable.parameter
+        low, high = distribution.ends
+        place = f'{self._document.where(*keys)}: '
+        value = _in_force(spec, variable) if given is None else parameter.check(given, place)
+        if not low <= value <= high:
+            is_given = 'start' if given is not None else 'start, by default the value in force,'
+            raise self._error(
+                keys, f'{variable.name}: the {is_given} {value:g} is not within {low:g} … {high:g}'
+            )
+        return share_of(distribution, value)
+
+    def _terms(self, data: Mapping[str, object]) -> Mapping[str, object]:
+        content = self._mapping(data['objective'], ('objective',), ('over', 'sum'))
+        if 'sum' not in content:
+            raise self._error(('objective',), 'objective: needs sum, measures with their weights')
+        return self._mapping(content['sum'], ('objective', 'sum'))
+
+    def _objective(self, data: Mapping[str, object], study: Study) -> Objective:
+        known = [MeasureColumn.of(each, study.expectations).name for each in study.measures]
+        weights: dict[str, float] = {}
+        for name, weight in self._terms(data).items():
+            keys = ('objective', 'sum', name)
+            self._check_measure(str(name), keys, known)
+            weights[str(name)] = self._number(weight, keys)
+            if weights[str(name)] <= 0.0:
+                raise self._error(keys, f'{name}: the weight is not above 0')
+        if not weights:
+            raise self._error(('objective', 'sum'), 'sum: has no measures')
+        limits = tuple(
+            self._limit(str(name), bounds, known)
+            for name, bounds in self._mapping(data.get('limits', {}), ('limits',)).items()
+        )
+        content = self._mapping(data['objective'], ('objective',))
+        return Objective(weights, self._over(content.get('over', MEAN)), limits)
+
+    def _over(self, given: object) -> float | None:
+        keys = ('objective', 'over')
+        if given in (MEAN, WORST):
+            return None if given == MEAN else 1.0
+        share = given if isinstance(given, float) else None
+        if share is None or not 0.0 < share < 1.0:
+            raise self._error(
+                keys, f'over: {given!r} is neither {MEAN}, {WORST} nor a quantile such as 0.95'
+            )
+        return share
+
+    def _limit(self, name: str, data: object, known: list[str]) -> Limit:
+        keys = ('limits', name)
+        if name != DEAD_TIME_MARGIN:
+            self._check_measure(name, keys, known)
+        bounds = self._mapping(data, keys, ('min', 'max'))
+        if len(bounds) != 1:
+            raise self._error(keys, f'{name}: needs either min or max')
+        values = {key: self._number(value, (*keys, key)) for key, value in bounds.items()}
+        return Limit(name, values.get('min'), values.get('max'))
+
+    def _check_measure(self, name: str, keys: Keys, known: list[str]) -> None:
+        if name not in known:
+            names = dict.fromkeys((*known, *METRICS))
+            raise self._error(keys, f'unknown measure {name!r}; {suggest(name, names)}')
+
+    def _require_documents_program(self, spec: RunSpec) -> None:
+        if spec.parameters.of(ControllerParameters).implementation not in DOCUMENTS_PROGRAM:
+            raise self._error(
+                ('limits', DEAD_TIME_MARGIN),
+                f"{DEAD_TIME_MARGIN}: is known only of the document's program; vary "
+                f'{CONTROLLER}.motor_latency instead',
+            )
+
+
+def _in_force(spec: RunSpec, variable: Variable) -> Any:
+    """Return the value of a parameter in the run that all are like."""
+    whole, element = split_element(variable.name)
+    node, _, name = whole.partition('.')
+    if is_own(name):
+        return spec.parameters.undeclared.get(name, variable.parameter.default)
+    value: Any = spec.parameters.of_node(node).values()[name]
+    return value if element is None else value[element]
+
+
+_FOLDER = 'config/tunings'
+
+
+def tuning_names() -> list[str]:
+    """Return the names of the shipped tunings."""
+    return sorted(path.stem for path in (share_directory() / _FOLDER).glob('*.yaml'))
+
+
+def read_tuning(
+    reference: str,
+    candidates: int | None = None,
+    seed: int | None = None,
+    controller: str | None = None,
+    parameter_file: Path | None = None,
+    method: Method = Method.CMA,
+) -> Tuning:
+    """Read a shipped tuning by its name, or a file by its path.
+
+    Parameters
+    ----------
+    candidates, seed : int or None
+        Numbers in place of the file's.
+    controller : str or None
+        One of the controllers that the file tunes; by default the first.
+    parameter_file : Path or None
+        File of parameters whose values take the place of the file's, such as another start.
+
+    Raises
+    ------
+    BallbotError
+        The message is one line that names file, line, key, and what is allowed.
+    """
+    if reference in tuning_names():
+        path = share_directory() / _FOLDER / f'{reference}.yaml'
+    elif reference.endswith(('.yaml', '.yml')) or '/' in reference:
+        path = Path(reference)
+    else:
+        raise StudyError(
+            f'unknown tuning {reference!r}{did_you_mean(reference, tuning_names())}; shipped: '
+            f'{", ".join(tuning_names())} (for your own, give the path of its file, ending in '
+            '.yaml)'
+        )
+    reader = TuningReader(YamlDocument(path), None, seed, controller, parameter_file)
+    return reader.tuning(candidates, method)
