@@ -18,13 +18,12 @@ from typing import Any, NamedTuple
 import control
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import bisect, brentq, minimize_scalar
+from scipy.optimize import brentq, minimize_scalar
 
 from ballbot_ros.controllers.design.linear_model import DesignError, ideal_loop
 from ballbot_ros.controllers.design.sampled_loop import (
     ENCODER_ERROR,
     GYRO_ERROR,
-    LoopDelays,
     SampledLoop,
 )
 from ballbot_ros.controllers.document.program import mean_delays
@@ -227,6 +226,9 @@ MAX_DEAD_TIME_MS = 1000.0
 MIN_STEP_MS, RELATIVE_STEP = 0.25, 0.05
 """Steps of the dead times that are tried."""
 
+MARGIN_ERROR_MS = 1e-6
+"""Largest error of the dead time at which a loop oscillates."""
+
 GONE = 1e-3
 """Magnitude below which the motion of a sampled pole is over after a tick."""
 
@@ -356,12 +358,11 @@ def analyse_sampled(parameters: ParameterSet, period_ms: float = TICK_MS) -> Loo
     DesignError
         If the controller is not the document's program.
     """
-    delays = LoopDelays.of(parameters)
-    loop = SampledLoop(parameters, delays, period_ms)
+    loop = SampledLoop(parameters, period_ms=period_ms)
     poles = sorted_poles(loop.poles(), loop.period_s)
     if not all(pole.is_stable for pole in poles):
         return LoopAnalysis(poles, None)
-    dead_time = partial(_dead_time_margin, parameters, delays, period_ms)
+    dead_time = partial(_dead_time_margin, loop)
     return LoopAnalysis(
         poles,
         LoopResponse(loop.open_loop()).margins(dead_time('actuator')),
@@ -372,6 +373,22 @@ def analyse_sampled(parameters: ParameterSet, period_ms: float = TICK_MS) -> Loo
             encoder_dead_time_ms=dead_time('encoder'),
         ),
     )
+
+
+def dead_time_margin_ms(parameters: ParameterSet) -> float:
+    """Return the additional dead time of the motors [ms] at which the loop as it runs oscillates.
+
+    It is that of :func:`analyse_sampled`, without the rest of the analysis: 0 if the loop is
+    unstable, infinite without a limit.
+
+    Raises
+    ------
+    DesignError
+        If the controller is not the document's program.
+    """
+    loop = SampledLoop(parameters)
+    is_stable = all(pole.is_stable for pole in sorted_poles(loop.poles(), loop.period_s))
+    return _dead_time_margin(loop, 'actuator').value if is_stable else 0.0
 
 
 def brick_dead_time(parameters: ParameterSet) -> tuple[float, float]:
@@ -386,9 +403,7 @@ def brick_dead_time(parameters: ParameterSet) -> tuple[float, float]:
         each.set(CONTROLLER, 'implementation', 'python')
         for name in ('kernel', 'link'):
             each.set(CONTROLLER, name, is_brick)
-    margins = analyse_sampled(ideal).margins
-    borne = margins.dead_time_ms.value if margins else 0.0
-    return borne, sum(mean_delays(brick.of(ControllerParameters)))
+    return dead_time_margin_ms(ideal), sum(mean_delays(brick.of(ControllerParameters)))
 
 
 def sorted_poles(values: Iterable[complex], dt: float = 0.0) -> tuple[Pole, ...]:
@@ -397,10 +412,8 @@ def sorted_poles(values: Iterable[complex], dt: float = 0.0) -> tuple[Pole, ...]
     return tuple(sorted(poles, key=lambda pole: (pole.hz, pole.value.imag)))
 
 
-def _dead_time_margin(
-    parameters: ParameterSet, delays: LoopDelays, period_ms: float, name: str
-) -> Limit:
-    """Return the smallest additional dead time [ms] at which the loop oscillates.
+def _dead_time_margin(loop: SampledLoop, name: str) -> Limit:
+    """Return the smallest additional dead time [ms] at which a stable loop oscillates.
 
     Parts of a tick also change when within the tick a duty acts or a sample is taken, so it is
     found by the poles: a phase margin divided by its frequency would miss it.
@@ -408,12 +421,12 @@ def _dead_time_margin(
     Parameters
     ----------
     name : str
-        Which of `delays` grows.
+        Which of its delays grows.
     """
 
     def slowest(extra_ms: float) -> complex:
-        delayed = replace(delays, **{name: getattr(delays, name) + extra_ms})
-        return complex(max(SampledLoop(parameters, delayed, period_ms).poles(), key=abs))
+        delayed = replace(loop.delays, **{name: getattr(loop.delays, name) + extra_ms})
+        return complex(max(loop.with_delays(delayed).poles(), key=abs))
 
     def excess(extra_ms: float) -> float:
         return abs(slowest(extra_ms)) - 1.0
@@ -422,9 +435,10 @@ def _dead_time_margin(
     while stable < MAX_DEAD_TIME_MS:
         unstable = stable + max(MIN_STEP_MS, RELATIVE_STEP * stable)
         if excess(unstable) >= 0.0:
-            margin = float(bisect(excess, stable, unstable, xtol=1e-6))
-            angle = abs(cmath.phase(slowest(margin)))
-            return Limit(margin, angle / (2.0 * math.pi * period_ms * 1e-3))
+            margin = float(brentq(excess, stable, unstable, xtol=MARGIN_ERROR_MS))
+            # Just beyond it, no pole that hardly decays is as large as the one that oscillates.
+            angle = abs(cmath.phase(slowest(margin + 2.0 * MARGIN_ERROR_MS)))
+            return Limit(margin, angle / (2.0 * math.pi * loop.period_s))
         stable = unstable
     return Limit(math.inf, math.nan)
 

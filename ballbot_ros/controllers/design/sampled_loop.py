@@ -11,7 +11,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, fields, replace
+from functools import lru_cache
 from itertools import pairwise
 from typing import cast
 
@@ -141,6 +143,8 @@ class SampledLoop:
 
     Attributes
     ----------
+    delays : LoopDelays
+        The dead times.
     period_s : float
         Period of task_ts1 [s].
     states : tuple of str
@@ -158,16 +162,25 @@ class SampledLoop:
         self, parameters: ParameterSet, delays: LoopDelays | None = None, period_ms: float = TICK_MS
     ) -> None:
         require_documents_program(parameters)
-        delays = delays or LoopDelays.of(parameters)
-        plane = _Plane.of(parameters.of(PlantParameters))
-        tick = _Tick(plane, delays, period_ms)
-        self.states, self.period_s = tick.states, period_ms * 1e-3
-        rows = np.vstack([tick.program, tick.gyro, tick.angle, tick[STICK]])
-        *program_after, duty = _law(parameters, period_ms) @ rows
-        transition = np.vstack([tick.plane_after, program_after, tick.queues_after])
+        self._plane = _Plane.of(parameters.of(PlantParameters))
+        self._law, self._period_ms = _law(parameters, period_ms), period_ms
+        self.period_s = period_ms * 1e-3
+        self._set_delays(delays or LoopDelays.of(parameters))
+
+    def with_delays(self, delays: LoopDelays) -> SampledLoop:
+        """Return the same loop with other dead times."""
+        loop = copy(self)
+        loop._set_delays(delays)
+        return loop
+
+    def _set_delays(self, delays: LoopDelays) -> None:
+        tick = _tick(self._plane, delays, self._period_ms)
+        self.delays, self.states = delays, tick.states
+        after = self._law @ tick.read
+        transition = np.vstack([tick.plane_after, after[:-1], tick.queues_after])
         n = len(self.states)
         self.a, self.b = transition[:, :n], transition[:, n:]
-        self.c, self.d = duty[:n], duty[n:]
+        self.c, self.d = after[-1, :n], after[-1, n:]
 
     def closed(self) -> tuple[Matrix, Matrix]:
         """Return the matrices (n, n) and (n, 5) of the loop closed by the duty."""
@@ -178,28 +191,31 @@ class SampledLoop:
 
         For an array of gains (...), the poles have the shape (..., n).
         """
-        loop = self.open_loop()
-        feedback = np.asarray(gain)[..., None, None] * (loop.B @ loop.C)
-        return np.linalg.eigvals(loop.A - feedback).astype(complex)
+        _, a, b, c = self._feedback()
+        feedback = np.asarray(gain)[..., None, None] * (b * c)
+        return np.linalg.eigvals(a + feedback).astype(complex)
 
     def open_loop(self) -> control.StateSpace:
         """Return the loop opened at the duty, for negative feedback; its input is a duty [%]."""
-        names, basis = self.feedback_states()
-        inverse = np.linalg.pinv(basis)
+        names, a, b, c = self._feedback()
         return control.ss(
-            inverse @ self.a @ basis, inverse @ self.b[:, :1], -self.c @ basis, 0.0, self.period_s,
-            inputs=['duty'], outputs=['duty_fb'], states=names, name='sampled_loop',
+            a, b, -c, 0.0, self.period_s,
+            inputs=['duty'], outputs=['duty_fb'], states=list(names), name='sampled_loop',
         )  # fmt: skip
+
+    def _feedback(self) -> tuple[tuple[str, ...], Matrix, Matrix, Matrix]:
+        """Return the states that take part in the feedback, and a, b, c of the duty for them."""
+        names, basis, inverse = self._feedback_basis()
+        return names, inverse @ self.a @ basis, inverse @ self.b[:, :1], self.c @ basis
 
     def duty_for(self, source: str) -> control.StateSpace:
         """Return the closed loop from one of `INPUTS` to the computed duty [%]."""
-        names, basis = self.feedback_states()
-        inverse = np.linalg.pinv(basis)
+        names, basis, inverse = self._feedback_basis()
         a, b = self.closed()
         column = INPUTS.index(source)
         return control.ss(
             inverse @ a @ basis, inverse @ b[:, [column]], self.c @ basis, self.d[column],
-            self.period_s, inputs=[source], outputs=['duty'], states=names,
+            self.period_s, inputs=[source], outputs=['duty'], states=list(names),
             name='closed_sampled_loop',
         )  # fmt: skip
 
@@ -210,19 +226,33 @@ class SampledLoop:
         what passes the low pass of the offset, so ``(1 - a_gd) sum_psi_dot - a_gd gyro_offset``
         never changes: offset and sum are one state.
         """
-        kept = [name for name in self.states if name not in (*_REFERENCE, 'sum_psi_dot')]
-        integral, pitch = self.states.index('sum_theta_diff'), self.states.index('sum_psi_dot')
-        if self.c[integral] == 0.0:
-            kept.remove('sum_theta_diff')
-        basis = np.eye(len(self.states))[:, [self.states.index(name) for name in kept]]
-        a_gd = self.a[self.states.index('gyro_offset'), self.states.index('gyro_offset')]
-        column = basis[:, kept.index('gyro_offset')]
-        column *= 1.0 - a_gd
-        column[pitch] = a_gd
-        return kept, basis
+        names, basis, _ = self._feedback_basis()
+        return list(names), basis
+
+    def _feedback_basis(self) -> tuple[tuple[str, ...], Matrix, Matrix]:
+        integral, offset = map(self.states.index, ('sum_theta_diff', 'gyro_offset'))
+        return _feedback_basis(
+            self.states, bool(self.c[integral] != 0.0), float(self.a[offset, offset])
+        )
 
 
-@dataclass(frozen=True)
+@lru_cache(maxsize=256)
+def _feedback_basis(
+    states: tuple[str, ...], is_integrating: bool, a_gd: float
+) -> tuple[tuple[str, ...], Matrix, Matrix]:
+    """Return what :meth:`SampledLoop.feedback_states` does, and the inverse of the columns."""
+    kept = [name for name in states if name not in (*_REFERENCE, 'sum_psi_dot')]
+    if not is_integrating:
+        kept.remove('sum_theta_diff')
+    basis = np.eye(len(states))[:, [states.index(name) for name in kept]]
+    column = basis[:, kept.index('gyro_offset')]
+    column *= 1.0 - a_gd
+    column[states.index('sum_psi_dot')] = a_gd
+    inverse = basis.T / np.square(basis).sum(axis=0)[:, None]  # the columns are orthogonal
+    return tuple(kept), basis, inverse
+
+
+@dataclass(frozen=True, eq=False)
 class _Plane:
     """The motion of a plane in rad and s under duties [%] and forces [N] held for a time."""
 
@@ -231,6 +261,7 @@ class _Plane:
     ratio: float
 
     @classmethod
+    @lru_cache(maxsize=8)
     def of(cls, parameters: PlantParameters) -> _Plane:
         p = PhysicalParameters.from_parameters(parameters)
         a, b = state_space(p)
@@ -266,8 +297,8 @@ class _Tick:
     ----------
     states : tuple of str
         As in :class:`SampledLoop`: plane, program, queues.
-    program, gyro, angle : ndarray
-        The program's variables, and what it reads at the start of the tick.
+    read : ndarray
+        The program's variables, and what it reads at the start of the tick: gyro, encoder, stick.
     plane_after, queues_after : ndarray
         The other states at the end of the tick.
     """
@@ -283,10 +314,10 @@ class _Tick:
         names = (*self.states, *INPUTS)
         self._rows = dict(zip(names, np.eye(len(names)), strict=True))
 
-        self.program = self[_PROGRAM]
         state = self[STATES]
-        self.gyro = (self[gyros[-1]] if gyros else plane.gyro(state)) + self[GYRO_ERROR]
-        self.angle = (self[angles[-1]] if angles else plane.angle(state)) + self[ENCODER_ERROR]
+        gyro = (self[gyros[-1]] if gyros else plane.gyro(state)) + self[GYRO_ERROR]
+        angle = (self[angles[-1]] if angles else plane.angle(state)) + self[ENCODER_ERROR]
+        self.read = np.vstack([self[_PROGRAM], gyro, angle, self[STICK]])
 
         # Within the tick: when the next duty takes effect, and when the samples are taken.
         change, gyro_ms, angle_ms = (
@@ -311,6 +342,10 @@ class _Tick:
         if isinstance(name, str):
             return self._rows[name]
         return np.array([self._rows[each] for each in name])
+
+
+_tick = lru_cache(maxsize=256)(_Tick)
+"""The ticks of a plane are the same for all gains."""
 
 
 def _law(parameters: ParameterSet, period_ms: float) -> Matrix:

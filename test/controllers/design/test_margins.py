@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import control
 import numpy as np
@@ -14,6 +15,7 @@ from ballbot_ros.controllers.design.loop_analysis import (
     Pole,
     analyse_ideal,
     analyse_sampled,
+    dead_time_margin_ms,
 )
 from ballbot_ros.controllers.design.sampled_loop import (
     ENCODER_ERROR,
@@ -22,10 +24,11 @@ from ballbot_ros.controllers.design.sampled_loop import (
     LoopDelays,
     SampledLoop,
 )
-from ballbot_ros.parameters import ParameterSet
-from ballbot_ros.parameters.files import assign_values
+from ballbot_ros.parameters import ControllerParameters, ParameterSet
+from ballbot_ros.parameters.files import assign_values, read_parameter_file
 from ballbot_ros.parameters.timing import TICK_S
 
+CONFIG = Path(__file__).parents[3] / 'config'
 TURN = 2.0 * math.pi
 
 VARIANTS = [
@@ -165,10 +168,33 @@ def test_the_documents_loop_as_it_runs():
     assert analysis.unstable is None
 
 
+def test_a_pole_that_hardly_decays_does_not_hide_the_one_that_oscillates():
+    analysis = analyse_sampled(parameters_with({'controller.k_i': -1e-7}))
+    assert analysis.margins.dead_time_ms.hz == pytest.approx(62.7, abs=0.1)
+    assert analysis.samples.gyro_dead_time_ms.hz == pytest.approx(56.9, abs=0.1)
+
+
 def test_a_loop_that_is_not_stable_has_no_margins():
     analysis = analyse_sampled(parameters_with({'controller.pwm_gain': 1.1}))
     assert analysis.unstable.value == pytest.approx(-1.0605, abs=1e-4)
     assert (analysis.margins, analysis.samples) == (None, None)
+
+
+def test_the_margin_of_the_dead_time_alone_is_that_of_the_analysis():
+    draws, found = np.random.default_rng(1), []
+    for gains in ('document', 'quiet'):
+        shipped = read_parameter_file(CONFIG / f'gains/{gains}.yaml')
+        for spread in (0.0, *[0.3] * 5):
+            parameters = ParameterSet()
+            parameters.update(shipped)
+            factors = np.exp(spread * draws.standard_normal(4))
+            k_f = np.array(shipped.of(ControllerParameters).k_f) * factors
+            parameters.set('controller', 'k_f', k_f.tolist())
+            found.append(dead_time_margin_ms(parameters))
+            margins = analyse_sampled(parameters).margins
+            assert found[-1] == (margins.dead_time_ms.value if margins else 0.0)
+    assert 0.0 in found
+    assert len(set(found)) > 5
 
 
 def test_a_motion_that_never_decays_is_not_stable_but_does_not_grow():
