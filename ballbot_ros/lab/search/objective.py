@@ -125,7 +125,7 @@ class Objective:
         kept = np.array([
             margins if each.name == DEAD_TIME_MARGIN else self._over(known[each.name], columns)
             for each in self.limits
-        ]).reshape(len(self.limits), -1)  # fmt: skip
+        ]).reshape(len(self.limits), len(values))  # fmt: skip
         tolerated = 0.0 if self.share is None else 1.0 - self.share
         excess = np.maximum(0.0, lost - tolerated)
         for each, found in zip(self.limits, kept, strict=True):

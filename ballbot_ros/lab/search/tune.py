@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ballbot_ros.controllers.design.loop_analysis import analyse_sampled
+from ballbot_ros.controllers.design.loop_analysis import dead_time_margin_ms
 from ballbot_ros.engine.rows import Column, whole_values
 from ballbot_ros.errors import StudyError
 from ballbot_ros.lab.search.candidates import (
@@ -226,7 +226,7 @@ def _judge(tuning: Tuning, columns: Sequence[Mapping[str, Column]], points: Floa
     margins = None
     if any(each.name == DEAD_TIME_MARGIN for each in tuning.objective.limits):
         margins = np.array([
-            _margin(with_values(study.spec.parameters, tuned_values(tuning, each)))
+            dead_time_margin_ms(with_values(study.spec.parameters, tuned_values(tuning, each)))
             for each in points
         ])  # fmt: skip
     return tuning.objective.judge(job.record.measures, joined, margins)
@@ -264,8 +264,3 @@ def _parameter_text(result: TuningResult) -> str:
     value = float(result.verdicts.value[result.best])
     about = f'# ballbot tune {tuning.name}: objective {value:.6g} over {study.runs} robots\n'
     return about + values_text({CONTROLLER: values})
-
-
-def _margin(parameters):
-    margins = analyse_sampled(parameters).margins
-    return margins.dead_time_ms.value if margins else 0.0
