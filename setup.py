@@ -77,6 +77,10 @@ EXTRAS = {
         'pyarrow>=15',
         'SALib>=1.5',
     ],
+    # Searches by tune and falsify.
+    'search': [
+        'cma>=4.0',
+    ],
     # Studies on a Dask cluster, all of whose machines need the same release of distributed.
     'cluster': [
         'distributed>=2024.8',
@@ -115,6 +119,7 @@ EXTRAS = {
         'ruff>=0.17,<0.18',
         'mypy>=2.4,<2.5',
         'numpydoc>=1.8',
+        'cma>=4.0',
         'colcon-common-extensions>=0.3',
         'cyclonedds>=11.0',
         'distributed>=2024.8',
@@ -144,7 +149,7 @@ EXTRAS = {
     ],
 }
 
-FOR_USERS = 'drive', 'viewer', 'film', 'report', 'study', 'parquet', 'pandas', 'gym', 'mpc'
+FOR_USERS = 'drive', 'viewer', 'film', 'report', 'study', 'search', 'parquet', 'pandas', 'gym', 'mpc'
 """The extras that commands and the library need on this machine."""
 
 setup(
@@ -174,6 +179,7 @@ setup(
         f'{PACKAGE}.analysis': ['templates/*.html', 'assets/*.js'],
         f'{PACKAGE}.controllers': ['templates/*.jinja'],
         f'{PACKAGE}.controllers.codegen': ['templates/*', 'target/*'],
+        f'{PACKAGE}.lab.search': ['templates/*.html'],
         f'{PACKAGE}.lab.studies': ['templates/*.html'],
         f'{PACKAGE}.viewer': ['assets/*'],
     },

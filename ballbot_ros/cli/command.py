@@ -33,6 +33,8 @@ COMMANDS = {
     'design': 'Print the model, its poles and the servo gains.',
     'schedule': 'Print the tasks of the brick and their worst response times.',
     'study': 'Run a scenario very many times, with varied values.',
+    'tune': 'Search for parameters that are best on many robots.',
+    'falsify': 'Search for runs that violate what is required.',
     'identify': 'Identify physical parameters from recordings.',
     'new': 'Start a controller of your own: a package that runs.',
     'conform': 'Test a node of your own against its contract.',

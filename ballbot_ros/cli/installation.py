@@ -40,6 +40,7 @@ EXTRAS = {
     'film': Extra('pictures and films of the 3D scene', 345),
     'report': Extra('reports with interactive figures', 43),
     'study': Extra('studies, and compiled runs', 415),
+    'search': Extra('searches by CMA-ES', 2),
     'parquet': Extra('tables as Parquet', 171),
     'pandas': Extra('data frames', 44),
     'gym': Extra('environments for reinforcement learning', 2),

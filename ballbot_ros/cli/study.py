@@ -10,13 +10,30 @@ from typing import TYPE_CHECKING
 import click
 
 from ballbot_ros.cli.install import offer, require
-from ballbot_ros.cli.options import PATH, controller_option, processes_option
+from ballbot_ros.cli.options import PATH, Choice, controller_option, processes_option
 from ballbot_ros.errors import similar
 from ballbot_ros.run.requirements import Processes
 
 if TYPE_CHECKING:
     from ballbot_ros.lab.studies.execution import WorkersOfJob
     from ballbot_ros.run.spec import RunSpec
+
+
+cluster_option = click.option(
+    '--cluster',
+    metavar='ADDRESS',
+    help='Run on the workers of a Dask scheduler, such as tcp://scheduler:8786.',
+)
+"""Selects the workers of a study or search."""
+
+method_option = click.option(
+    '--method',
+    type=Choice(['cma', 'random']),
+    default='cma',
+    show_default=True,
+    help='How a search chooses values: CMA-ES, or at random to compare with.',
+)
+"""Selects the method of a search."""
 
 
 class _StudyGroup(click.Group):
@@ -66,11 +83,7 @@ def command(context: click.Context) -> None:
     '--output', type=PATH, help='Folder for the results.  [default: studies/<name of the study>]'
 )
 @click.option('--again', is_flag=True, help='Do all runs again, also those that are done.')
-@click.option(
-    '--cluster',
-    metavar='ADDRESS',
-    help='Run on the workers of a Dask scheduler, such as tcp://scheduler:8786.',
-)
+@cluster_option
 @click.option('--json', 'as_json', is_flag=True, help='Print one JSON object.')
 def run(
     study: str,
@@ -93,7 +106,7 @@ def run(
     """
     require('study', *(['cluster'] if cluster else []))
     from ballbot_ros.cli.study_output import StudyProgress, print_results
-    from ballbot_ros.lab.studies.execution import LocalWorkers, run_study
+    from ballbot_ros.lab.studies.execution import run_study
     from ballbot_ros.lab.studies.job import job_of
     from ballbot_ros.lab.studies.reader import read_studies
     from ballbot_ros.lab.studies.sampling import Sampler
@@ -108,12 +121,7 @@ def run(
             note = f'the nearest grid has {levels} points; {described.runs:,} runs'
             click.echo(f'note: {note}', err=True)
         place = output or Path('studies') / Path(study).stem
-        workers: WorkersOfJob = LocalWorkers
-        if cluster is not None:
-            # Imported here, because most studies have no cluster.
-            from ballbot_ros.lab.studies.cluster import workers_of
-
-            workers = workers_of(cluster)
+        workers = find_workers(cluster)
         for each in studies:
             job = job_of(each, place.joinpath(*each.case.values()))
             try:
@@ -121,16 +129,29 @@ def run(
                     stopped = run_study(job, Sampler(each).part, progress, workers, again=again)
             except KeyboardInterrupt:
                 # Ctrl-C once more: Python would wait for its threads, one of which may compile.
-                _say_stopped(place)
+                say_stopped(place)
                 os._exit(130)
             if stopped:
-                _say_stopped(place)
+                say_stopped(place)
                 return 128 + stopped
     print_results(place, as_json=as_json)
     return 0
 
 
-def _say_stopped(folder: Path) -> None:
+def find_workers(cluster: str | None) -> WorkersOfJob:
+    """Return what finds the workers of a scheduler, or without one those of this machine."""
+    if cluster is None:
+        from ballbot_ros.lab.studies.execution import LocalWorkers
+
+        return LocalWorkers
+    # Imported here, because most studies have no cluster.
+    from ballbot_ros.lab.studies.cluster import workers_of
+
+    return workers_of(cluster)
+
+
+def say_stopped(folder: Path) -> None:
+    """Print that a command was stopped, and how it goes on."""
     click.echo(f'stopped; the same command goes on from there: {folder}', err=True)
 
 

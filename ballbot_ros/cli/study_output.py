@@ -18,6 +18,7 @@ from ballbot_ros.analysis.metrics import number
 from ballbot_ros.cli.progress import ProgressLines, stderr_console
 from ballbot_ros.engine.scenario.scenario import bounds_text
 from ballbot_ros.files import own_command
+from ballbot_ros.lab.search.candidates import SearchObserver
 from ballbot_ros.lab.studies.execution import StudyObserver
 from ballbot_ros.lab.studies.manifest import PartSummary
 from ballbot_ros.lab.studies.outcomes import Ending, ending_table, endings_below, endings_of
@@ -97,6 +98,18 @@ class StudyProgress(StudyObserver):
     def notice(self, text: str) -> None:
         """Print a line above the bar."""
         self._console.print(text, soft_wrap=True)
+
+
+class SearchProgress(StudyProgress, SearchObserver):
+    """The same for a search, with what is known after each generation."""
+
+    def generation(self, text: str) -> None:
+        """Show what is known after another generation."""
+        self._bar.update(self._task, passed=text)
+        self._lines.text = text
+
+    def part(self, summary: PartSummary) -> None:
+        """Show no share that passed."""
 
 
 def share_text(summary: PartSummary) -> str:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 import operator
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeAlias
 
@@ -45,6 +45,34 @@ class Value(NamedTuple):
             return self.of
         return self.of(*(each.values(trace, first, last) for each in self.arguments))
 
+    def bounds(self, ranges: Mapping[str, Interval]) -> Interval:
+        """Return an interval that has all values, given those of signals; others have any."""
+        if isinstance(self.of, str):
+            return ranges.get(self.of, ANY)
+        if isinstance(self.of, float):
+            return Interval(self.of, self.of)
+        if self.of is abs:
+            (inner,) = (each.bounds(ranges) for each in self.arguments)
+            least = 0.0 if inner.low <= 0.0 <= inner.high else min(map(abs, inner))
+            return Interval(least, max(map(abs, inner)))
+        left, right = (each.bounds(ranges) for each in self.arguments)
+        if self.of is operator.truediv and right.low <= 0.0 <= right.high:
+            return ANY
+        ends = [self.of(one, other) for one in left for other in right]
+        # The product of 0 and an unbounded number, and all that else is unknown.
+        known = [0.0 if math.isnan(each) and self.of is operator.mul else each for each in ends]
+        return ANY if any(map(math.isnan, known)) else Interval(min(known), max(known))
+
+
+class Interval(NamedTuple):
+    """All numbers from one to another; either end may be infinite."""
+
+    low: float
+    high: float
+
+
+ANY = Interval(-math.inf, math.inf)
+
 
 class Formula(ABC):
     """What holds or not at each tick of a trace."""
@@ -58,6 +86,13 @@ class Formula(ABC):
         """Return the tick at which a comparison decides the robustness of the first run at `tick`.
 
         It is the first of several; None if the windows that decide are empty.
+        """
+
+    @abstractmethod
+    def bounds(self, ranges: Mapping[str, Interval]) -> Interval:
+        """Return an interval that has every robustness, given those of signals.
+
+        It may be too wide: signals are taken as independent of each other.
         """
 
 
@@ -75,6 +110,9 @@ class Comparison(Formula):
     def decision(self, trace: Trace, tick: int) -> int | None:
         return tick
 
+    def bounds(self, ranges: Mapping[str, Interval]) -> Interval:
+        return Value(operator.sub, (self.larger, self.smaller)).bounds(ranges)
+
 
 @dataclass(frozen=True)
 class Negation(Formula):
@@ -87,6 +125,10 @@ class Negation(Formula):
 
     def decision(self, trace: Trace, tick: int) -> int | None:
         return self.formula.decision(trace, tick)
+
+    def bounds(self, ranges: Mapping[str, Interval]) -> Interval:
+        low, high = self.formula.bounds(ranges)
+        return Interval(-high, -low)
 
 
 @dataclass(frozen=True)
@@ -103,6 +145,9 @@ class Both(Formula):
     def decision(self, trace: Trace, tick: int) -> int | None:
         left, right = (each.values(trace, tick, tick + 1)[0, 0] for each in (self.left, self.right))
         return (self.left if left <= right else self.right).decision(trace, tick)
+
+    def bounds(self, ranges: Mapping[str, Interval]) -> Interval:
+        return Interval(*map(min, self.left.bounds(ranges), self.right.bounds(ranges)))
 
 
 @dataclass(frozen=True)
@@ -136,6 +181,9 @@ class Always(Formula):
             return None
         place = int(np.argmin(self.formula.values(trace, begin, end)[0]))
         return self.formula.decision(trace, begin + place)
+
+    def bounds(self, ranges: Mapping[str, Interval]) -> Interval:
+        return Interval(self.formula.bounds(ranges).low, math.inf)  # that of an empty window
 
 
 def negation(formula: Formula) -> Formula:
@@ -183,6 +231,9 @@ class Until(Formula):
         if then[place] <= held[place]:
             return self.then.decision(trace, tick + place)
         return self.before.decision(trace, tick + int(np.argmin(before[:place])))
+
+    def bounds(self, ranges: Mapping[str, Interval]) -> Interval:
+        return self.then.bounds(ranges)
 
 
 def _ahead(values: Floats, ticks: int, otherwise: float) -> Floats:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,10 +79,7 @@ def run_candidates(run: StudyRun, samples: Samples) -> dict[str, Column]:
         read_columns(file, record, part, [*names, OUTCOME.name])
         for file, part in zip(files, parts, strict=True)
     ]
-    columns = {
-        name: np.concatenate([np.asarray(each.column(name).to_numpy()) for each in tables])
-        for name in names
-    }
+    columns = results_in(tables, names)
     asked = {**samples.values, **samples.events}
     for name in varied:
         if not np.array_equal(columns[name], asked[name]):
@@ -89,6 +87,15 @@ def run_candidates(run: StudyRun, samples: Samples) -> dict[str, Column]:
                 f'{run.job.folder}: its candidates differ from those of this machine; go on where '
                 'it began, or give --again'
             )
+    return columns
+
+
+def results_in(tables: Sequence[Any], names: Sequence[str]) -> dict[str, Column]:
+    """Return columns of tables of pyarrow, and with the name of the outcome whether runs failed."""
+    columns = {
+        name: np.concatenate([np.asarray(each.column(name).to_numpy()) for each in tables])
+        for name in names
+    }
     outcomes = [each.column(OUTCOME.name).cast('string').to_numpy() for each in tables]
     columns[OUTCOME.name] = np.concatenate(outcomes) == Outcome.FAILED
     return columns

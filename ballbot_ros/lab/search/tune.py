@@ -17,6 +17,7 @@ from ballbot_ros.lab.search.candidates import (
     SearchObserver,
     SearchStoppedError,
     least_steps,
+    results_in,
     run_candidates,
     runs_per_part,
     values_of,
@@ -24,6 +25,7 @@ from ballbot_ros.lab.search.candidates import (
 from ballbot_ros.lab.search.objective import DEAD_TIME_MARGIN, Verdict
 from ballbot_ros.lab.search.optimiser import optimiser_of
 from ballbot_ros.lab.search.tuning import Tuning
+from ballbot_ros.lab.studies.columns import FALLEN, OUTCOME
 from ballbot_ros.lab.studies.execution import LocalWorkers, StudyRun, WorkersOfJob, run_study
 from ballbot_ros.lab.studies.job import Job, job_of
 from ballbot_ros.lab.studies.part_file import write_atomically
@@ -31,6 +33,7 @@ from ballbot_ros.lab.studies.programs import with_values
 from ballbot_ros.lab.studies.runs import Samples
 from ballbot_ros.lab.studies.sampling import Sampler
 from ballbot_ros.lab.studies.study import Study
+from ballbot_ros.lab.studies.study_data import StudyData
 from ballbot_ros.parameters import (
     CONTROLLER,
     DOCUMENTS_PROGRAM,
@@ -80,6 +83,18 @@ class TuningResult:
     def studies(self, which: str) -> list[Path]:
         """Return the folders of one kind of its studies, one for each scenario."""
         return [self.folder / which / _scenario(each) for each in self.tuning.studies]
+
+    def unseen(self) -> Verdict:
+        """Return the verdicts of the start and of the best on robots of which none was seen."""
+        pairs = []
+        for which, candidate in ((BEFORE, 0), (AFTER, self.best)):
+            columns = []
+            for folder in self.studies(which):
+                data = StudyData.open(folder)
+                names = [*(each.name for each in data.study.measures), FALLEN.name]
+                columns.append(results_in(list(data.parts([*names, OUTCOME.name])), names))
+            pairs.append(_judge(self.tuning, columns, self.points[candidate][None]))
+        return _joined(pairs)
 
     @property
     def parameter_file(self) -> Path:

@@ -9,7 +9,6 @@ from typing import Any, ClassVar, cast
 
 import numpy as np
 
-from ballbot_ros.engine.rows import split_element
 from ballbot_ros.engine.scenario.metrics import METRICS
 from ballbot_ros.engine.scenario.reader import Keys
 from ballbot_ros.errors import StudyError, did_you_mean
@@ -20,12 +19,11 @@ from ballbot_ros.lab.search.optimiser import Method
 from ballbot_ros.lab.studies.columns import MeasureColumn
 from ballbot_ros.lab.studies.reader import STUDY_KEYS, StudyReader
 from ballbot_ros.lab.studies.study import Study
-from ballbot_ros.lab.studies.variables import GRID, Variable, identity
+from ballbot_ros.lab.studies.variables import GRID, Variable, identity, nominal_value
 from ballbot_ros.parameters import (
     CONTROLLER,
     DOCUMENTS_PROGRAM,
     ControllerParameters,
-    is_own,
     suggest,
 )
 from ballbot_ros.parameters.yaml_document import YamlDocument
@@ -42,6 +40,8 @@ class Tuning:
 
     Attributes
     ----------
+    name : str
+        Name of the file.
     studies : tuple of Study
         The robots on which each candidate is tried: a study for each scenario.
     tuned : tuple of Variable
@@ -55,6 +55,7 @@ class Tuning:
     method : Method
     """
 
+    name: str
     studies: tuple[Study, ...]
     tuned: tuple[Variable, ...]
     start: Floats
@@ -63,11 +64,6 @@ class Tuning:
     population: int
     unseen: int
     method: Method = Method.CMA
-
-    @property
-    def name(self) -> str:
-        """Name of the file."""
-        return self.studies[0].name.split('_')[0] if self.studies[1:] else self.studies[0].name
 
     @property
     def generations(self) -> int:
@@ -110,8 +106,9 @@ class TuningReader(StudyReader):
         given = self._whole(data.get('candidates', 1000), ('candidates',), 1, MAX_CANDIDATES)
         unseen = self._whole(data.get('unseen', 1000), ('unseen',), 1, MAX_CANDIDATES)
         return Tuning(
-            studies, tuned, starts, objective, candidates or given, population, unseen, method
-        )
+            self._document.path.stem, studies, tuned, starts, objective, candidates or given,
+            population, unseen, method,
+        )  # fmt: skip
 
     def _content(self) -> dict[str, object]:
         data = super()._content()
@@ -176,7 +173,7 @@ class TuningReader(StudyReader):
         distribution, parameter = variable.distribution, variable.parameter
         low, high = distribution.ends
         place = f'{self._document.where(*keys)}: '
-        value = _in_force(spec, variable) if given is None else parameter.check(given, place)
+        value = nominal_value(spec, variable) if given is None else parameter.check(given, place)
         if not low <= value <= high:
             is_given = 'start' if given is not None else 'start, by default the value in force,'
             raise self._error(
@@ -241,16 +238,6 @@ class TuningReader(StudyReader):
                 f"{DEAD_TIME_MARGIN}: is known only of the document's program; vary "
                 f'{CONTROLLER}.motor_latency instead',
             )
-
-
-def _in_force(spec: RunSpec, variable: Variable) -> Any:
-    """Return the value of a parameter in the run that all are like."""
-    whole, element = split_element(variable.name)
-    node, _, name = whole.partition('.')
-    if is_own(name):
-        return spec.parameters.undeclared.get(name, variable.parameter.default)
-    value: Any = spec.parameters.of_node(node).values()[name]
-    return value if element is None else value[element]
 
 
 _FOLDER = 'config/tunings'

@@ -12,7 +12,13 @@ from numpy.typing import NDArray
 
 from ballbot_ros.engine.rows import Column
 from ballbot_ros.engine.scenario.reader import STICK_LIMIT, TIME_LIMIT
-from ballbot_ros.engine.scenario.scenario import Scenario, Segment, StickSignal, segment_fault
+from ballbot_ros.engine.scenario.scenario import (
+    PUSH_DIRECTIONS,
+    Scenario,
+    Segment,
+    StickSignal,
+    segment_fault,
+)
 from ballbot_ros.errors import StudyError
 from ballbot_ros.parameters import Parameter, ParameterError
 from ballbot_ros.robot.brick.faults import KINDS, WORDS, Fault, fault_texts
@@ -122,6 +128,24 @@ def _segment_part(name: str, scenario: Scenario) -> EventPart:
     if not segments[index].is_step:
         raise StudyError(f'{name}: the segment has points; only from, to and value can vary')
     return EventPart(stick, index, parameter)
+
+
+def value_in(scenario: Scenario, part: EventPart) -> Any:
+    """Return the value of a part in a scenario; None if a fault has none of its own."""
+    if part.owner in STICKS:
+        segment = getattr(scenario, part.owner).segments[part.index]
+        values = {'value': segment.points[0][1], 'from': segment.start, 'to': segment.end}
+        return values[part.field]
+    if part.owner == PUSH:
+        value = asdict(scenario.pushes[part.index])[part.field]
+        if isinstance(value, str):
+            forward, right = PUSH_DIRECTIONS[value]
+            return math.degrees(math.atan2(-right, forward)) % 360.0
+        return value
+    fault = scenario.faults[part.index]
+    if part.field == _KIND.name:
+        return f'{fault.component} {fault.type}'
+    return asdict(fault)[part.field]
 
 
 def _field(name: str, field: str, known: Mapping[str, Parameter], owner: str) -> Parameter:

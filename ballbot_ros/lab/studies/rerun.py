@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 
@@ -15,8 +16,9 @@ from ballbot_ros.lab.studies.events import fault_values, is_event, scenarios_of
 from ballbot_ros.lab.studies.manifest import StudyRecord
 from ballbot_ros.lab.studies.programs import with_values
 from ballbot_ros.lab.studies.study_data import RunResults, StudyData
-from ballbot_ros.lab.studies.variables import SEED
+from ballbot_ros.lab.studies.variables import SEED, WITHOUT_EFFECT
 from ballbot_ros.parameters import (
+    CONTROLLER,
     DOCUMENTS_PROGRAM,
     NODES,
     ControllerParameters,
@@ -24,7 +26,7 @@ from ballbot_ros.parameters import (
     PlantParameters,
 )
 from ballbot_ros.parameters.files import format_parameters, read_parameter_file
-from ballbot_ros.parameters.yaml_document import yaml_text
+from ballbot_ros.parameters.yaml_document import parse_value, yaml_text
 from ballbot_ros.run.requirements import Processes
 from ballbot_ros.run.spec import RunOptions, RunSpec
 
@@ -145,6 +147,40 @@ def rerun_spec(
     except OSError as error:
         raise StudyError(f'{folder}: {error.strerror}; choose another --output') from None
     return RunSpec.of_scenario(str(path), options)
+
+
+def scenario_spec(
+    record: StudyRecord,
+    row: RunResults,
+    folder: Path,
+    processes: Processes,
+    controller: str | None = None,
+) -> tuple[Path, RunSpec]:
+    """Return a run of a study as :func:`rerun_spec` does, and the one file that has all of it.
+
+    The command ``ballbot run SCENARIO`` then is the run.
+    """
+    rerun_spec(record, row, folder, processes, controller)
+    path = folder / f'{record.name}_{row.number}.yaml'
+    parameter_file = folder / PARAMETER_FILE
+    usual = load_scenario(str(path)).parameters
+    given = read_parameter_file(parameter_file)
+    changed: dict[str, dict[str, Any]] = {}
+    for node, name, value in given:
+        if name not in WITHOUT_EFFECT and usual.of_node(node).values()[name] != value:
+            changed.setdefault(node, {})[name] = list(value) if isinstance(value, tuple) else value
+    if given.undeclared:
+        changed.setdefault(CONTROLLER, {}).update(given.undeclared)
+    data = cast('dict[str, Any]', parse_value(path.read_text(encoding='utf-8')))
+    own: dict[str, Any] = data.get('parameters', {})
+    for node, values in changed.items():
+        own[node] = {**own.get(node, {}), **values}
+    if own:
+        data['parameters'] = own
+    path.write_text(yaml_text(data), encoding='utf-8')
+    parameter_file.unlink()
+    options = RunOptions(processes=processes, output=folder.resolve())
+    return path, RunSpec.of_scenario(str(path), options)
 
 
 def _scenario(path: Path, row: RunResults) -> Scenario:

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.controllers.controller_program import own_rows
-from ballbot_ros.engine.rows import Column, robot_parameter
+from ballbot_ros.engine.rows import Column, robot_parameter, split_element
 from ballbot_ros.engine.scenario.reader import ExpectationReader, Keys
 from ballbot_ros.errors import StudyError
-from ballbot_ros.lab.studies.events import FAULT, event_part, is_event
+from ballbot_ros.lab.studies.events import FAULT, event_part, is_event, value_in
 from ballbot_ros.parameters import (
     CONTROLLER,
     PLANT,
@@ -346,6 +346,19 @@ def find_variable(name: str, spec: RunSpec) -> Parameter:
         last = len(parameter.default)
         raise StudyError(f'{name} cannot vary as a whole; its elements can: {name}.1 … {last}')
     return parameter
+
+
+def nominal_value(spec: RunSpec, variable: Variable) -> Any:
+    """Return the value of a variable in the run that all are like; None if it has none there."""
+    name = variable.name
+    if is_event(name):
+        return value_in(spec.scenario, event_part(name, spec.scenario))
+    whole, element = split_element(name)
+    node, _, rest = whole.partition('.')
+    if node == CONTROLLER and is_own(rest):
+        return spec.parameters.undeclared.get(rest, variable.parameter.default)
+    value: Any = spec.parameters.of_node(node).values()[rest]
+    return value if element is None else value[element]
 
 
 def _own_parameter(name: str, spec: RunSpec) -> Parameter:

@@ -1,0 +1,173 @@
+"""`ballbot falsify`: runs that violate what is required, found by a search."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+from rich.console import Console
+from rich.measure import Measurement
+from rich.table import Table
+
+from ballbot_ros.analysis.metrics import number
+from ballbot_ros.cli.install import require
+from ballbot_ros.cli.options import PATH, controller_option, processes_option
+from ballbot_ros.cli.study import cluster_option, find_workers, method_option, say_stopped
+from ballbot_ros.files import own_command
+from ballbot_ros.run.requirements import Processes
+
+if TYPE_CHECKING:
+    from ballbot_ros.lab.search.falsify import Counterexample, FalsificationResult
+
+
+@click.command('falsify')
+@click.argument('study')
+@click.option(
+    '--runs', type=click.IntRange(1), help="Largest number of runs.  [default: the study's]"
+)
+@click.option(
+    '--counterexamples',
+    type=click.IntRange(1),
+    default=3,
+    show_default=True,
+    help='Number of counterexamples after which the search ends.',
+)
+@click.option('--seed', type=click.IntRange(0), help="Seed of the search.  [default: the study's]")
+@controller_option
+@click.option(
+    '--params', 'parameter_file', type=PATH, help="Parameter file; its values precede the study's."
+)
+@method_option
+@processes_option
+@click.option(
+    '--output', type=PATH, help='Folder for the results.  [default: falsified/<name of the study>]'
+)
+@click.option('--again', is_flag=True, help='Do all runs again, also those that are done.')
+@cluster_option
+@click.option('--json', 'as_json', is_flag=True, help='Print one JSON object.')
+def command(
+    study: str,
+    runs: int | None,
+    counterexamples: int,
+    seed: int | None,
+    controller: str | None,
+    parameter_file: Path | None,
+    method: str,
+    processes: str,
+    output: Path | None,
+    again: bool,
+    cluster: str | None,
+    as_json: bool,
+) -> int:
+    """Search the variation of STUDY, a name or a YAML file, for runs that do not pass.
+
+    The requirements are the properties and expectations of the study, or of its scenario. Each
+    counterexample is made simpler, written as a scenario, and recorded as a run of the nodes.
+    Without any, nothing is proven: the command tells how much was searched.
+
+    Exit status: 1 if there is a counterexample, 0 if none was found, 2 for a mistake in the
+    arguments, 130 after Ctrl-C.
+    """
+    require('study', *(['search'] if method == 'cma' else []), *(['cluster'] if cluster else []))
+    from ballbot_ros.cli.study_output import SearchProgress
+    from ballbot_ros.lab.search.candidates import SearchStoppedError
+    from ballbot_ros.lab.search.falsify import Falsification, check, run_falsification
+    from ballbot_ros.lab.search.optimiser import Method
+    from ballbot_ros.lab.studies.reader import read_studies
+    from ballbot_ros.process import stdout_to_stderr
+
+    with stdout_to_stderr():  # a controller may print while its class is loaded
+        studies = list(read_studies(study, runs, seed, controller, parameter_file))
+        for each in studies:
+            check(each)
+        place = output or Path('falsified') / Path(study).stem
+        results = []
+        try:
+            for each in studies:
+                with SearchProgress(each.name) as progress:
+                    falsification = Falsification(each, counterexamples, Method(method))
+                    folder = place.joinpath(*each.case.values())
+                    results.append(
+                        run_falsification(
+                            falsification, folder, progress, find_workers(cluster),
+                            Processes(processes), controller=controller, again=again,
+                        )
+                    )  # fmt: skip
+        except SearchStoppedError as error:
+            say_stopped(place)
+            return 128 + error.signal
+        except KeyboardInterrupt:
+            say_stopped(place)
+            os._exit(130)  # Python would wait for its threads, one of which may compile
+    if as_json:
+        click.echo(json.dumps([_json(each) for each in results], indent=2, allow_nan=False))
+    else:
+        for result in results:
+            _print(result)
+    return 1 if any(each.counterexamples for each in results) else 0
+
+
+def _print(result: FalsificationResult) -> None:
+    """Print what was searched and found."""
+    from ballbot_ros.lab.search.falsify import requirements_of
+    from ballbot_ros.lab.studies.job import job_of
+
+    study = result.of.study
+    table = Table(title=f'{study.name}, seed {study.seed}', title_justify='left')
+    for name in ('requirement', 'lowest robustness', 'unit'):
+        table.add_column(name, justify='right' if name.startswith('low') else 'left')
+    for each in requirements_of(job_of(study, result.folder)):
+        table.add_row(each.name, f'{result.least[each.name][-1]:.4g}', each.unit)
+    console = Console(highlight=False, markup=False)
+    console.width = max(console.width, Measurement.get(console, console.options, table).maximum)
+    console.print(table)
+    for rank, found in enumerate(result.counterexamples, 1):
+        click.echo(f'{rank}. violates {found.requirement!r}: {_deviations(found)}')
+        click.echo(f'   {own_command("run", found.scenario or "")}')
+        if not found.is_same:
+            click.echo('   error: the recording has other duties than the search', err=True)
+    variables = len(study.variables)
+    click.echo(
+        f'searched  {result.runs:,} of {study.runs:,} runs, {variables} variables; '
+        f'{result.violating:,} runs did not pass'
+    )
+    if not result.counterexamples:
+        click.echo('No counterexample was found, which does not prove that there is none.')
+    click.echo(f'results   {result.folder}')
+
+
+def _deviations(found: Counterexample) -> str:
+    """Return what differs from the nominal values."""
+    if not found.deviations:
+        return 'with all nominal values'
+    return ', '.join(f'{name} = {_text(found.shrunk[name])}' for name in found.deviations)
+
+
+def _text(value: object) -> str:
+    return f'{value:g}' if isinstance(value, float) else str(value)
+
+
+def _json(result: FalsificationResult) -> dict[str, object]:
+    return {
+        'study': result.of.study.name,
+        'runs': result.runs,
+        'budget': result.of.study.runs,
+        'not_passed': result.violating,
+        'robustness': {name: number(float(each[-1])) for name, each in result.least.items()},
+        'counterexamples': [
+            {
+                'number': each.number,
+                'requirement': each.requirement,
+                'found': dict(each.found),
+                'shrunk': {name: each.shrunk[name] for name in each.deviations},
+                'scenario': str(each.scenario),
+                'duty_sha256': each.duty_sha256,
+                'reproduced': each.is_same,
+            }
+            for each in result.counterexamples
+        ],
+        'results': str(result.folder),
+    }

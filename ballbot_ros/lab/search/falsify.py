@@ -1,0 +1,391 @@
+"""Falsification: a search of a study's variation for runs that violate its requirements."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ballbot_ros.engine.rows import Column
+from ballbot_ros.engine.scenario.formulas import Interval
+from ballbot_ros.engine.scenario.properties import CLEARANCE, Property
+from ballbot_ros.errors import BallbotError, StudyError
+from ballbot_ros.lab.search.candidates import (
+    SearchObserver,
+    least_steps,
+    run_candidates,
+    runs_per_part,
+    share_of,
+    values_of,
+)
+from ballbot_ros.lab.search.optimiser import Method, Optimiser, optimiser_of
+from ballbot_ros.lab.search.shrinking import Case, deviations, shrunk
+from ballbot_ros.lab.studies.columns import OUTCOME, PASSED, MeasureColumn
+from ballbot_ros.lab.studies.execution import (
+    LocalWorkers,
+    StudyRun,
+    WorkerProcess,
+    WorkersOfJob,
+)
+from ballbot_ros.lab.studies.job import Job, job_of
+from ballbot_ros.lab.studies.programs import may_hang
+from ballbot_ros.lab.studies.rerun import scenario_spec
+from ballbot_ros.lab.studies.runs import Results, Samples, simulator_for
+from ballbot_ros.lab.studies.sampling import seeds_of_runs
+from ballbot_ros.lab.studies.study import Study
+from ballbot_ros.lab.studies.study_data import RunResults
+from ballbot_ros.lab.studies.variables import SEED, nominal_value
+from ballbot_ros.lockstep.run_actions import Outcome
+from ballbot_ros.robot.arithmetic import Floats
+from ballbot_ros.run.execution import execute
+from ballbot_ros.run.requirements import Processes
+
+POPULATION = 16
+COUNTEREXAMPLES = 'counterexamples'
+COMPLETED = 'completed'
+"""Name of the requirement that no wall hit and no fault of the controller ends a run."""
+
+_RANGES = {
+    **{f'duty_{plane}_percent': Interval(-100.0, 100.0) for plane in 'xy'},
+    CLEARANCE: Interval(0.0, np.inf),
+}
+_NO_VALUE = 1e9
+
+
+@dataclass(frozen=True)
+class Falsification:
+    """What is searched.
+
+    Attributes
+    ----------
+    study : Study
+        Its runs are the budget.
+    wanted : int
+        Number of counterexamples after which the search ends.
+    method : Method
+    """
+
+    study: Study
+    wanted: int
+    method: Method = Method.CMA
+
+
+@dataclass(frozen=True)
+class Counterexample:
+    """A run that violates a requirement.
+
+    Attributes
+    ----------
+    number : int
+        Number of the run in the study.
+    requirement : str
+        Name of the measure, or :data:`COMPLETED`.
+    found : mapping of str to value
+        What varied in this run.
+    shrunk : Case
+        A simpler run that still violates it.
+    deviations : tuple of str
+        The variables that still differ from their nominal values.
+    scenario : Path or None
+        File of the simpler run; None if it was not reproduced.
+    seed : int
+        Of the noise of its devices.
+    duty_sha256 : str
+        Hash of the duties of the simpler run.
+    is_same : bool
+        Whether its recording has this hash.
+    """
+
+    number: int
+    requirement: str
+    found: Mapping[str, Any]
+    shrunk: Case
+    deviations: tuple[str, ...]
+    seed: int
+    duty_sha256: str = ''
+    scenario: Path | None = None
+    is_same: bool = False
+
+
+@dataclass(frozen=True)
+class FalsificationResult:
+    """What a falsification has found.
+
+    Attributes
+    ----------
+    runs : int
+        Number of runs that were searched.
+    violating : int
+        Number of those that did not pass.
+    least : mapping of str to ndarray
+        Lowest robustness of each requirement so far, generation by generation.
+    counterexamples : list of Counterexample
+    """
+
+    of: Falsification
+    folder: Path
+    runs: int
+    violating: int
+    least: Mapping[str, Floats]
+    counterexamples: list[Counterexample]
+
+
+def check(study: Study) -> None:
+    """Refuse a study that can't be searched.
+
+    Raises
+    ------
+    StudyError
+        If it requires nothing, a property can't be violated, or only the seed varies.
+    """
+    if not study.variables:
+        raise StudyError(f'{study.name}: nothing varies but the seed; there is nothing to search')
+    if not requirements_of(job_of(study, Path())):
+        raise StudyError(
+            f'{study.name}: has neither properties nor expectations that a run could violate'
+        )
+    for each in study.properties:
+        if each.formula.bounds(_RANGES).low >= 0.0:
+            raise StudyError(
+                f'{study.name}: {each.name!r}: nothing can violate it, whatever the signals: '
+                f'{each.text}'
+            )
+
+
+def requirements_of(job: Job) -> list[MeasureColumn]:
+    """Return the measures that have bounds."""
+    return [
+        each for each in job.record.measures if each.minimum is not None or each.maximum is not None
+    ]
+
+
+def robustness(column: MeasureColumn, values: Floats) -> Floats:
+    """Return how far values are within their bounds; NaN remains NaN."""
+    low = np.inf if column.minimum is None else values - column.minimum
+    high = np.inf if column.maximum is None else column.maximum - values
+    return np.minimum(low, high)
+
+
+def run_falsification(
+    falsification: Falsification,
+    folder: Path,
+    observer: SearchObserver,
+    workers: WorkersOfJob = LocalWorkers,
+    processes: Processes = Processes.SEPARATE,
+    *,
+    controller: str | None = None,
+    again: bool = False,
+) -> FalsificationResult:
+    """Search, shrink what is found, and record it as runs of the graph.
+
+    Each requirement is searched in turn, a generation at a time; after a counterexample its search
+    begins elsewhere. The search does not depend on the workers, and results of an earlier call take
+    the place of runs.
+
+    Raises
+    ------
+    SearchStoppedError
+        If a signal stops it.
+    BallbotError
+        If the folder is another study's or can't be written, a run is not possible, or a
+        requirement has no value in any run.
+    """
+    study = falsification.study
+    job = job_of(study, folder, runs_per_part(study, POPULATION, 1))
+    result = _search(falsification, job, observer, workers, again=again)
+    place = folder / COUNTEREXAMPLES
+    shutil.rmtree(place, ignore_errors=True)
+    found: list[Counterexample] = []
+    for rank, each in enumerate(result.counterexamples, 1):
+        observer.generation(f'counterexample {rank}: shrinking and recording')
+        simpler = _shrunk(job, study, each)
+        found.append(_recorded(job, simpler, place / str(rank), processes, controller))
+    return replace(result, counterexamples=found)
+
+
+def _search(
+    falsification: Falsification,
+    job: Job,
+    observer: SearchObserver,
+    workers: WorkersOfJob,
+    *,
+    again: bool,
+) -> FalsificationResult:
+    """Return what is found in the runs, generation by generation."""
+    study, columns = falsification.study, requirements_of(job)
+    optimisers = [_optimiser(falsification, number, 0) for number in range(len(columns))]
+    restarts = [0] * len(columns)
+    lowest: dict[str, list[float]] = {each.name: [] for each in columns}
+    found: list[Counterexample] = []
+    done = violating = 0
+    with StudyRun(job, observer, workers, again=again) as run:
+        observer.begin(study.runs, run.done)
+        while done < study.runs and len(found) < falsification.wanted:
+            turn = done // POPULATION % len(columns)
+            count = min(POPULATION, study.runs - done)
+            points = optimisers[turn].ask()
+            results = run_candidates(run, _samples(study, points[:count], done))
+            values = [robustness(each, results[each.name]) for each in columns]
+            if done // POPULATION < len(columns):
+                _check_values(study, columns[turn], values[turn])
+            for each, of_runs in zip(columns, values, strict=True):
+                known = of_runs[~np.isnan(of_runs)]
+                before = lowest[each.name][-1:] or [np.inf]
+                lowest[each.name].append(min(*before, known.min(initial=np.inf)))
+            violating += int((~results[PASSED.name]).sum())
+            if (~results[PASSED.name]).any():
+                found.append(_worst(study, columns, values, results, done, turn))
+                # Elsewhere, for another counterexample.
+                restarts[turn] += 1
+                optimisers[turn] = _optimiser(falsification, turn, restarts[turn])
+            elif count == POPULATION:
+                optimisers[turn].tell(np.nan_to_num(values[turn], nan=_NO_VALUE))
+            done += count
+            least = min(each[-1] for each in lowest.values())
+            observer.generation(f'lowest robustness {least:.3g}, {len(found)} found')
+        if done >= study.runs:
+            run.finish()
+    least_of = {name: np.array(each) for name, each in lowest.items()}
+    return FalsificationResult(falsification, job.folder, done, violating, least_of, found)
+
+
+def _optimiser(falsification: Falsification, requirement: int, restart: int) -> Optimiser:
+    """Return what searches for violations of a requirement: first around the nominal values."""
+    study = falsification.study
+    seed = study.seed, requirement, restart
+    start = np.random.default_rng(seed).random(len(study.variables))
+    for number, each in enumerate(study.variables) if not restart else ():
+        nominal = nominal_value(study.spec, each)
+        low, high = each.distribution.ends
+        if nominal is not None and low <= nominal <= high:
+            start[number] = share_of(each.distribution, nominal)
+    steps = least_steps(study.variables)
+    return optimiser_of(falsification.method, start, POPULATION, seed, steps)
+
+
+def _samples(study: Study, points: Floats, first: int) -> Samples:
+    columns = values_of(study.variables, points)
+    if study.draws_seeds:
+        columns[SEED] = seeds_of_runs(study.seed, first, first + len(points))
+    return study.samples(columns, first)
+
+
+def _check_values(study: Study, column: MeasureColumn, values: Floats) -> None:
+    """Raise StudyError if nothing that varies can change whether a requirement holds."""
+    if column.minimum == 0.0 and np.isnan(values).all():
+        raise StudyError(
+            f'{study.name}: {column.name!r} has no value in any of the first {len(values)} runs: '
+            'nothing can violate it'
+        )
+    if len(values) > 1 and np.ptp(values) == 0.0 and values[0] >= 0.0:
+        raise StudyError(
+            f'{study.name}: {column.name!r} is {values[0]:.4g} {column.unit} from its violation in '
+            f'all of the first {len(values)} runs: nothing that varies changes it'
+        )
+
+
+def _worst(
+    study: Study,
+    columns: Sequence[MeasureColumn],
+    values: Sequence[Floats],
+    results: Mapping[str, Column],
+    first: int,
+    turn: int,
+) -> Counterexample:
+    """Return the run of a generation that violates a requirement most: that of the turn first."""
+    order = [turn, *(number for number in range(len(columns)) if number != turn)]
+    for number in order:
+        of_runs = np.where(np.isnan(values[number]), -np.inf, values[number])
+        of_runs = np.where(results[PASSED.name], np.inf, of_runs)
+        if of_runs.min() < 0.0:
+            run, name = int(np.argmin(of_runs)), columns[number].name
+            break
+    else:
+        run, name = int(np.argmax(results[OUTCOME.name])), COMPLETED
+    case = {each: results[each][run].item() for each in (v.name for v in study.variables)}
+    number = first + run
+    drawn = seeds_of_runs(study.seed, number, number + 1)[0]
+    seed = int(drawn) if study.draws_seeds else study.spec.plant.seed
+    return Counterexample(number, name, case, case, (), seed)
+
+
+def _shrunk(job: Job, study: Study, found: Counterexample) -> Counterexample:
+    """Return a counterexample with a simpler run."""
+    nominal = {each.name: nominal_value(study.spec, each) for each in study.variables}
+
+    def violates(cases: Sequence[Case]) -> list[bool]:
+        results = _simulated(job, study, found.number, cases)
+        return [each is not None and _violates(job, found.requirement, each) for each in results]
+
+    case = shrunk(dict(found.found), study.variables, nominal, violates)
+    (results,) = _simulated(job, study, found.number, [case])
+    assert results is not None
+    return replace(
+        found,
+        shrunk=case,
+        deviations=deviations(case, study.variables, nominal),
+        duty_sha256=results.duty_sha256[0].tobytes().hex(),
+    )
+
+
+def _simulated(job: Job, study: Study, number: int, cases: Sequence[Case]) -> list[Results | None]:
+    """Return the results of runs with the seed of a run; None of one that is not possible."""
+    columns = {name: np.array([each[name] for each in cases]) for name in cases[0]}
+    if study.draws_seeds:
+        columns[SEED] = np.repeat(seeds_of_runs(study.seed, number, number + 1), len(cases))
+    try:
+        results = _simulate(job, study.samples(columns, number))
+    except BallbotError:
+        if len(cases) == 1:
+            return [None]
+        return [_simulated(job, study, number, [each])[0] for each in cases]
+    return [results.part(slice(run, run + 1)) for run in range(len(cases))]
+
+
+def _simulate(job: Job, samples: Samples) -> Results:
+    if not may_hang(job.spec):
+        return simulator_for(job.spec, job.measures).simulate(samples)
+    process = WorkerProcess()
+    try:
+        return process.call(_simulate_here, job, samples)
+    finally:
+        process.kill()
+
+
+def _simulate_here(job: Job, samples: Samples) -> Results:
+    return simulator_for(job.spec, job.measures).simulate(samples)
+
+
+def _violates(job: Job, requirement: str, results: Results) -> bool:
+    """Return whether a run violates a requirement."""
+    if requirement == COMPLETED:
+        return bool(results.failed[0])
+    place = [each.name for each in job.record.measures].index(requirement)
+    value = robustness(job.record.measures[place], results.measured[0, place : place + 1])[0]
+    # What has no time to be judged holds; a metric without a value does not.
+    return bool(value < 0.0 or (np.isnan(value) and not isinstance(job.measures[place], Property)))
+
+
+def _recorded(
+    job: Job,
+    found: Counterexample,
+    folder: Path,
+    processes: Processes,
+    controller: str | None,
+) -> Counterexample:
+    """Write the scenario of a counterexample, and record it."""
+    row = RunResults(
+        found.number, found.shrunk.get(SEED, found.seed), found.shrunk, {}, passed=False,
+        outcome=Outcome.COMPLETED, fallen=False, ticks=0, duty_sha256=found.duty_sha256,
+    )  # fmt: skip
+    path, spec = scenario_spec(job.record, row, folder, processes, controller)
+    result = execute(spec)
+    return replace(
+        found,
+        scenario=path,
+        is_same=result.duty_sha256 == found.duty_sha256,
+    )
