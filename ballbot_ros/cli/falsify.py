@@ -87,7 +87,8 @@ def command(
         results = []
         try:
             for each in studies:
-                with SearchProgress(each.name) as progress:
+                progress = SearchProgress(each.name)
+                with progress:
                     falsification = Falsification(each, counterexamples, Method(method))
                     folder = place.joinpath(*each.case.values())
                     results.append(

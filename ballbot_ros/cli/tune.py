@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 )
 @method_option
 @click.option(
-    '--output', type=PATH, help='Folder for the results.  [default: tunings/<name of the tuning>]'
+    '--output', type=PATH, help='Folder for the results.  [default: tunings/<name>/<controller>]'
 )
 @click.option('--again', is_flag=True, help='Do all runs again, also those that are done.')
 @cluster_option
@@ -85,11 +85,10 @@ def command(
 
     with stdout_to_stderr():  # a controller may print while its class is loaded
         read = read_tuning(tuning, candidates, seed, controller, parameter_file, Method(method))
-        place = output or Path('tunings') / '_'.join(
-            [read.name, *([controller] if controller else [])]
-        )
+        place = output or Path('tunings') / read.name / read.controller
+        progress = SearchProgress(read.name)
         try:
-            with SearchProgress(read.name) as progress:
+            with progress:
                 result = run_tuning(read, place, progress, find_workers(cluster), again=again)
         except SearchStoppedError as error:
             say_stopped(place)
@@ -132,9 +131,9 @@ def _print(result: TuningResult, page: Path, *, as_json: bool) -> None:
     both = [(result.verdicts, 0), (result.verdicts, result.best), (unseen, 0), (unseen, 1)]
     table.add_row(f'objective, {tuning.objective.over}', *(f'{of.value[i]:.4g}' for of, i in both))
     table.add_row('robots without a value [%]', *(f'{100 * of.lost[i]:.3g}' for of, i in both))
-    for number, limit in enumerate(tuning.objective.limits):
+    for place, limit in enumerate(tuning.objective.limits):
         bounds = bounds_text(limit.minimum, limit.maximum)
-        values = (f'{of.limits[i, number]:.4g}' for of, i in both)
+        values = (f'{of.limits[i, place]:.4g}' for of, i in both)
         table.add_row(f'{limit.name} {bounds}', *values)
     console = Console(highlight=False, markup=False)
     console.width = max(console.width, Measurement.get(console, console.options, table).maximum)

@@ -66,6 +66,12 @@ class Tuning:
     method: Method = Method.CMA
 
     @property
+    def controller(self) -> str:
+        """Name of the controller's class, or of the document's program."""
+        reference = self.studies[0].spec.parameters.of(ControllerParameters).implementation
+        return reference.rpartition(':')[2]
+
+    @property
     def generations(self) -> int:
         """Number of generations."""
         return -(-self.candidates // self.population)
