@@ -226,9 +226,6 @@ MAX_DEAD_TIME_MS = 1000.0
 MIN_STEP_MS, RELATIVE_STEP = 0.25, 0.05
 """Steps of the dead times that are tried."""
 
-MARGIN_ERROR_MS = 1e-6
-"""Largest error of the dead time at which a loop oscillates."""
-
 GONE = 1e-3
 """Magnitude below which the motion of a sampled pole is over after a tick."""
 
@@ -435,9 +432,9 @@ def _dead_time_margin(loop: SampledLoop, name: str) -> Limit:
     while stable < MAX_DEAD_TIME_MS:
         unstable = stable + max(MIN_STEP_MS, RELATIVE_STEP * stable)
         if excess(unstable) >= 0.0:
-            margin = float(brentq(excess, stable, unstable, xtol=MARGIN_ERROR_MS))
+            margin = float(brentq(excess, stable, unstable, xtol=1e-6))
             # Just beyond it, no pole that hardly decays is as large as the one that oscillates.
-            angle = abs(cmath.phase(slowest(margin + 2.0 * MARGIN_ERROR_MS)))
+            angle = abs(cmath.phase(slowest(margin + 2e-6)))
             return Limit(margin, angle / (2.0 * math.pi * loop.period_s))
         stable = unstable
     return Limit(math.inf, math.nan)

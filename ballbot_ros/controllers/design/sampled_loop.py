@@ -205,12 +205,14 @@ class SampledLoop:
 
     def _feedback(self) -> tuple[tuple[str, ...], Matrix, Matrix, Matrix]:
         """Return the states that take part in the feedback, and a, b, c of the duty for them."""
-        names, basis, inverse = self._feedback_basis()
+        names, basis = self.feedback_states()
+        inverse = basis.T / np.square(basis).sum(axis=0)[:, None]  # its columns are orthogonal
         return names, inverse @ self.a @ basis, inverse @ self.b[:, :1], self.c @ basis
 
     def duty_for(self, source: str) -> control.StateSpace:
         """Return the closed loop from one of `INPUTS` to the computed duty [%]."""
-        names, basis, inverse = self._feedback_basis()
+        names, basis = self.feedback_states()
+        inverse = np.linalg.pinv(basis)
         a, b = self.closed()
         column = INPUTS.index(source)
         return control.ss(
@@ -219,28 +221,21 @@ class SampledLoop:
             name='closed_sampled_loop',
         )  # fmt: skip
 
-    def feedback_states(self) -> tuple[list[str], Matrix]:
+    def feedback_states(self) -> tuple[tuple[str, ...], Matrix]:
         """Return the states that take part in the feedback, and their columns in all states.
 
         The reference does not, nor an integral that is not used. The program's pitch is a sum of
         what passes the low pass of the offset, so ``(1 - a_gd) sum_psi_dot - a_gd gyro_offset``
         never changes: offset and sum are one state.
         """
-        names, basis, _ = self._feedback_basis()
-        return list(names), basis
-
-    def _feedback_basis(self) -> tuple[tuple[str, ...], Matrix, Matrix]:
         integral, offset = map(self.states.index, ('sum_theta_diff', 'gyro_offset'))
-        return _feedback_basis(
-            self.states, bool(self.c[integral] != 0.0), float(self.a[offset, offset])
-        )
+        return _feedback_states(self.states, bool(self.c[integral]), float(self.a[offset, offset]))
 
 
 @lru_cache(maxsize=256)
-def _feedback_basis(
+def _feedback_states(
     states: tuple[str, ...], is_integrating: bool, a_gd: float
-) -> tuple[tuple[str, ...], Matrix, Matrix]:
-    """Return what :meth:`SampledLoop.feedback_states` does, and the inverse of the columns."""
+) -> tuple[tuple[str, ...], Matrix]:
     kept = [name for name in states if name not in (*_REFERENCE, 'sum_psi_dot')]
     if not is_integrating:
         kept.remove('sum_theta_diff')
@@ -248,8 +243,7 @@ def _feedback_basis(
     column = basis[:, kept.index('gyro_offset')]
     column *= 1.0 - a_gd
     column[states.index('sum_psi_dot')] = a_gd
-    inverse = basis.T / np.square(basis).sum(axis=0)[:, None]  # the columns are orthogonal
-    return tuple(kept), basis, inverse
+    return tuple(kept), basis
 
 
 @dataclass(frozen=True, eq=False)
@@ -344,8 +338,7 @@ class _Tick:
         return np.array([self._rows[each] for each in name])
 
 
-_tick = lru_cache(maxsize=256)(_Tick)
-"""The ticks of a plane are the same for all gains."""
+_tick = lru_cache(maxsize=256)(_Tick)  # the same for all gains
 
 
 def _law(parameters: ParameterSet, period_ms: float) -> Matrix:
