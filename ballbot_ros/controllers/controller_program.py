@@ -169,7 +169,7 @@ def design(loaded: LoadedController, parameters: ParameterSet) -> None:
     user = user_parameters(loaded, given)
     where = f'{loaded.cls.__name__}.{Controller.design.__name__}'
     try:
-        designed = with_design(loaded.cls, user, design_model(given))
+        designed = _with_design(loaded.cls, user, design_model(given))  # type: ignore[arg-type]
     except KeyboardInterrupt:
         raise
     except BaseException as error:
@@ -178,6 +178,8 @@ def design(loaded: LoadedController, parameters: ParameterSet) -> None:
         value = getattr(designed, name.removeprefix(USER))
         parameters.set(CONTROLLER, name, value, f'{loaded.code.shown}: {where}')
 
+
+_with_design = lru_cache(maxsize=256)(with_design)  # many runs of a study may have the same
 
 SECOND_MS = 1000
 _ESTIMATES = tuple(each.name for each in fields(Estimates))

@@ -162,6 +162,6 @@ class DriftFilter(DrivingController[DriftFilterParameters]):
         """Return constants with which the document's law keeps the gyro offset that it is given."""
         return Constants(
             driving_constants(settings),
-            constants_of(ProgramConstants.of(replace(settings, a_gd=1.0))),
+            constants_of(replace(ProgramConstants.of(settings), a_gd=Single(1.0))),
             lean_constants(parameters.drift_time, model),
         )

@@ -210,6 +210,12 @@ class ParameterSet:
         for name, (value, prefix) in given.items():
             self._set_own(name, value, prefix)
 
+    def drop_designed(self) -> None:
+        """Forget what is designed, so that it is designed again."""
+        for row in (self._own or {}).values():
+            if row.is_designed:
+                self._values.pop((CONTROLLER, row.name), None)
+
     def drop_own(self, class_name: str) -> None:
         """Forget the controller's own parameters: this class has none."""
         self._given_own.clear()

@@ -23,6 +23,7 @@ from ballbot_ros.engine.rows import RobotRows
 from ballbot_ros.engine.scenario.reader import load_scenario, scenario_names
 from ballbot_ros.engine.scenario.scenario import Scenario
 from ballbot_ros.engine.trajectory import TrajectoryLog
+from ballbot_ros.errors import StudyError
 from ballbot_ros.files import share_directory
 from ballbot_ros.lab.studies.programs import check_loads
 from ballbot_ros.parameters import (
@@ -225,10 +226,10 @@ def test_the_overloaded_run_of_a_study_is_named():
     parameters = parameters_with({'plant_sim.kernel': True})
     for own_tasks in ((), (TaskTiming('tick', 1, 4),)):
         rows = RobotRows(parameters, {'controller.processor_clock': np.array([48.0, 9.0, 7.0])}, 3)
-        problem = refusal(ParameterError, check_loads, rows[ControllerParameters], own_tasks)
+        problem = refusal(StudyError, check_loads, rows[ControllerParameters], 40, own_tasks)
         assert problem.startswith('controller: at 9 MHz the interrupts need 91%')
-        assert problem.endswith(' (run 1)')
-        check_loads(rows[ControllerParameters][:1], own_tasks)
+        assert problem.endswith(' (run 41)')
+        check_loads(rows[ControllerParameters][:1], 40, own_tasks)
 
 
 @pytest.mark.parametrize('phase', [0, 1])

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -31,13 +32,14 @@ from ballbot_ros.engine.rows import (
     program_rows,
     robot_parameter,
     rows_of,
+    split_element,
     whole_values,
 )
 from ballbot_ros.engine.run import simulate_runs
+from ballbot_ros.errors import BallbotError, StudyError
 from ballbot_ros.parameters import (
     CONTROLLER,
     ControllerParameters,
-    ParameterError,
     ParameterSet,
 )
 from ballbot_ros.parameters.controller import MODEL, USER
@@ -81,7 +83,7 @@ class Programs:
         """Return those of the values that are not of the controller's class; here it has none."""
         return values
 
-    def rows(self, rows: RobotRows, values: Values, count: int) -> tuple[Rows, Rows]:
+    def rows(self, rows: RobotRows, values: Values, count: int, first: int) -> tuple[Rows, Rows]:
         """Return constants for each run, and initial states for each or one for all.
 
         Parameters
@@ -92,6 +94,8 @@ class Programs:
             What distinguishes the runs.
         count : int
             Number of runs.
+        first : int
+            Number of the first run, for error messages.
 
         Raises
         ------
@@ -100,8 +104,21 @@ class Programs:
         BallbotError
             If a value is not allowed, or a controller can't be made.
         """
-        check_loads(rows[ControllerParameters])
+        check_loads(rows[ControllerParameters], first)
         return program_rows(rows[ControllerParameters]), rows_of([INITIAL_STATE])
+
+
+class _Settings(ControllerParameters):
+    """Settings that note the names of those that are read: a law depends on few."""
+
+    read: ClassVar[set[str]] = set()
+
+    def __getattribute__(self, name: str) -> Any:
+        value = super().__getattribute__(name)
+        # Whoever copies them may read them all.
+        read = super().__getattribute__('__dict__') if name.startswith('__') else (name,)
+        super().__getattribute__('read').update(read)
+        return value
 
 
 class _Laws(Programs):
@@ -111,7 +128,7 @@ class _Laws(Programs):
 
     def __init__(self, spec: RunSpec, loaded: LoadedController) -> None:
         self._spec, self._loaded = spec, loaded
-        self._code = LawCode(self._controller({}))
+        self._code = LawCode(self._controller({}, set()))
         self.are_users = not loaded.code.is_ours
 
     def problem(self) -> str:
@@ -133,50 +150,67 @@ class _Laws(Programs):
         """Return the other values."""
         return {name: each for name, each in values.items() if not is_own(name)}
 
-    def rows(self, rows: RobotRows, values: Values, count: int) -> tuple[Rows, Rows]:
-        """Return constants and initial states."""
-        own = {
+    def rows(self, rows: RobotRows, values: Values, count: int, first: int) -> tuple[Rows, Rows]:
+        """Return constants and initial states, made once for all runs for which they are equal."""
+        check_loads(rows[ControllerParameters], first, self._loaded.tasks)
+        columns = {
             name: column.tolist()
             for name, column in values.items()
             if is_own(name) or CONTROLLER in robot_parameter(name).nodes
         }
-        if not own:
-            controllers = [self._controller({})]
-        else:
-            controllers = [
-                self._controller({name: column[run] for name, column in own.items()})
-                for run in range(count)
-            ]
-        states = list(map(initial_state, controllers))
-        if len(set(states)) == 1:
-            del states[1:]
-        check_loads(rows[ControllerParameters], self._loaded.tasks)
+        names = {name: split_element(name)[0].partition('.')[2] for name in columns}
+        read = {names[name] for name in filter(is_own, columns)}  # and settings, as they are read
+
+        def distinction(of_run: Mapping[str, object]) -> str:
+            # Unlike the values, a text tells -0.0 from 0.0.
+            return repr([each for name, each in of_run.items() if names[name] in read])
+
+        controllers: list[LawController[Any]] = []
+        numbers: dict[str, int] = {}
+        of_runs = np.zeros(count, np.intp)
+        for run in range(count):
+            of_run = {name: column[run] for name, column in columns.items()}
+            if distinction(of_run) not in numbers:
+                with naming_run(first + run):
+                    controllers.append(self._controller(of_run, read))
+                numbers[distinction(of_run)] = len(controllers) - 1
+            of_runs[run] = numbers[distinction(of_run)]
         constants = [each.in_force for each in controllers]
+        states = list(map(initial_state, controllers))
         if not self._code.fits(constants, states):
             raise CompilationError('the runs differ in the number of their states or constants')
-        return np.resize(rows_of(constants), count), rows_of(states)
+        of_states = of_runs if len(set(states)) > 1 else slice(1)
+        return rows_of(constants)[of_runs], rows_of(states)[of_states]
 
-    def _controller(self, values: Mapping[str, object]) -> LawController[Any]:
+    def _controller(self, values: Mapping[str, object], read: set[str]) -> LawController[Any]:
+        """Return a controller, and add the names of the settings that it reads."""
         parameters = with_values(self._spec.parameters, values)
         loaded = self._loaded
         compose_controller(parameters, loaded)
-        settings = parameters.of(ControllerParameters)
-        user, model = user_parameters(loaded, settings), design_model(settings)
-        controller = loaded.cls(user, model, settings)
+        settings, watched = parameters.of(ControllerParameters), parameters.of(_Settings)
+        object.__setattr__(watched, 'read', read)
+        controller = loaded.cls(user_parameters(loaded, settings), design_model(settings), watched)
         assert isinstance(controller, LawController)
         return controller
 
 
-def check_loads(controllers: Rows, own_tasks: Sequence[TaskTiming] = ()) -> None:
-    """Raise ParameterError if the processor of a robot can't bear its tasks."""
+@contextmanager
+def naming_run(number: int) -> Iterator[None]:
+    """Add the number of a run to an error's message."""
+    try:
+        yield
+    except BallbotError as error:
+        raise StudyError(f'{error} (run {number})') from None
+
+
+def check_loads(controllers: Rows, first: int, own_tasks: Sequence[TaskTiming] = ()) -> None:
+    """Raise StudyError if the processor of a robot, counted from `first`, can't bear its tasks."""
     columns = controllers.view(np.recarray)
     load = sum(processor_load(columns, own_tasks))
     is_late = columns.link_time > columns.interrupt_time
-    for run in np.flatnonzero(columns.kernel & ((load > 1.0) | is_late)):
-        try:
+    for run in np.flatnonzero(columns.kernel & ((load > 1.0) | is_late)).tolist():
+        with naming_run(first + run):
             check_load(columns[run], own_tasks)
-        except ParameterError as error:
-            raise ParameterError(f'{error} (run {run})') from None
 
 
 def is_own(target: str) -> bool:
@@ -217,5 +251,7 @@ def with_values(parameters: ParameterSet, values: Mapping[str, object]) -> Param
     """Return parameters with other values for some, by ``node.param`` or element of it."""
     changed = ParameterSet()
     changed.update(parameters)
+    if any(map(is_own, values)):
+        changed.drop_designed()  # so that it is designed from them
     assign_values(changed, whole_values(changed, plain_values(values)))
     return changed

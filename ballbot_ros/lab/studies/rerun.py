@@ -7,6 +7,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from ballbot_ros.controllers.codegen.implementation import compose_controller
 from ballbot_ros.controllers.loading import is_installed
 from ballbot_ros.engine.scenario.reader import load_scenario
 from ballbot_ros.engine.scenario.scenario import Scenario
@@ -141,6 +142,7 @@ def rerun_spec(
         values = {name: value for name, value in row.varied.items() if not is_event(name)}
         faults = fault_values(scenario, load_scenario(str(path)))
         changed = with_values(parameters, {**values, SEED: row.seed, **faults})
+        compose_controller(changed)
         parameter_file.write_text(parameter_text(changed), encoding='utf-8')
         text = yaml_text(scenario_data(scenario, changed.of(PlantParameters)))
         path.write_text(text, encoding='utf-8')

@@ -38,7 +38,7 @@ from ballbot_ros.engine.trajectory import TrajectoryLog
 from ballbot_ros.errors import ControllerError, StudyError, WorldError
 from ballbot_ros.lab.studies.columns import OTHERS, measure_runs, other_signal, robustness_of
 from ballbot_ros.lab.studies.events import fault_values, scenarios_of
-from ballbot_ros.lab.studies.programs import Programs, programs_of, with_values
+from ballbot_ros.lab.studies.programs import Programs, naming_run, programs_of, with_values
 from ballbot_ros.lab.studies.variables import DURATION
 from ballbot_ros.parameters import DEVICES, PLANT, ControllerParameters, PlantParameters
 from ballbot_ros.parameters.timing import FIRST_TICK_NS, SECOND_NS, TICK_NS
@@ -170,7 +170,8 @@ class OrdinarySimulator:
             }
             scenario = scenarios[run] if scenarios else self._spec.scenario
             values |= fault_values(scenario, self._spec.scenario)
-            self._simulate(run, values, scenario, results)
+            with naming_run(samples.first + run):
+                self._simulate(run, values, scenario, results)
             advance(1)
 
     def _simulate(
@@ -267,7 +268,7 @@ class CompiledSimulator:
         durations = rows[PlantParameters]['duration']
         ticks = max((round(each * SECOND_NS) // TICK_NS for each in durations.tolist()), default=0)
         is_timed = are_timed(rows)
-        programs, states = self._programs.rows(rows, samples.values, samples.count)
+        programs, states = self._programs.rows(rows, samples.values, samples.count, samples.first)
         has_others = need_others(self._measures)
         bytes_a_tick = _BYTES_A_TICK + has_others * _BYTES_OF_OTHERS
         together = max(1, _LOG_BYTES // (max(ticks, 1) * bytes_a_tick))

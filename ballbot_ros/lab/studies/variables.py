@@ -11,16 +11,18 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.controllers.controller_program import own_rows
+from ballbot_ros.controllers.controller_program import design, own_rows
 from ballbot_ros.engine.rows import Column, robot_parameter, split_element
 from ballbot_ros.engine.scenario.reader import ExpectationReader, Keys
 from ballbot_ros.errors import StudyError
 from ballbot_ros.lab.studies.events import FAULT, event_part, is_event, value_in
+from ballbot_ros.lab.studies.programs import with_values
 from ballbot_ros.parameters import (
     CONTROLLER,
     PLANT,
     ROBOT_CLASSES,
     SONAR,
+    ControllerParameters,
     Parameter,
     ParameterSet,
     is_own,
@@ -370,11 +372,15 @@ def _own_parameter(name: str, spec: RunSpec) -> Parameter:
         raise StudyError(f'{CONTROLLER} has no parameter {name!r}; {suggest(name, rows)}')
     if row.is_designed or isinstance(row.default, tuple):
         raise StudyError(f'{CONTROLLER}.{name} cannot vary: it is a list of numbers')
-    if any(each.is_designed for each in rows.values()):
-        raise StudyError(
-            f'{CONTROLLER}.{name} cannot vary: the gains of this controller are designed once for '
-            'all runs of a study'
-        )
+    settings = spec.parameters.of(ControllerParameters)
+    again = with_values(spec.parameters, {f'{CONTROLLER}.{name}': settings.values()[name]})
+    design(spec.controller, again)
+    for each, value in again.of(ControllerParameters).own:
+        if value != settings.values()[each]:
+            raise StudyError(
+                f'{CONTROLLER}.{name} cannot vary: {CONTROLLER}.{each} is set, which is designed '
+                'for each run: omit it'
+            )
     return row
 
 

@@ -390,9 +390,14 @@ def test_parameters_of_the_users_controller_can_vary(read):
     assert 'did you mean' in refusal(BallbotError, read, HEAD + 'controller: pid\n' + vary)
 
 
-def test_what_is_designed_once_for_all_runs_cannot_vary(read):
-    text = HEAD + 'controller: lqg\nvary: {controller.model.body_mass: {uniform: [0.6, 0.8]}}\n'
-    assert 'are designed once for all runs' in refusal(BallbotError, read, text)
+def test_what_gains_are_designed_from_can_vary_unless_they_are_set(read):
+    vary = 'controller: lqg\nvary: {controller.model.body_mass: {uniform: [0.6, 0.8]}}\n'
+    assert read(HEAD + vary).variables[0].name == 'controller.model.body_mass'
+    gains = 'parameters: {controller: {user.feedback: [1.0, 2.0, 3.0, 4.0, 5.0]}}\n'
+    told = 'mine.yaml:6: controller.model.body_mass cannot vary: controller.user.feedback is set'
+    assert told in refusal(BallbotError, read, HEAD + gains + vary)
+    gains = 'vary: {controller.user.feedback: {uniform: [0.0, 1.0]}}\n'
+    assert 'a list of numbers' in refusal(BallbotError, read, HEAD + 'controller: lqg\n' + gains)
 
 
 def test_what_has_no_effect_is_a_parameter_and_no_constant_of_the_law():

@@ -72,6 +72,8 @@ VARIED_LAWS = {
     },
     'lqg': {
         'controller.user.psi_scale': np.linspace(0.8, 1.2, 4),
+        'controller.user.gyro_error': np.array([0.5, 0.7] * 2),
+        'controller.model.body_mass': np.linspace(0.6, 0.8, 4),
         'plant_sim.body_mass': np.linspace(0.6, 0.8, 4),
     },
 }
