@@ -14,7 +14,10 @@ from ballbot_ros.lab.studies.columns import FALLEN, OUTCOME, MeasureColumn
 from ballbot_ros.robot.arithmetic import Floats
 
 DEAD_TIME_MARGIN = 'dead_time_margin_ms'
-"""A limit that is no measure of runs: the dead time that the designed loop bears beyond its own."""
+"""A limit that is no measure of runs: the dead time that the loop bears beyond its own.
+
+It holds for the document's program, whose loop can be analysed; others are not limited by it.
+"""
 
 MEAN, WORST = 'mean', 'worst'
 

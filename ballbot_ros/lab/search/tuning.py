@@ -100,11 +100,8 @@ class TuningReader(StudyReader):
         """
         data = self._content()
         studies = tuple(self.studies())
-        spec = studies[0].spec
         tuned, starts = self._tuned(data, studies)
         objective = self._objective(data, studies[0])
-        if any(each.name == DEAD_TIME_MARGIN for each in objective.limits):
-            self._require_documents_program(spec)
         default = 4 + int(3 * np.log(len(tuned)))  # that of CMA-ES
         population = self._whole(
             data.get('population', -(-default // 4) * 4), ('population',), 2, MAX_POPULATION
@@ -208,6 +205,9 @@ class TuningReader(StudyReader):
             self._limit(str(name), bounds, known)
             for name, bounds in self._mapping(data.get('limits', {}), ('limits',)).items()
         )
+        implementation = study.spec.parameters.of(ControllerParameters).implementation
+        if implementation not in DOCUMENTS_PROGRAM:  # whose loop is not analysed
+            limits = tuple(each for each in limits if each.name != DEAD_TIME_MARGIN)
         content = self._mapping(data['objective'], ('objective',))
         return Objective(weights, self._over(content.get('over', MEAN)), limits)
 
@@ -236,14 +236,6 @@ class TuningReader(StudyReader):
         if name not in known:
             names = dict.fromkeys((*known, *METRICS))
             raise self._error(keys, f'unknown measure {name!r}; {suggest(name, names)}')
-
-    def _require_documents_program(self, spec: RunSpec) -> None:
-        if spec.parameters.of(ControllerParameters).implementation not in DOCUMENTS_PROGRAM:
-            raise self._error(
-                ('limits', DEAD_TIME_MARGIN),
-                f"{DEAD_TIME_MARGIN}: is known only of the document's program; vary "
-                f'{CONTROLLER}.motor_latency instead',
-            )
 
 
 _FOLDER = 'config/tunings'
