@@ -25,7 +25,7 @@ from ballbot_ros.lab.search.candidates import (
 from ballbot_ros.lab.search.objective import DEAD_TIME_MARGIN, Verdict
 from ballbot_ros.lab.search.optimiser import optimiser_of
 from ballbot_ros.lab.search.tuning import Tuning
-from ballbot_ros.lab.studies.columns import FALLEN, OUTCOME
+from ballbot_ros.lab.studies.columns import FALLEN, OUTCOME, MeasureColumn
 from ballbot_ros.lab.studies.execution import LocalWorkers, StudyRun, WorkersOfJob, run_study
 from ballbot_ros.lab.studies.job import Job, job_of
 from ballbot_ros.lab.studies.part_file import write_atomically
@@ -93,7 +93,8 @@ class TuningResult:
                 data = StudyData.open(folder)
                 names = [*(each.name for each in data.study.measures), FALLEN.name]
                 columns.append(results_in(list(data.parts([*names, OUTCOME.name])), names))
-            pairs.append(_judge(self.tuning, columns, self.points[candidate][None]))
+            point = self.points[candidate][None]
+            pairs.append(_judge(self.tuning, data.study.measures, columns, point))
         return _joined(pairs)
 
     @property
@@ -177,7 +178,7 @@ def _search(
                 run_candidates(run, _samples(tuning, study, chosen, first * study.runs))
                 for run, study in zip(runs, tuning.studies, strict=True)
             ]
-            return _judge(tuning, columns, chosen)
+            return _judge(tuning, runs[0].job.record.measures, columns, chosen)
 
         for generation in range(tuning.generations):
             points.append(optimiser.ask())
@@ -231,20 +232,25 @@ def _samples(tuning: Tuning, study: Study, points: Floats, first: int) -> Sample
     )
 
 
-def _judge(tuning: Tuning, columns: Sequence[Mapping[str, Column]], points: Floats) -> Verdict:
-    study = tuning.studies[0]
-    job = job_of(study, Path())
+def _judge(
+    tuning: Tuning,
+    measures: Sequence[MeasureColumn],
+    columns: Sequence[Mapping[str, Column]],
+    points: Floats,
+) -> Verdict:
+    """Judge candidates by the columns of their runs in each scenario."""
     joined = {
         name: np.concatenate([each[name].reshape(len(points), -1) for each in columns], axis=1)
         for name in columns[0]
     }
     margins = None
     if any(each.name == DEAD_TIME_MARGIN for each in tuning.objective.limits):
+        parameters = tuning.studies[0].spec.parameters
         margins = np.array([
-            dead_time_margin_ms(with_values(study.spec.parameters, tuned_values(tuning, each)))
+            dead_time_margin_ms(with_values(parameters, tuned_values(tuning, each)))
             for each in points
         ])  # fmt: skip
-    return tuning.objective.judge(job.record.measures, joined, margins)
+    return tuning.objective.judge(measures, joined, margins)
 
 
 def _joined(verdicts: Sequence[Verdict]) -> Verdict:

@@ -160,15 +160,22 @@ class LocalWorkers:
         self._programs = None if slow else programs_of(job.spec)
         if self._programs and not self._programs.is_kept:
             observer.notice('compiling, which takes about 20 s the first time ...')
+        self._is_kept = False
         self._processes: list[WorkerProcess] = []
         self._of_thread = threading.local()
         self._pool = ThreadPoolExecutor(self.count)
 
     def submit(self, part: int, samples: Samples) -> Future[PartSummary]:
         """Have a part done and written."""
-        if self._programs and self._programs.is_kept and not self._programs.are_users:
+        if self._may_use_threads():
             return self._pool.submit(self._job.do, part, samples, self._on_runs)
         return self._pool.submit(self._do_in_process, part, samples)
+
+    def _may_use_threads(self) -> bool:
+        """Return whether the code of the runs is kept, and not a user's."""
+        if self._programs and not self._is_kept:
+            self._is_kept = self._programs.is_kept and not self._programs.are_users
+        return self._is_kept
 
     def _do_in_process(self, part: int, samples: Samples) -> PartSummary:
         """Have a part done by the process of this thread; if that is killed, by another one."""
