@@ -91,7 +91,10 @@ class CovarianceAdaptation:
         self._cma = cma
         # The package would use numpy's global numbers.
         self._random = np.random.RandomState(np.random.SeedSequence(seed).generate_state(8))
-        self._population, self._steps, self._step = population, steps, step
+        self._population, self._step, self._count = population, step, len(start)
+        if self._count == 1:  # the package needs at least two, so a second one has no effect
+            start, steps = np.append(start, 0.5), np.append(steps, 0.0)
+        self._steps = steps
         self._first: Floats | None = start
         self._points: list[NDArray[np.float64]] = []
         self._strategy = self._begin(start)
@@ -115,7 +118,7 @@ class CovarianceAdaptation:
         self._points = self._strategy.ask()
         if self._first is not None:
             self._points[0], self._first = self._first, None
-        return np.clip(np.array(self._points), 0.0, _BELOW_ONE)
+        return np.clip(np.array(self._points)[:, : self._count], 0.0, _BELOW_ONE)
 
     def tell(self, costs: Floats) -> None:
         """Adapt the distribution of the points."""
