@@ -21,7 +21,7 @@ It holds for the document's program, whose loop can be analysed; others are not 
 
 MEAN, WORST = 'mean', 'worst'
 
-INFEASIBLE = 1e6
+INFEASIBLE = 1e100
 """Cost from which on a candidate breaks a limit; such ones are compared by how far they do."""
 
 
@@ -45,7 +45,8 @@ class Limit:
         excess: Floats = np.zeros(len(values))
         for bound, sign in ((self.minimum, -1.0), (self.maximum, 1.0)):
             if bound is not None:
-                beyond = sign * (values - bound) / (abs(bound) or 1.0)
+                with np.errstate(over='ignore'):
+                    beyond = sign * (values - bound) / (abs(bound) or 1.0)
                 excess += np.where(np.isnan(beyond), math.inf, np.maximum(0.0, beyond))
         return np.minimum(excess, 1e3)
 
@@ -120,16 +121,17 @@ class Objective:
         known = {each.name: each for each in measures}
         gone = columns[FALLEN.name] | columns[OUTCOME.name]
         values = np.zeros(gone.shape)
-        for name, weight in self.weights.items():
-            values = values + weight * known[name].badness(columns[name])
-        values = np.where(gone, np.nan, values)
+        with np.errstate(over='ignore', invalid='ignore'):
+            for name, weight in self.weights.items():
+                values = values + weight * known[name].badness(columns[name])
+        values = np.where(gone | ~(np.abs(values) < INFEASIBLE), np.nan, values)
         is_lost = np.isnan(values)
         lost = is_lost.mean(axis=1)
         kept = np.array([
             margins if each.name == DEAD_TIME_MARGIN else self._over(known[each.name], columns)
             for each in self.limits
         ]).reshape(len(self.limits), len(values))  # fmt: skip
-        tolerated = 0.0 if self.share is None else 1.0 - self.share
+        tolerated = 0.0 if self.share is None else round(1.0 - self.share, 9)  # 1 - 0.9 < 0.1
         excess = np.maximum(0.0, lost - tolerated)
         for each, found in zip(self.limits, kept, strict=True):
             excess = excess + each.excess(found)
@@ -146,12 +148,11 @@ class Objective:
 
 
 def _over_runs(values: Floats, share: float | None) -> Floats:
-    """Return the mean, or the quantile, of each row of values, without NaN; (n,)."""
+    """Return the mean of each row of values, or the quantile, for which NaN is the worst; (n,)."""
     found = np.full(len(values), math.nan)
     for number, row in enumerate(values):
-        some = row[~np.isnan(row)]
+        some = np.sort(row[~np.isnan(row)])
         if some.size:
-            found[number] = (
-                some.mean() if share is None else np.quantile(some, share, method='higher')
-            )
+            place = 0 if share is None else min(math.ceil(share * (len(row) - 1)), len(some) - 1)
+            found[number] = some.mean() if share is None else some[place]
     return found
