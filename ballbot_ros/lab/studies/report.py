@@ -62,13 +62,13 @@ class StudyReport:
     ----------
     page : str
         The HTML.
-    figures : list of StudyFigure
+    figures : sequence of RenderedFigure
     files : mapping of str to bytes
         Other files, by name.
     """
 
     page: str
-    figures: list[StudyFigure]
+    figures: Sequence[RenderedFigure]
     files: Mapping[str, bytes]
 
     def write(self, folder: Path) -> None:
@@ -183,7 +183,7 @@ class _Findings:
 
     def report(self) -> StudyReport:
         """Return the report."""
-        names = _FileNames()
+        names = FileNames()
         predictions, no_theory = self._predictions()
         maps = self._maps(predictions)
         map_figures = [
@@ -217,7 +217,7 @@ class _Findings:
             title=self.data.study.name,
             text=self.text,
             banner=self._banner(),
-            outcome=_outcome(self.summary),
+            outcome=outcome_text(self.summary),
             facts=self._facts(),
             varied=self._varied(),
             measures=measures,
@@ -230,7 +230,9 @@ class _Findings:
             sensitivity=sensitivity,
             min_sample=MIN_SAMPLE,
             slices=SLICES,
-            failed=[self._row(number) for number in islice(self.data.failed(), FAILED_SHOWN)],
+            failed=[
+                run_row(self.data, number) for number in islice(self.data.failed(), FAILED_SHOWN)
+            ],
             failed_count=self.summary.totals.failed,
             versions=self._versions(),
             endings=ending_table(endings_of(self.data)),
@@ -354,21 +356,10 @@ class _Findings:
                 'expected': bounds_text(each.column.minimum, each.column.maximum).replace('-', '−'),
                 'quantiles': [number_text(value) for value in each.quantiles.tolist()],
                 'missing': each.missing,
-                'worst': [self._row(run.number, run.value) for run in each.worst],
+                'worst': [run_row(self.data, run.number, run.value) for run in each.worst],
             }
             for each in self.summary.measures
         ]
-
-    def _row(self, number: int, value: float | None = None) -> dict[str, object]:
-        """Return a run in a table of the page; a failed one has no value of a measure."""
-        row = self.data.row(number)
-        return {
-            'number': number,
-            'value': '' if value is None else number_text(value),
-            'varied': _varied_text(row, self.data.study),
-            'verdict': _verdict(row),
-            'command': self._rerun(number),
-        }
 
 
 def several_report(folder: Path) -> StudyReport | None:
@@ -386,13 +377,37 @@ def several_report(folder: Path) -> StudyReport | None:
     return StudyReport(page, [], {})
 
 
-class _FileNames:
+def run_row(
+    data: StudyData, number: int, value: float | None = None, controller: str | None = None
+) -> dict[str, object]:
+    """Return a run of a study as a row of a page's table, with the command that repeats it.
+
+    Parameters
+    ----------
+    value : float, optional
+        That of a measure; a failed run has none.
+    controller : str, optional
+        The study's controller, if the command needs to name it.
+    """
+    row = data.row(number)
+    words = () if controller is None else ('--controller', controller)
+    return {
+        'number': number,
+        'value': '' if value is None else number_text(value),
+        'varied': _varied_text(row, data.study),
+        'verdict': _verdict(row),
+        'command': own_command('study', 'rerun', data.path, number, *words),
+    }
+
+
+class FileNames:
     """Makes names of files of the names of variables and measures, each only once."""
 
     def __init__(self) -> None:
         self._taken: set[str] = set()
 
     def __call__(self, *words: str) -> str:
+        """Return a name made of words."""
         plain = '__'.join(re.sub(r'[^\w.]+', '_', each).strip('_') for each in words)
         name, number = plain, 1
         while name.lower() in self._taken:
@@ -422,13 +437,14 @@ def _interactive(figures: Sequence[StudyFigure]) -> InteractiveFigures | None:
 
 
 def _chart_figure(
-    names: _FileNames, kind: str, columns: list[str], chart: PassMap | ShareChart | Histogram
+    names: FileNames, kind: str, columns: list[str], chart: PassMap | ShareChart | Histogram
 ) -> StudyFigure:
     name, title = names(kind, *columns), ' × '.join(columns)
     return _figure(name, title, chart.caption(), chart.figure(), chart.table())
 
 
-def _outcome(summary: StudySummary) -> str:
+def outcome_text(summary: StudySummary) -> str:
+    """Return the share that passed, with its interval."""
     low, high = (100.0 * each for each in summary.interval)
     share = 100.0 * summary.share_passed
     return f'{share:.3g} % passed; 95 % interval (Wilson) {low:.3g} … {high:.3g} %'
@@ -450,10 +466,11 @@ def _verdict(row: RunResults) -> str:
 def _varied_text(row: RunResults, study: StudyRecord) -> str:
     units = {each.name: '' if each.unit in ('', '1') else f' {each.unit}' for each in study.varied}
     values = row.varied
-    return ', '.join(f'{name} = {_value_text(values[name])}{unit}' for name, unit in units.items())
+    return ', '.join(f'{name} = {value_text(values[name])}{unit}' for name, unit in units.items())
 
 
-def _value_text(value: object) -> str:
+def value_text(value: object) -> str:
+    """Return a value of a parameter with 4 digits."""
     if isinstance(value, bool):
         return str(value).lower()
     return f'{value:.4g}'.replace('-', '−') if isinstance(value, float) else str(value)

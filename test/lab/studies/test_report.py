@@ -6,11 +6,11 @@ import math
 import re
 import sys
 from dataclasses import replace
-from html.parser import HTMLParser
 
 import numpy as np
 import pytest
 from browsing import open_document, shared_browser
+from html_pages import Page
 from laws import refusal
 from PIL import Image
 from study_folders import EXPECTATIONS, NOW, record, write_part, write_study
@@ -42,38 +42,6 @@ vary:
   plant_sim.actuator_delay: {{uniform: [0, 8]}}
   plant_sim.plant_model: {{list: [linear, nonlinear]}}
 """
-VOID = {'meta', 'img', 'br', 'link', 'hr', 'input'}
-
-
-class Page(HTMLParser):
-    """Checks that elements are closed in order; collects identities, links and text."""
-
-    def __init__(self, text):
-        super().__init__()
-        self.open, self.ids, self.links, self.sources, self.words = [], [], [], [], []
-        self.tags = set()
-        self.feed(text)
-        self.close()
-
-    def handle_starttag(self, tag, attributes):
-        values = dict(attributes)
-        self.tags.add(tag)
-        if tag not in VOID:
-            self.open.append(tag)
-        self.ids += [values['id']] if 'id' in values else []
-        self.links += [values['href']] if 'href' in values else []
-        self.sources += [values['src']] if 'src' in values else []
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
-
-    def handle_data(self, data):
-        if self.open[-1:] != ['script']:
-            self.words.append(data)
-
-    @property
-    def text(self):
-        return ' '.join(' '.join(self.words).split())
 
 
 def varied_record():
