@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ballbot_ros.engine.rows import Column
+from ballbot_ros.engine.scenario.scenario import bounds_text
 from ballbot_ros.lab.studies.columns import FALLEN, OUTCOME, MeasureColumn
 from ballbot_ros.robot.arithmetic import Floats
 
@@ -39,6 +40,10 @@ class Limit:
     name: str
     minimum: float | None = None
     maximum: float | None = None
+
+    def __str__(self) -> str:
+        """Return the bound in words."""
+        return bounds_text(self.minimum, self.maximum)
 
     def excess(self, values: Floats) -> Floats:
         """Return by how much values break the limit, relative to it; 0 if they keep it."""
@@ -101,6 +106,11 @@ class Objective:
             return MEAN
         return WORST if self.share == 1.0 else f'{100 * self.share:g} % quantile'
 
+    @property
+    def tolerated(self) -> float:
+        """Share of the runs that may have no value."""
+        return 0.0 if self.share is None else round(1.0 - self.share, 9)  # 1 - 0.9 < 0.1
+
     def judge(
         self,
         measures: Sequence[MeasureColumn],
@@ -131,13 +141,26 @@ class Objective:
             margins if each.name == DEAD_TIME_MARGIN else self._over(known[each.name], columns)
             for each in self.limits
         ]).reshape(len(self.limits), len(values))  # fmt: skip
-        tolerated = 0.0 if self.share is None else round(1.0 - self.share, 9)  # 1 - 0.9 < 0.1
-        excess = np.maximum(0.0, lost - tolerated)
+        excess = np.maximum(0.0, lost - self.tolerated)
         for each, found in zip(self.limits, kept, strict=True):
             excess = excess + each.excess(found)
         value = _over_runs(values, self.share)
         cost = np.where(excess > 0.0, INFEASIBLE * (1.0 + excess), value)
         return Verdict(cost, value, lost, kept.T)
+
+    def broken(self, verdict: Verdict, number: int) -> list[str]:
+        """Return which limits a candidate breaks, and by how much, in words."""
+        found = [
+            f'{each.name} is {value:.4g} instead of {each}, {_percent(excess)} off'
+            for each, value in zip(self.limits, verdict.limits[number].tolist(), strict=True)
+            if (excess := each.excess(np.array([value])).item()) > 0.0
+        ]
+        if (lost := verdict.lost[number]) > self.tolerated:
+            found.append(
+                f'{100.0 * lost:.3g} % of the robots fall, fail or lack a measure instead of at '
+                f'most {100.0 * self.tolerated:.3g} %'
+            )
+        return found
 
     def _over(self, column: MeasureColumn, columns: Mapping[str, Column]) -> Floats:
         """Return a limited measure over the runs: its bad values count for a quantile."""
@@ -145,6 +168,10 @@ class Objective:
         limit = next(each for each in self.limits if each.name == column.name)
         sign = 1.0 if limit.maximum is not None else -1.0
         return sign * _over_runs(sign * values, self.share)
+
+
+def _percent(share: float) -> str:
+    return f'{100.0 * share:,.0f} %' if share > 1.0 else f'{100.0 * share:.3g} %'
 
 
 def _over_runs(values: Floats, share: float | None) -> Floats:

@@ -242,6 +242,7 @@ def _judge(
     joined = {
         name: np.concatenate([each[name].reshape(len(points), -1) for each in columns], axis=1)
         for name in columns[0]
+        if all(name in each for each in columns)  # scenarios can have measures of their own
     }
     margins = None
     if any(each.name == DEAD_TIME_MARGIN for each in tuning.objective.limits):
