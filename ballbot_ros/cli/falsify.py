@@ -74,9 +74,11 @@ def command(
     require('study', *(['search'] if method == 'cma' else []), *(['cluster'] if cluster else []))
     from ballbot_ros.cli.study_output import SearchProgress
     from ballbot_ros.lab.search.candidates import SearchStoppedError
+    from ballbot_ros.lab.search.falsification_report import falsification_report
     from ballbot_ros.lab.search.falsify import Falsification, check, run_falsification
     from ballbot_ros.lab.search.optimiser import Method
     from ballbot_ros.lab.studies.reader import read_studies
+    from ballbot_ros.lab.studies.report import check_output
     from ballbot_ros.process import stdout_to_stderr
 
     with stdout_to_stderr():  # a controller may print while its class is loaded
@@ -97,6 +99,8 @@ def command(
                             Processes(processes), controller=controller, again=again,
                         )
                     )  # fmt: skip
+                report = falsification_report(results[-1])
+                report.write(check_output(results[-1].folder, None))
         except SearchStoppedError as error:
             say_stopped(place)
             return 128 + error.signal
@@ -137,7 +141,7 @@ def _print(result: FalsificationResult) -> None:
     )
     if not result.counterexamples:
         click.echo('No counterexample was found, which does not prove that there is none.')
-    click.echo(f'results   {result.folder}')
+    click.echo(f'report    {result.folder / "report/index.html"}')
 
 
 def _deviations(found: Counterexample) -> str:

@@ -48,7 +48,8 @@ AT_AN_END = 0.01
 
 _BOTH = {BEFORE: 'start', AFTER: 'tuned'}
 _DISCRETE = Levels, WholeNumbers
-_METHODS = {Method.CMA: 'CMA-ES', Method.RANDOM: 'random search'}
+METHODS = {Method.CMA: 'CMA-ES', Method.RANDOM: 'random search'}
+"""Names of the methods."""
 
 
 def tuning_report(result: TuningResult) -> StudyReport:
@@ -170,7 +171,7 @@ class _Findings:
             ('Controller', self.controller),
             ('Candidates', f'{len(self.result.points):,}'),
             ('Robots per candidate', f'{study.runs:,}{each_of}'),
-            ('Method', f'{_METHODS[self.tuning.method]}, population {self.tuning.population:,}'),
+            ('Method', f'{METHODS[self.tuning.method]}, population {self.tuning.population:,}'),
             ('Seed', str(study.seed)),
             ('Version', f'{versions.ballbot_ros}, code {self.record.code_sha256[:12]}'),
             ('Python, numpy', f'{versions.python}, {versions.numpy}'),
@@ -194,7 +195,7 @@ class _Findings:
         return (
             variable.name,
             variable.parameter.unit.removeprefix('1'),
-            _range_text(variable.distribution),
+            range_text(variable.distribution),
             value_text(start),
             value_text(tuned),
             '' if isinstance(tuned, bool | str) else f'{100.0 * share:.0f} %',
@@ -306,7 +307,8 @@ def _term(column: MeasureColumn) -> str:
     return f'−{column.name}' if column.badness(np.ones(1))[0] < 0.0 else column.name
 
 
-def _range_text(of: Distribution) -> str:
+def range_text(of: Distribution) -> str:
+    """Return the range of a distribution in words."""
     if isinstance(of, Levels):
         return ', '.join(map(value_text, of.levels))
     base = of.rounded if isinstance(of, WholeNumbers) else of
