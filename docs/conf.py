@@ -26,7 +26,7 @@ extensions = [
     'sphinx.ext.autosummary',
     'sphinx.ext.napoleon',
 ]
-exclude_patterns = ['_build']
+exclude_patterns = ['_build', 'examples']
 
 # A link to a public name of the package must lead there; types of other packages have no page.
 nitpicky = True
