@@ -185,8 +185,11 @@ def compile_in_background(kept: str, compiles: Callable[..., None], *arguments: 
 
 
 def functions_sha256(function: Function) -> str:
-    """Return a hash of a function and of what it reads of its own package, as hexadecimal text."""
-    digest = hashlib.sha256()
+    """Return a hash of a function and of what it reads of its own package, as hexadecimal text.
+
+    The name of its module counts, by which kept code refers to the classes of a law.
+    """
+    digest = hashlib.sha256(f'{function.__module__}\0'.encode())
     found = [function]
     for each in found:
         assert isinstance(each, FunctionType)

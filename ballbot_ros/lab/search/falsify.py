@@ -44,7 +44,7 @@ from ballbot_ros.robot.arithmetic import Floats
 from ballbot_ros.run.execution import execute
 from ballbot_ros.run.requirements import Processes
 
-POPULATION = 16
+POPULATION = 8
 COUNTEREXAMPLES = 'counterexamples'
 COMPLETED = 'completed'
 """Name of the requirement that no wall hit and no fault of the controller ends a run."""

@@ -53,6 +53,9 @@ _LOG_BYTES = 2**20
 """Size of the log of the runs that are simulated together: it stays in the processor's cache."""
 _BYTES_A_TICK, _BYTES_OF_TIMING, _BYTES_OF_OTHERS = 34, 8 * COUNT, 8 * len(OTHERS)
 
+RUNS_PER_CHECK = 200
+"""Number of runs of a user's law after which another one is compared with the interpreter's."""
+
 _PLACE = ('start_position_x', 'start_position_y', 'body_depth', 'body_width')
 
 
@@ -240,6 +243,7 @@ class CompiledSimulator:
             # Most studies have one body.
             self._walls = lru_cache(1)(partial(walls_around, self._world.map))
         self._run = programs.compile()
+        self._until_check = 0  # number of runs
         self._measure = {
             each.metric: compiled_and_kept(
                 measure_runs, each.metric, {'metric': METRICS[each.metric].compute}
@@ -307,8 +311,10 @@ class CompiledSimulator:
                 alone = samples.part(runs.start + run, runs.start + run + 1)
                 self._ordinary.simulate_into(done.part(slice(run, run + 1)), alone)
             advance(runs.stop - runs.start)
-        if self._programs.are_users:
+        if self._programs.are_users and self._until_check <= 0:
             self._check_first(samples, results)
+            self._until_check = RUNS_PER_CHECK
+        self._until_check -= samples.count
         return results
 
     def _check_first(self, samples: Samples, results: Results) -> None:

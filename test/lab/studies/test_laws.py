@@ -198,13 +198,15 @@ def test_a_class_with_tick_has_no_law(module):
 
 
 def test_other_numbers_and_functions_of_the_module_need_other_code(module):
-    def digest(text):
-        names = {'__name__': 'own'}
+    def digest(text, module='own'):
+        names = {'__name__': module}
         exec(compile(text, 'own.py', 'exec'), names)
         return functions_sha256(names['law'])
 
     first = digest(MODULE)
     assert digest(MODULE) == first
+    # Kept code refers to the classes of a module by its name, which a file has from its content.
+    assert digest(MODULE, 'other') != first
     single = MODULE.replace('STRENGTH = 2.0', 'import numpy as np\nSTRENGTH = np.float32(2.0)')
     for old, new in (('STRENGTH = 2.0', 'STRENGTH = 2.5'), ('0.004 * rate', '0.005 * rate')):
         assert digest(MODULE.replace(old, new)) != first
