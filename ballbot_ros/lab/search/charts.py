@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -47,7 +47,7 @@ def convergence_chart(verdicts: Verdict, population: int) -> NamedChart:
     known = (row[~np.isnan(row)] for row in costs.reshape(-1, population))
     spread = np.array([np.quantile(each, QUANTILES) if each.size else nothing for each in known])
     label = 'cost' if is_any else 'limits exceeded by'
-    scale = scale_of_numbers(label, np.append(spread, best[population - 1 :]))
+    scale = _scale_of(label, np.append(spread, best[population - 1 :]))
     return _progress(best, spread, population, scale)
 
 
@@ -70,9 +70,9 @@ def path_chart(variable: Variable, shares: Floats, costs: Floats, population: in
     # Nearest, so that words stay words.
     spread = np.quantile(numbers.reshape(-1, population), QUANTILES, axis=1, method='nearest').T
     low, high = (-0.5, len(words) - 0.5) if words else of.ends
-    scale = scale_of_numbers(with_unit(_short(variable.name), variable.parameter.unit), [low, high])
     is_log = isinstance(of.rounded if isinstance(of, WholeNumbers) else of, LogUniform)
-    scale = Scale(scale.label, scale.low, scale.high, is_log, words)
+    label = with_unit(_short(variable.name), variable.parameter.unit)
+    scale = replace(_scale(label, low, high, is_log=is_log), words=words)
     return _progress(best, spread, population, scale)
 
 
@@ -106,7 +106,7 @@ def robots_chart(label: str, start: Floats, tuned: Floats) -> NamedChart:
     layers = [
         Contour(each, line, PAPER) for each, line in zip(curves, (_START, _TUNED), strict=True)
     ]
-    x = scale_of_numbers(label, values)
+    x = _scale_of(label, values)
     y = Scale('robots at least as bad [%]', 0.8 * shares.min(initial=100.0), 120.0, is_log=True)
     table = {
         'values': np.repeat(['start', 'tuned'], list(map(len, curves))),
@@ -150,7 +150,7 @@ def around_chart(
         Contour(np.stack([x, known], axis=1), Line(BLUE), PAPER),
         ErrorBars(x, known, known, known, '', is_joined=False),
     ]
-    y_scale = scale_of_numbers('cost', np.append(all_costs[all_costs < INFEASIBLE], best))
+    y_scale = _scale_of('cost', np.append(all_costs[all_costs < INFEASIBLE], best))
     table = {'change_percent': x, 'cost': known, 'breaks_a_limit': is_broken}
     x_scale = Scale(f'change of {_short(name)} [% of its range]', -11.0, 11.0)
     return NamedChart(Chart(x_scale, y_scale, layers), table)
@@ -161,12 +161,16 @@ def _short(name: str) -> str:
     return name.partition('.')[2]
 
 
-def scale_of_numbers(label: str, values: Floats | Sequence[float]) -> Scale:
+def _scale_of(label: str, values: Floats) -> Scale:
     """Return an axis that shows all numbers, logarithmic if they are of several magnitudes."""
-    numbers = np.asarray(values, float)
-    numbers = numbers[np.isfinite(numbers)]
+    numbers = values[np.isfinite(values)]
     low, high = (float(numbers.min()), float(numbers.max())) if numbers.size else (0.0, 1.0)
-    if low > 0.0 and high > _WIDE * low:
+    return _scale(label, low, high, is_log=low > 0.0 and high > _WIDE * low)
+
+
+def _scale(label: str, low: float, high: float, *, is_log: bool) -> Scale:
+    """Return an axis that is a little longer."""
+    if is_log:
         return Scale(label, low / 1.15, 1.15 * high, is_log=True)
     room = 0.05 * (high - low) or 0.05 * abs(low) or 0.5
     return Scale(label, low - room, high + room)

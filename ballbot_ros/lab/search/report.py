@@ -194,7 +194,7 @@ class _Findings:
         share = self.result.points[self.result.best, number]
         return (
             variable.name,
-            variable.parameter.unit.removeprefix('1'),
+            '' if variable.parameter.unit == '1' else variable.parameter.unit,
             range_text(variable.distribution),
             value_text(start),
             value_text(tuned),

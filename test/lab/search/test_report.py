@@ -13,6 +13,8 @@ from study_folders import NOW, write_part
 pytest.importorskip('pyarrow')
 
 from ballbot_ros.controllers.design.loop_analysis import analyse_sampled, dead_time_margin_ms
+from ballbot_ros.lab.search import report as of_tuning
+from ballbot_ros.lab.search.charts import path_chart
 from ballbot_ros.lab.search.objective import INFEASIBLE, Verdict
 from ballbot_ros.lab.search.report import tuning_report
 from ballbot_ros.lab.search.tune import TuningResult
@@ -166,8 +168,8 @@ def test_the_page_is_well_formed_and_has_all_figures(report, page, tmp_path):
 def test_the_head_says_what_the_objective_is_on_robots_not_seen(unseen, page):
     values = []
     for pitch, duty, fallen in unseen:
-        known = np.sort((pitch + 0.1 * duty)[~fallen])
-        values.append(known[int(np.ceil(0.75 * (len(known) - 1)))])
+        ranked = np.sort(np.where(fallen, np.inf, pitch + 0.1 * duty))
+        values.append(ranked[int(np.ceil(0.75 * (ROBOTS - 1)))])
     change = text(100.0 * (values[1] / values[0] - 1.0), 3)
     assert f'Objective {text(values[0])} → {text(values[1])} ({change} %)' in page.text
     assert '12 candidates; the best one breaks a limit' in page.text
@@ -276,7 +278,9 @@ def test_a_search_in_which_all_break_a_limit_and_a_start_that_falls(unseen, tmp_
     assert 'Objective – → ' in page.text
     assert '100 % of the robots fall' not in page.text  # only the tuned values count
     assert '8 of 8 candidates break a limit: the costs are by how much' in page.text
-    assert table_of(report, 'convergence')['best'] == pytest.approx(costs[[3, 7]] / 1e6 - 1.0)
+    assert table_of(report, 'convergence')['best'] == pytest.approx(
+        costs[[3, 7]] / INFEASIBLE - 1.0
+    )
     assert 'None: the best candidate breaks a limit.' in page.text
     for name in ('stationary', 'hardware_standing'):
         assert f'ballbot study report {tmp_path}/out/search/{name}' in page.text
@@ -285,12 +289,22 @@ def test_a_search_in_which_all_break_a_limit_and_a_start_that_falls(unseen, tmp_
     assert 'peak_pitch_deg [°] start – – – – – – 200' in page.text
 
 
-def test_another_controller_has_no_margins(unseen, tmp_path):
-    tune = '{pid: {controller.motor_latency: {uniform: [0, 500]}}}'
+def test_another_controller_has_no_margins(unseen, tmp_path, monkeypatch):
+    tune = '{pid: {controller.user.position_i: {log_uniform: [0.001, 0.02]}}}'
     tuning = tuning_of(tmp_path, tune=tune, over='worst')
     result = result_of(tuning, tmp_path / 'out', np.array([1.0, 2.0, 3.0, 4.0]), unseen[::-1])
     page = Page(tuning_report(result).page)
+    assert 'controller.user.position_i 1/s 0.001 … 0.02, logarithmic' in page.text
+    chart, _ = path_chart(tuning.tuned[0], result.points[:, 0], result.verdicts.cost, POPULATION)
+    assert chart.y.is_log
+    assert 0.0008 < chart.y.low < 0.001 < 0.02 < chart.y.high < 0.025
     assert 'None: the loop as it runs is known for the document' in page.text
     assert 'No candidate is better than the start' in page.text
     assert 'The worst of more robots is worse by itself' in page.text
     assert 'On robots not seen by the search, fewer runs of stationary pass' in page.text
+    assert '--controller' not in page.text
+    monkeypatch.setattr(of_tuning, 'is_installed', lambda _: False)
+    page = Page(tuning_report(result).page)
+    worst = np.argmax(unseen[0][0])
+    assert f'rerun {tmp_path}/out/after {worst} --controller pid ' in page.text
+    assert 'The controller is not an installed one' in page.text
