@@ -149,7 +149,9 @@ EXTRAS = {
     ],
 }
 
-FOR_USERS = 'drive', 'viewer', 'film', 'report', 'study', 'search', 'parquet', 'pandas', 'gym', 'mpc'
+FOR_USERS = (
+    'drive', 'viewer', 'film', 'report', 'study', 'search', 'parquet', 'pandas', 'gym', 'mpc',
+)  # fmt: skip
 """The extras that commands and the library need on this machine."""
 
 setup(

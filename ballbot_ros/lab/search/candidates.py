@@ -119,8 +119,16 @@ def values_of(variables: Sequence[Variable], points: Floats) -> dict[str, Column
     }
 
 
+def has_value(distribution: Distribution, value: Any) -> bool:
+    """Return whether a value can be drawn; None can't."""
+    if isinstance(distribution, Levels):
+        return value in distribution.levels
+    low, high = distribution.ends
+    return value is not None and bool(low <= value <= high)
+
+
 def share_of(distribution: Distribution, value: object) -> float:
-    """Return a share within [0, 1) that has a value, which is within the ends."""
+    """Return a share within [0, 1) that has a value, which can be drawn."""
     if isinstance(distribution, Levels):
         return (distribution.levels.index(value) + 0.5) / len(distribution.levels)
     low, high = 0.0, 1.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, cast
@@ -11,15 +11,15 @@ import numpy as np
 
 from ballbot_ros.engine.scenario.metrics import METRICS
 from ballbot_ros.engine.scenario.reader import Keys
-from ballbot_ros.errors import StudyError, did_you_mean
+from ballbot_ros.errors import BallbotError, StudyError, did_you_mean
 from ballbot_ros.files import share_directory
-from ballbot_ros.lab.search.candidates import share_of
+from ballbot_ros.lab.search.candidates import has_value, share_of
 from ballbot_ros.lab.search.objective import DEAD_TIME_MARGIN, MEAN, WORST, Limit, Objective
 from ballbot_ros.lab.search.optimiser import Method
 from ballbot_ros.lab.studies.columns import MeasureColumn
 from ballbot_ros.lab.studies.reader import STUDY_KEYS, StudyReader
-from ballbot_ros.lab.studies.study import Study
-from ballbot_ros.lab.studies.variables import GRID, Variable, identity, nominal_value
+from ballbot_ros.lab.studies.study import MAX_RUNS, Sampling, Study
+from ballbot_ros.lab.studies.variables import GRID, Levels, Variable, identity, nominal_value
 from ballbot_ros.parameters import (
     CONTROLLER,
     DOCUMENTS_PROGRAM,
@@ -31,6 +31,9 @@ from ballbot_ros.robot.arithmetic import Floats
 from ballbot_ros.run.spec import RunSpec
 
 MAX_CANDIDATES, MAX_POPULATION = 1_000_000, 1_000
+MAX_GENERATION = 10_000_000
+"""Largest number of runs of a generation, whose values are in memory."""
+MAX_WEIGHT = 1e9
 _START = 'start'
 
 
@@ -98,20 +101,41 @@ class TuningReader(StudyReader):
         BallbotError
             The message is one line that names file and line.
         """
+        if candidates is not None and candidates > MAX_CANDIDATES:
+            raise StudyError(f'--candidates {candidates}: not within 1 … {MAX_CANDIDATES}')
         data = self._content()
         studies = tuple(self.studies())
+        names = [each.spec.scenario.name for each in studies]
+        if len(set(names)) < len(names):
+            raise self._error(('scenario',), f'two scenarios have the same name: {min(names)}')
+        if studies[0].sampling is Sampling.GRID:
+            raise self._error(('sampling',), 'a grid has no robots that were not seen; use sobol')
         tuned, starts = self._tuned(data, studies)
-        objective = self._objective(data, studies[0])
+        objective = self._objective(data, studies)
         default = 4 + int(3 * np.log(len(tuned)))  # that of CMA-ES
         population = self._whole(
             data.get('population', -(-default // 4) * 4), ('population',), 2, MAX_POPULATION
         )
         given = self._whole(data.get('candidates', 1000), ('candidates',), 1, MAX_CANDIDATES)
+        runs = population * studies[0].runs
+        if runs > MAX_GENERATION or -(-(candidates or given) // population) * runs > MAX_RUNS:
+            raise self._error(
+                ('runs',),
+                f'{runs:,} runs of a generation, population times runs, are more than '
+                f'{MAX_GENERATION:,}, or those of all candidates more than {MAX_RUNS:,}',
+            )
         unseen = self._whole(data.get('unseen', 1000), ('unseen',), 1, MAX_CANDIDATES)
         return Tuning(
             self._document.path.stem, studies, tuned, starts, objective, candidates or given,
             population, unseen, method,
         )  # fmt: skip
+
+    def _error(self, keys: Keys, text: str) -> BallbotError:
+        # Where the controller, and metrics that are not listed, stand in this file.
+        for key, place in (('controller', 'tune'), ('metrics', 'objective')):
+            if keys[:1] == (key,) and key not in cast(Any, self._document.data):
+                keys = (place,)
+        return super()._error(keys, text)
 
     def _content(self) -> dict[str, object]:
         data = super()._content()
@@ -119,16 +143,12 @@ class TuningReader(StudyReader):
             if required not in data:
                 raise self._error((), f'{required} is missing')
         data['controller'] = self._chosen(data)
-        terms = self._terms(data)
         limited = self._mapping(data.get('limits', {}), ('limits',))
+        needed = dict.fromkeys(each for each in (*self._terms(data), *limited) if each in METRICS)
         given = data.get('metrics', [])
-        if isinstance(given, list):
-            names = dict.fromkeys(
-                (*given, *(each for each in (*terms, *limited) if each in METRICS))
-            )
-            data['metrics'] = list(names) or given
-        if not data['metrics']:
-            del data['metrics']
+        # Metrics that are wrong are left to the reader of studies.
+        if isinstance(given, list) and (given or 'metrics' not in data) and (given or needed):
+            data['metrics'] = [*given, *(each for each in needed if each not in given)]
         return data
 
     def _chosen(self, data: Mapping[str, object]) -> str:
@@ -136,10 +156,13 @@ class TuningReader(StudyReader):
         known = list(self._mapping(data['tune'], ('tune',)))
         if not known:
             raise self._error(('tune',), 'nothing is tuned: needs a controller and its parameters')
-        chosen = self._controller or str(known[0])
+        for key in known:
+            if not isinstance(key, str):
+                raise self._error(('tune', key), f'{key!r} is no name of a controller')
+        chosen = self._controller or known[0]
         if chosen not in known:
             raise StudyError(
-                f'--controller {chosen}: {self._document.path} tunes {", ".join(map(str, known))}'
+                f'--controller {chosen}: {self._document.path} tunes {", ".join(known)}'
             )
         return chosen
 
@@ -156,7 +179,7 @@ class TuningReader(StudyReader):
         ).items():
             keys = (*at, key)
             given = dict(self._mapping(content, keys))
-            start = given.pop(_START, None)
+            start = {_START: given.pop(_START)} if _START in given else {}
             if GRID in given:
                 raise self._error((*keys, GRID), f'{key}: {GRID} is only for studies')
             variable = self._variable(str(key), given, keys, spec)
@@ -171,17 +194,22 @@ class TuningReader(StudyReader):
             raise self._error(at, f'nothing of {controller} is tuned')
         return tuple(found.values()), np.array(starts)
 
-    def _start(self, given: object, keys: Keys, variable: Variable, spec: RunSpec) -> float:
+    def _start(
+        self, given: Mapping[str, object], keys: Keys, variable: Variable, spec: RunSpec
+    ) -> float:
         """Return the share of the range at which a search begins: by default the value in force."""
         distribution, parameter = variable.distribution, variable.parameter
-        low, high = distribution.ends
-        place = f'{self._document.where(*keys)}: '
-        value = nominal_value(spec, variable) if given is None else parameter.check(given, place)
-        if not low <= value <= high:
-            is_given = 'start' if given is not None else 'start, by default the value in force,'
-            raise self._error(
-                keys, f'{variable.name}: the {is_given} {value:g} is not within {low:g} … {high:g}'
-            )
+        value: Any = nominal_value(spec, variable)
+        if given:
+            value = parameter.check(given[_START], f'{self._document.where(*keys, _START)}: ')
+        if not has_value(distribution, value):
+            start = 'start' if given else 'start, by default the value in force,'
+            if isinstance(distribution, Levels):
+                allowed = f'one of {", ".join(map(str, distribution.levels))}'
+            else:
+                allowed = 'within {:g} … {:g}'.format(*distribution.ends)
+            shown = f'{value:g}' if isinstance(value, float) else value
+            raise self._error(keys, f'{variable.name}: the {start} {shown} is not {allowed}')
         return share_of(distribution, value)
 
     def _terms(self, data: Mapping[str, object]) -> Mapping[str, object]:
@@ -190,22 +218,28 @@ class TuningReader(StudyReader):
             raise self._error(('objective',), 'objective: needs sum, measures with their weights')
         return self._mapping(content['sum'], ('objective', 'sum'))
 
-    def _objective(self, data: Mapping[str, object], study: Study) -> Objective:
-        known = [MeasureColumn.of(each, study.expectations).name for each in study.measures]
+    def _objective(self, data: Mapping[str, object], studies: Sequence[Study]) -> Objective:
+        known, *others = (
+            [MeasureColumn.of(each, study.expectations).name for each in study.measures]
+            for study in studies
+        )
+        known = [name for name in known if all(name in each for each in others)]
         weights: dict[str, float] = {}
         for name, weight in self._terms(data).items():
             keys = ('objective', 'sum', name)
             self._check_measure(str(name), keys, known)
             weights[str(name)] = self._number(weight, keys)
-            if weights[str(name)] <= 0.0:
-                raise self._error(keys, f'{name}: the weight is not above 0')
+            if not 0.0 < weights[str(name)] <= MAX_WEIGHT:
+                raise self._error(
+                    keys, f'{name}: the weight is not above 0, and {MAX_WEIGHT:g} at most'
+                )
         if not weights:
             raise self._error(('objective', 'sum'), 'sum: has no measures')
         limits = tuple(
             self._limit(str(name), bounds, known)
             for name, bounds in self._mapping(data.get('limits', {}), ('limits',)).items()
         )
-        implementation = study.spec.parameters.of(ControllerParameters).implementation
+        implementation = studies[0].spec.parameters.of(ControllerParameters).implementation
         if implementation not in DOCUMENTS_PROGRAM:  # whose loop is not analysed
             limits = tuple(each for each in limits if each.name != DEAD_TIME_MARGIN)
         content = self._mapping(data['objective'], ('objective',))
