@@ -97,7 +97,8 @@ def _rounder(case: Case, variable: Variable, violates: Violates) -> Case:
     value = case[variable.name]
     tried: list[Any] = []
     for digits in _DIGITS:
-        scale = 10.0 ** (math.floor(math.log10(abs(value))) - digits + 1) if value else 1.0
+        exponent = math.floor(math.log10(abs(value))) - digits + 1 if value else 0
+        scale = 10.0 ** max(exponent, -300)  # smaller ones soon become 0
         steps = value / scale
         # As text, so that a number has no more digits than that.
         near = round(steps), math.floor(steps), math.ceil(steps)
