@@ -8,8 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
-from rich.console import Console
-from rich.measure import Measurement
 from rich.table import Table
 
 from ballbot_ros.analysis.metrics import number
@@ -117,6 +115,7 @@ def command(
 
 def _print(result: FalsificationResult) -> None:
     """Print what was searched and found."""
+    from ballbot_ros.cli.study_output import print_whole
     from ballbot_ros.lab.search.falsify import requirements_of
     from ballbot_ros.lab.studies.job import job_of
 
@@ -126,9 +125,7 @@ def _print(result: FalsificationResult) -> None:
         table.add_column(name, justify='right' if name.startswith('low') else 'left')
     for each in requirements_of(job_of(study, result.folder)):
         table.add_row(each.name, f'{result.least[each.name][-1]:.4g}', each.unit)
-    console = Console(highlight=False, markup=False)
-    console.width = max(console.width, Measurement.get(console, console.options, table).maximum)
-    console.print(table)
+    print_whole(table)
     for rank, found in enumerate(result.counterexamples, 1):
         click.echo(f'{rank}. violates {found.requirement!r}: {_deviations(found)}')
         click.echo(f'   {own_command("run", found.scenario or "")}')
@@ -146,13 +143,11 @@ def _print(result: FalsificationResult) -> None:
 
 def _deviations(found: Counterexample) -> str:
     """Return what differs from the nominal values."""
+    from ballbot_ros.lab.studies.report import value_text
+
     if not found.deviations:
         return 'with all nominal values'
-    return ', '.join(f'{name} = {_text(found.shrunk[name])}' for name in found.deviations)
-
-
-def _text(value: object) -> str:
-    return f'{value:g}' if isinstance(value, float) else str(value)
+    return ', '.join(f'{name} = {value_text(found.shrunk[name])}' for name in found.deviations)
 
 
 def _json(result: FalsificationResult) -> dict[str, object]:

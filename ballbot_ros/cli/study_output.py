@@ -176,7 +176,12 @@ def print_endings(endings: Sequence[Ending]) -> None:
         table = Table(*head, title='endings, and the worst runs', title_justify='left')
         for each in rows:
             table.add_row(*each)
-        Console(highlight=False, markup=False, width=_UNLIMITED).print(table)
+        print_whole(table)
+
+
+def print_whole(table: Table) -> None:
+    """Print a table as wide as it is: a number that is cut off would be of no use."""
+    Console(highlight=False, markup=False, width=_UNLIMITED).print(table)
 
 
 def print_results(folder: Path, *, as_json: bool) -> None:

@@ -8,8 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
-from rich.console import Console
-from rich.measure import Measurement
 from rich.table import Table
 
 from ballbot_ros.analysis.metrics import number
@@ -104,6 +102,9 @@ def command(
 
 def _print(result: TuningResult, page: Path, *, as_json: bool) -> None:
     """Print what was found, and where it is."""
+    from ballbot_ros.cli.study_output import print_whole
+    from ballbot_ros.lab.studies.report import value_text
+
     tuning, unseen = result.tuning, result.unseen()
     start, best = result.values(0), result.values(result.best)
     if as_json:
@@ -127,7 +128,7 @@ def _print(result: TuningResult, page: Path, *, as_json: bool) -> None:
     for name in ('', 'start', 'tuned', f'start, {tuning.unseen:,} unseen', 'tuned, unseen'):
         table.add_column(name, justify='right' if name else 'left', no_wrap=True)
     for name in best:
-        table.add_row(name, f'{start[name]:.6g}', f'{best[name]:.6g}', '', '')
+        table.add_row(name, *(value_text(plain_value(of[name])) for of in (start, best)))
     both = [(result.verdicts, 0), (result.verdicts, result.best), (unseen, 0), (unseen, 1)]
     table.add_row(f'objective, {tuning.objective.over}', *(f'{of.value[i]:.4g}' for of, i in both))
     table.add_row('robots without a value [%]', *(f'{100 * of.lost[i]:.3g}' for of, i in both))
@@ -135,9 +136,7 @@ def _print(result: TuningResult, page: Path, *, as_json: bool) -> None:
         bounds = bounds_text(limit.minimum, limit.maximum)
         values = (f'{of.limits[i, place]:.4g}' for of, i in both)
         table.add_row(f'{limit.name} {bounds}', *values)
-    console = Console(highlight=False, markup=False)
-    console.width = max(console.width, Measurement.get(console, console.options, table).maximum)
-    console.print(table)
+    print_whole(table)
     if not result.verdicts.is_feasible[result.best]:
         click.echo(f'note: no candidate keeps all limits on the {robots} robots of the search')
     scenario = tuning.studies[0].spec.scenario.name

@@ -18,7 +18,7 @@ ROOMS = {
     'viewer': (),
     'nodes': ('conformance', 'teleop', ''),
     'run': (),
-    'lab': ('environments', 'studies'),
+    'lab': ('environments', 'studies', 'search'),
     'cli': (),
 }
 """From the bottom up: a room imports only rooms below it. Within a room, the same holds for its

@@ -195,8 +195,8 @@ def run_falsification(
         requirement has no value in any run.
     """
     study = falsification.study
-    job = job_of(study, folder, runs_per_part(study, POPULATION, 1))
-    result = _search(falsification, job, observer, workers, again=again)
+    job = job_for(study, folder)
+    result = search(falsification, folder, observer, workers, again=again)
     place = folder / COUNTEREXAMPLES
     shutil.rmtree(place, ignore_errors=True)
     found: list[Counterexample] = []
@@ -207,15 +207,24 @@ def run_falsification(
     return replace(result, counterexamples=found)
 
 
-def _search(
+def job_for(study: Study, folder: Path) -> Job:
+    """Return the job of a study that is searched."""
+    return job_of(study, folder, runs_per_part(study, POPULATION, 1))
+
+
+def search(
     falsification: Falsification,
-    job: Job,
+    folder: Path,
     observer: SearchObserver,
-    workers: WorkersOfJob,
+    workers: WorkersOfJob = LocalWorkers,
     *,
-    again: bool,
+    again: bool = False,
 ) -> FalsificationResult:
-    """Return what is found in the runs, generation by generation."""
+    """Return what is found in the runs, generation by generation; nothing is made simpler.
+
+    The errors are those of :func:`run_falsification`.
+    """
+    job = job_for(falsification.study, folder)
     study, columns = falsification.study, requirements_of(job)
     optimisers = [_optimiser(falsification, number, 0) for number in range(len(columns))]
     restarts = [0] * len(columns)

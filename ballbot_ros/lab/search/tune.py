@@ -129,7 +129,7 @@ def run_tuning(
         If the folder is another tuning's or can't be written, a run is not possible, or the
         objective has no value in any run.
     """
-    points, verdicts, around = _search(tuning, folder, observer, workers, again=again)
+    points, verdicts, around = search(tuning, folder, observer, workers, again=again)
     best = int(np.argmin(verdicts.cost))
     for which, candidate in ((BEFORE, 0), (AFTER, best)):
         values = tuned_values(tuning, points[candidate])
@@ -144,15 +144,18 @@ def run_tuning(
     return result
 
 
-def _search(
+def search(
     tuning: Tuning,
     folder: Path,
     observer: SearchObserver,
-    workers: WorkersOfJob,
+    workers: WorkersOfJob = LocalWorkers,
     *,
-    again: bool,
+    again: bool = False,
 ) -> tuple[Floats, Verdict, Floats]:
-    """Return all candidates and their verdicts, and the costs around the best one."""
+    """Return all candidates and their verdicts, and the costs around the best one.
+
+    The errors are those of :func:`run_tuning`.
+    """
     population, count = tuning.population, len(tuning.tuned)
     steps = len(STEPS) * count
     more = -(-steps // population)  # generations around the best candidate

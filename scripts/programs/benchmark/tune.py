@@ -33,6 +33,7 @@ from ballbot_ros.parameters.files import read_parameter_file
 from ballbot_ros.robot.world.clearance import clearance
 from benchmark.identification import identification
 from benchmark.redesign import redesign
+from benchmark.search import searches
 from benchmark.tables import print_table
 
 SEEDS = range(1, 6)
@@ -219,7 +220,7 @@ def _falls(outcomes: Iterable[Outcome]) -> str:
 
 
 EXPERIMENTS: dict[str, Callable[[], None]] = {
-    each.__name__: each for each in (speed, drive, track, gains, stand, redesign)
+    each.__name__: each for each in (speed, drive, track, gains, stand, redesign, searches)
 }
 
 RANDOM_ROBOTS: dict[str, Callable[[int], None]] = {identification.__name__: identification}

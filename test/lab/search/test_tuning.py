@@ -221,14 +221,6 @@ MISTAKES = [
     (FULL + 'limits:\n  duty_rms_percent: {min: 1, max: 2}\n', 11, 'needs either min or max'),
     (FULL + 'limits:\n  duty_rms_percent: {most: 2}\n', 11, "unknown key 'most'; known: max, min"),
     (FULL + 'limits:\n  duty_rms_percent: {max: .inf}\n', 11, 'inf is not finite'),
-    (
-        FULL.replace('python:\n    controller.k_f.2', 'pid:\n    controller.user.pitch_p').replace(
-            '[-3.0, -1.0]', '[1.0, 50.0]'
-        )
-        + 'limits:\n  dead_time_margin_ms: {min: 1}\n',
-        11,
-        "is known only of the document's program",
-    ),
     # Numbers
     *(
         (FULL + f'{key}: {value}\n', 10, f'{key}: {shown} is not a whole number, {least} … ')
@@ -268,7 +260,9 @@ def test_options_that_are_not_possible_are_refused(read):
 
 
 def test_the_error_for_an_unknown_tuning_lists_the_shipped_ones(tmp_path):
-    assert '(did you mean quiet?); shipped: quiet' in refusal(StudyError, read_tuning, 'quite')
+    assert '(did you mean quiet?); shipped: fast, quiet' in refusal(
+        StudyError, read_tuning, 'quite'
+    )
     assert 'No such file' in refusal(BallbotError, read_tuning, './none.yaml')
     assert 'Is a directory' in refusal(BallbotError, read_tuning, f'{tmp_path}/')
 
@@ -290,3 +284,10 @@ def test_any_section_is_read_or_refused_in_one_line(read, text):
     for before in (OF, FOR, FULL + 'limits:\n  ', HEAD + SUM + 'tune:\n  ', FULL + 'metrics: '):
         rest = SUM if before == OF else ''
         assert is_read_or_refused_in_one_line(read, f'{before}{text}\n{rest}')
+
+
+def test_the_dead_time_margin_limits_only_the_program_whose_loop_is_analysed(read):
+    text = FULL + 'limits:\n  dead_time_margin_ms: {min: 5.0}\n'
+    assert read(text).objective.limits == (Limit('dead_time_margin_ms', minimum=5.0),)
+    pid = 'tune:\n  pid:\n    controller.user.pitch_p: {uniform: [1.0, 50.0]}\n'
+    assert read(text.replace(TUNE, pid)).objective.limits == ()
