@@ -60,7 +60,7 @@ class _Row(NamedTuple):
 
 
 def searches(seeds: int = SEEDS) -> None:
-    """Searches: the runs that CMA-ES and random search need for the same, in the median."""
+    """Compare the runs that CMA-ES and random search need, in the median."""
     rows = [_tuning(*each, seeds) for each in TUNINGS]
     rows += [_falsification(each, seeds) for each in FALSIFICATIONS]
     table = [
