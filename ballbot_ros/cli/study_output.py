@@ -69,6 +69,7 @@ class StudyProgress(StudyObserver):
     def begin(self, runs: int, done: PartSummary) -> None:
         """Show that a study of so many runs begins, or goes on after those that are done."""
         self._runs, self._written, self._summary = runs, done.runs, done
+        self._simulated = 0
         self._begun = time.monotonic()
         self._lines.text = f'{done.runs:,}/{runs:,}'
         self._bar.reset(self._task, total=runs, completed=done.runs, text='', passed='')
