@@ -94,7 +94,7 @@ def command(
                     results.append(
                         run_falsification(
                             falsification, folder, progress, find_workers(cluster),
-                            Processes(processes), controller=controller, again=again,
+                            Processes(processes), again=again,
                         )
                     )  # fmt: skip
                 report = falsification_report(results[-1])

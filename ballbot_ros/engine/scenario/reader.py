@@ -258,7 +258,8 @@ class ScenarioReader(ExpectationReader):
         self._check_lines_of_text(data, ('purpose', 'profile'))
         parameters = self._parameters(data, profile)
         plant = parameters.of(PlantParameters)
-        duration = plant.duration
+        # Parameters may shorten a run, which then does not reach everything.
+        duration = max(plant.duration, float(cast(float, data['duration'])))
         sticks = self._mapping(data.get('sticks', {}), ('sticks',), ('vertical', 'horizontal'))
         scenario = Scenario(
             name=self._document.path.stem,

@@ -12,10 +12,12 @@ import numpy as np
 
 from ballbot_ros.engine.rows import Column
 from ballbot_ros.engine.scenario.formulas import Interval
-from ballbot_ros.engine.scenario.properties import CLEARANCE, Property
+from ballbot_ros.engine.scenario.properties import CLEARANCE
 from ballbot_ros.errors import BallbotError, StudyError
 from ballbot_ros.lab.search.candidates import (
     SearchObserver,
+    SearchStoppedError,
+    has_value,
     least_steps,
     run_candidates,
     runs_per_part,
@@ -24,7 +26,7 @@ from ballbot_ros.lab.search.candidates import (
 )
 from ballbot_ros.lab.search.optimiser import Method, Optimiser, optimiser_of
 from ballbot_ros.lab.search.shrinking import Case, deviations, shrunk
-from ballbot_ros.lab.studies.columns import OUTCOME, PASSED, MeasureColumn
+from ballbot_ros.lab.studies.columns import PASSED, MeasureColumn
 from ballbot_ros.lab.studies.execution import (
     LocalWorkers,
     StudyRun,
@@ -40,11 +42,13 @@ from ballbot_ros.lab.studies.study import Study
 from ballbot_ros.lab.studies.study_data import RunResults
 from ballbot_ros.lab.studies.variables import SEED, nominal_value
 from ballbot_ros.lockstep.run_actions import Outcome
+from ballbot_ros.parameters import ControllerParameters
+from ballbot_ros.parameters.files import plain_value
 from ballbot_ros.robot.arithmetic import Floats
 from ballbot_ros.run.execution import execute
 from ballbot_ros.run.requirements import Processes
 
-POPULATION = 8
+POPULATION, MOST_RUNS = 8, 1_000_000
 COUNTEREXAMPLES = 'counterexamples'
 COMPLETED = 'completed'
 """Name of the requirement that no wall hit and no fault of the controller ends a run."""
@@ -140,8 +144,11 @@ def check(study: Study) -> None:
     Raises
     ------
     StudyError
-        If it requires nothing, a property can't be violated, or only the seed varies.
+        If it requires nothing, a property can't be violated, only the seed varies, or it has too
+        many runs.
     """
+    if study.runs > MOST_RUNS:
+        raise StudyError(f'{study.name}: {study.runs:,} runs; at most {MOST_RUNS:,} are searched')
     if not study.variables:
         raise StudyError(f'{study.name}: nothing varies but the seed; there is nothing to search')
     if not requirements_of(job_of(study, Path())):
@@ -177,7 +184,6 @@ def run_falsification(
     workers: WorkersOfJob = LocalWorkers,
     processes: Processes = Processes.SEPARATE,
     *,
-    controller: str | None = None,
     again: bool = False,
 ) -> FalsificationResult:
     """Search, shrink what is found, and record it as runs of the graph.
@@ -203,7 +209,7 @@ def run_falsification(
     for rank, each in enumerate(result.counterexamples, 1):
         observer.generation(f'counterexample {rank}: shrinking and recording')
         simpler = _shrunk(job, study, each)
-        found.append(_recorded(job, simpler, place / str(rank), processes, controller))
+        found.append(_recorded(job, simpler, place / str(rank), processes))
     return replace(result, counterexamples=found)
 
 
@@ -269,8 +275,7 @@ def _optimiser(falsification: Falsification, requirement: int, restart: int) -> 
     start = np.random.default_rng(seed).random(len(study.variables))
     for number, each in enumerate(study.variables) if not restart else ():
         nominal = nominal_value(study.spec, each)
-        low, high = each.distribution.ends
-        if nominal is not None and low <= nominal <= high:
+        if has_value(each.distribution, nominal):
             start[number] = share_of(each.distribution, nominal)
     steps = least_steps(study.variables)
     return optimiser_of(falsification.method, start, POPULATION, seed, steps)
@@ -308,14 +313,13 @@ def _worst(
     """Return the run of a generation that violates a requirement most: that of the turn first."""
     order = [turn, *(number for number in range(len(columns)) if number != turn)]
     for number in order:
-        of_runs = np.where(np.isnan(values[number]), -np.inf, values[number])
-        of_runs = np.where(results[PASSED.name], np.inf, of_runs)
+        of_runs = np.nan_to_num(values[number], nan=np.inf)
         if of_runs.min() < 0.0:
             run, name = int(np.argmin(of_runs)), columns[number].name
             break
-    else:
-        run, name = int(np.argmax(results[OUTCOME.name])), COMPLETED
-    case = {each: results[each][run].item() for each in (v.name for v in study.variables)}
+    else:  # the run failed, or lacks a value; which, its repetition tells
+        run, name = int(np.argmin(results[PASSED.name])), ''
+    case = {each.name: plain_value(results[each.name][run]) for each in study.variables}
     number = first + run
     drawn = seeds_of_runs(study.seed, number, number + 1)[0]
     seed = int(drawn) if study.draws_seeds else study.spec.plant.seed
@@ -326,15 +330,21 @@ def _shrunk(job: Job, study: Study, found: Counterexample) -> Counterexample:
     """Return a counterexample with a simpler run."""
     nominal = {each.name: nominal_value(study.spec, each) for each in study.variables}
 
+    (results,) = _simulated(job, study, found.number, [dict(found.found)])
+    assert results is not None
+    names = [COMPLETED, *(each.name for each in requirements_of(job))]
+    requirement = found.requirement or next(n for n in names if _violates(job, n, results))
+
     def violates(cases: Sequence[Case]) -> list[bool]:
         results = _simulated(job, study, found.number, cases)
-        return [each is not None and _violates(job, found.requirement, each) for each in results]
+        return [each is not None and _violates(job, requirement, each) for each in results]
 
     case = shrunk(dict(found.found), study.variables, nominal, violates)
     (results,) = _simulated(job, study, found.number, [case])
     assert results is not None
     return replace(
         found,
+        requirement=requirement,
         shrunk=case,
         deviations=deviations(case, study.variables, nominal),
         duty_sha256=results.duty_sha256[0].tobytes().hex(),
@@ -375,8 +385,7 @@ def _violates(job: Job, requirement: str, results: Results) -> bool:
         return bool(results.failed[0])
     place = [each.name for each in job.record.measures].index(requirement)
     value = robustness(job.record.measures[place], results.measured[0, place : place + 1])[0]
-    # What has no time to be judged holds; a metric without a value does not.
-    return bool(value < 0.0 or (np.isnan(value) and not isinstance(job.measures[place], Property)))
+    return not value >= 0.0  # as in a study, what has no value does not hold
 
 
 def _recorded(
@@ -384,15 +393,18 @@ def _recorded(
     found: Counterexample,
     folder: Path,
     processes: Processes,
-    controller: str | None,
 ) -> Counterexample:
     """Write the scenario of a counterexample, and record it."""
     row = RunResults(
         found.number, found.shrunk.get(SEED, found.seed), found.shrunk, {}, passed=False,
         outcome=Outcome.COMPLETED, fallen=False, ticks=0, duty_sha256=found.duty_sha256,
     )  # fmt: skip
+    # The user has chosen it, be it by the study.
+    controller = job.spec.parameters.of(ControllerParameters).implementation
     path, spec = scenario_spec(job.record, row, folder, processes, controller)
     result = execute(spec)
+    if result.outcome is Outcome.STOPPED:
+        raise SearchStoppedError(result.failure_status - 128)
     return replace(
         found,
         scenario=path,
