@@ -46,7 +46,11 @@ class Searching(Observer):
 
     def __init__(self, each=None, after=None):
         super().__init__(each=each)
-        self.generations, self.after = [], after
+        self.begun, self.generations, self.after = [], [], after
+
+    def begin(self, runs, done):
+        super().begin(runs, done)
+        self.begun.append(runs)
 
     def generation(self, text):
         self.generations.append(text)
@@ -54,9 +58,9 @@ class Searching(Observer):
             self.after()
 
 
-def write(folder, content, scenario=SHORT_PUSH, **changes):
+def write(folder, content, of_runs=SHORT_PUSH, **changes):
     """Write a scenario, and a study or tuning; return the path of the latter."""
-    for name, data in (('short_push', scenario), ('tried', {**content, **changes})):
+    for name, data in (('short_push', of_runs), ('tried', {**content, **changes})):
         path = folder / f'{name}.yaml'
         path.write_text(yaml.safe_dump(data, sort_keys=False), encoding='utf-8')
     return path
