@@ -38,7 +38,9 @@ def test_it_prints_what_is_violated_and_how_much_was_searched(done):
         (path,) = (folder / 'counterexamples' / str(rank)).glob('*.yaml')
         assert f'ballbot run {path}' in finished.stdout
     assert 'of 48 runs, 5 variables; ' in finished.stdout
-    assert f'results   {folder}' in finished.stdout
+    page = folder / 'report/index.html'
+    assert f'report    {page}' in finished.stdout
+    assert page.exists()
     assert 'safe' not in finished.stdout
     assert 'Traceback' not in finished.stderr
 

@@ -16,6 +16,7 @@ from ballbot_ros.lab.search import falsify
 from ballbot_ros.lab.search.candidates import SearchStoppedError
 from ballbot_ros.lab.search.falsify import (
     COMPLETED,
+    POPULATION,
     Falsification,
     check,
     robustness,
@@ -83,9 +84,9 @@ def test_each_counterexample_is_a_scenario_that_violates_the_requirement(finishe
 def test_progress_and_budget(finished):
     result, observer = finished
     assert observer.runs == 48
-    assert result.runs % 16 == 0
+    assert result.runs % POPULATION == 0
     searched = [each for each in observer.generations if each.startswith('lowest')]
-    assert len(searched) == result.runs // 16
+    assert len(searched) == result.runs // POPULATION
     assert searched[-1].endswith('2 found')
 
 
@@ -239,14 +240,14 @@ MISTAKES = [
     ),
     (
         {'properties': {'some': 'from 3 s: always: duty_x_percent <= 50'}, 'expectations': {}},
-        "tried: 'some' has no value in any of the first 16 runs",
+        f"tried: 'some' has no value in any of the first {POPULATION} runs",
     ),
     (
         {
             'properties': {'some': 'always: abs(pitch_y_deg) < 6'}, 'expectations': {},
             'vary': {'push.1.force': {'uniform': [0.5, 1.0]}},
         },
-        "'some' is 6 ° from its violation in all of the first 16 runs: nothing that varies",
+        f"'some' is 6 ° from its violation in all of the first {POPULATION} runs: nothing that",
     ),
 ]  # fmt: skip
 
