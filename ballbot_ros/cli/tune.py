@@ -14,6 +14,7 @@ from ballbot_ros.analysis.metrics import number
 from ballbot_ros.cli.install import offer, require
 from ballbot_ros.cli.options import PATH, controller_option
 from ballbot_ros.cli.study import cluster_option, find_workers, method_option, say_stopped
+from ballbot_ros.engine.scenario.reader import scenario_names
 from ballbot_ros.engine.scenario.scenario import bounds_text
 from ballbot_ros.files import own_command
 from ballbot_ros.parameters.files import plain_value
@@ -142,7 +143,8 @@ def _print(result: TuningResult, page: Path, *, as_json: bool) -> None:
     scenario = tuning.studies[0].spec.scenario.name
     click.echo(f'parameters  {result.parameter_file}')
     click.echo(f'report      {page}')
-    click.echo(f'run it      {own_command("run", scenario, "--params", result.parameter_file)}')
+    if scenario in scenario_names():
+        click.echo(f'run it      {own_command("run", scenario, "--params", result.parameter_file)}')
 
 
 def _verdict_json(of: Verdict, tuning: Tuning, pair: tuple[int, int]) -> dict[str, object]:

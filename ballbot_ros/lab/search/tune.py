@@ -26,6 +26,7 @@ from ballbot_ros.lab.search.objective import DEAD_TIME_MARGIN, Verdict
 from ballbot_ros.lab.search.optimiser import optimiser_of
 from ballbot_ros.lab.search.tuning import Tuning
 from ballbot_ros.lab.studies.columns import FALLEN, OUTCOME, MeasureColumn
+from ballbot_ros.lab.studies.data_set import MANIFEST
 from ballbot_ros.lab.studies.execution import LocalWorkers, StudyRun, WorkersOfJob, run_study
 from ballbot_ros.lab.studies.job import Job, job_of
 from ballbot_ros.lab.studies.part_file import write_atomically
@@ -129,6 +130,8 @@ def run_tuning(
         If the folder is another tuning's or can't be written, a run is not possible, or the
         objective has no value in any run.
     """
+    if (folder / MANIFEST).exists():
+        raise StudyError(f'{folder}: has a study; choose another --output')
     points, verdicts, around = search(tuning, folder, observer, workers, again=again)
     best = int(np.argmin(verdicts.cost))
     for which, candidate in ((BEFORE, 0), (AFTER, best)):

@@ -2,11 +2,9 @@
 
 import os
 import signal
-import subprocess
 
 import numpy as np
 import pytest
-from graph import BALLBOT, LAST_RESORT_S, wait_for
 from laws import refusal
 from tried_searches import SHORT_PUSH, TUNING, Searching, files_in, write
 
@@ -134,25 +132,6 @@ def test_the_result_depends_neither_on_workers_nor_on_interruptions(
         observer = Searching()
         assert same(tune(path, output, observer, again=again), expected)
         assert observer.advanced == runs
-
-
-def test_a_killed_tuning_goes_on(finished, tmp_path):
-    path, output, expected = write(tmp_path, TUNING), tmp_path / 'results', finished[0]
-    program = (
-        'import sys; from pathlib import Path\n'
-        'from ballbot_ros.lab.search.candidates import SearchObserver\n'
-        'from ballbot_ros.lab.search.tune import run_tuning\n'
-        'from ballbot_ros.lab.search.tuning import read_tuning\n'
-        'run_tuning(read_tuning(sys.argv[1]), Path(sys.argv[2]), SearchObserver())\n'
-    )
-    words = ['taskset', '--cpu-list', str(min(os.sched_getaffinity(0))), BALLBOT[0], '-c', program]
-    with subprocess.Popen([*words, path, output]) as process:
-        wait_for(lambda: files_in(output) or process.poll() is not None, 'a part')
-        process.send_signal(signal.SIGKILL)
-        process.wait(LAST_RESORT_S)
-    assert process.returncode == -signal.SIGKILL
-    assert files_in(output).items() <= files_in(expected.folder).items()
-    assert same(tune(path, output), expected)
 
 
 def test_damaged_parts_are_done_again(finished, tmp_path):
