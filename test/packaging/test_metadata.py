@@ -44,6 +44,7 @@ ROSDEP_KEYS = {
     'rosbags': 'python3-rosbags-pip',
     'scipy': 'python3-scipy',
     'SALib': None,
+    'cma': None,
     'trimesh': 'python3-trimesh-pip',
     'viser': None,
     'websockets': None,
@@ -57,6 +58,7 @@ ROSDEP_KEYS = {
 ROSDEP_TEST_KEYS = {
     'build': None,
     'colcon-common-extensions': 'python3-colcon-common-extensions',
+    'cma': None,
     'cyclonedds': None,
     'distributed': None,
     'duckdb': None,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -233,20 +234,28 @@ def search(
     job = job_for(falsification.study, folder)
     study, columns = falsification.study, requirements_of(job)
     optimisers = [_optimiser(falsification, number, 0) for number in range(len(columns))]
-    restarts = [0] * len(columns)
+    restarts, turns, tried = [0] * len(columns), deque(range(len(columns))), set[int]()
     lowest: dict[str, list[float]] = {each.name: [] for each in columns}
     found: list[Counterexample] = []
     done = violating = 0
     with StudyRun(job, observer, workers, again=again) as run:
         observer.begin(study.runs, run.done)
-        while done < study.runs and len(found) < falsification.wanted:
-            turn = done // POPULATION % len(columns)
+        while turns and done < study.runs and len(found) < falsification.wanted:
+            turn = turns.popleft()
             count = min(POPULATION, study.runs - done)
             points = optimisers[turn].ask()
             results = run_candidates(run, _samples(study, points[:count], done))
             values = [robustness(each, results[each.name]) for each in columns]
-            if done // POPULATION < len(columns):
-                _check_values(study, columns[turn], values[turn])
+            if not done:
+                _check_values(study, columns, values)
+            fault = '' if turn in tried else _why_fixed(columns[turn], values[turn])
+            tried.add(turn)
+            if not fault:
+                turns.append(turn)
+            elif turns or found:
+                observer.notice(f'{columns[turn].name!r} is not searched: {fault}')
+            else:
+                raise StudyError(f'{study.name}: {columns[turn].name!r}: {fault}')
             for each, of_runs in zip(columns, values, strict=True):
                 known = of_runs[~np.isnan(of_runs)]
                 before = lowest[each.name][-1:] or [np.inf]
@@ -288,18 +297,23 @@ def _samples(study: Study, points: Floats, first: int) -> Samples:
     return study.samples(columns, first)
 
 
-def _check_values(study: Study, column: MeasureColumn, values: Floats) -> None:
-    """Raise StudyError if nothing that varies can change whether a requirement holds."""
-    if column.minimum == 0.0 and np.isnan(values).all():
-        raise StudyError(
-            f'{study.name}: {column.name!r} has no value in any of the first {len(values)} runs: '
-            'nothing can violate it'
-        )
-    if len(values) > 1 and np.ptp(values) == 0.0 and values[0] >= 0.0:
-        raise StudyError(
-            f'{study.name}: {column.name!r} is {values[0]:.4g} {column.unit} from its violation in '
-            f'all of the first {len(values)} runs: nothing that varies changes it'
-        )
+def _check_values(study: Study, columns: Sequence[MeasureColumn], values: Sequence[Floats]) -> None:
+    """Raise StudyError if a requirement has no value in any of the first runs."""
+    for each, of_runs in zip(columns, values, strict=True):
+        if np.isnan(of_runs).all():
+            raise StudyError(
+                f'{study.name}: {each.name!r} has no value in any of the first {len(of_runs)} runs'
+            )
+
+
+def _why_fixed(column: MeasureColumn, values: Floats) -> str:
+    """Return why nothing that varies can violate a requirement, given its first runs, or ''."""
+    if len(values) == 1 or np.ptp(values) > 0.0 or not values[0] >= 0.0:
+        return ''
+    return (
+        f'it is {values[0]:.4g} {column.unit} from a violation in all of the first {len(values)} '
+        'runs: nothing that varies changes it'
+    )
 
 
 def _worst(

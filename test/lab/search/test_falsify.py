@@ -247,7 +247,7 @@ MISTAKES = [
             'properties': {'some': 'always: abs(pitch_y_deg) < 6'}, 'expectations': {},
             'vary': {'push.1.force': {'uniform': [0.5, 1.0]}},
         },
-        f"'some' is 6 ° from its violation in all of the first {POPULATION} runs: nothing that",
+        f"'some': it is 6 ° from a violation in all of the first {POPULATION} runs: nothing that",
     ),
 ]  # fmt: skip
 
@@ -256,6 +256,17 @@ MISTAKES = [
 def test_what_cannot_be_searched_is_told_in_one_line(tmp_path, changes, text):
     path = write(tmp_path, STUDY, **changes)
     assert text in refusal(BallbotError, search, path, tmp_path / 'results')
+
+
+def test_a_requirement_that_nothing_changes_is_not_searched(tmp_path):
+    observer = Searching()
+    properties = {'some': 'always: abs(pitch_y_deg) < 6', 'x': 'always: abs(pitch_x_deg) < 6'}
+    vary = {'push.1.force': {'uniform': [0.0, 0.1]}}
+    path = write(tmp_path, STUDY, properties=properties, expectations={}, vary=vary, runs=40)
+    result = search(path, tmp_path / 'results', observer)
+    assert result.runs == 40
+    (notice,) = [each for each in observer.notices if 'is not searched' in each]
+    assert notice.startswith("'some' is not searched: it is 6 ° from a violation")
 
 
 def test_robustness_is_the_distance_within_the_bounds():
