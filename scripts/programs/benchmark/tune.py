@@ -31,6 +31,7 @@ from ballbot_ros.parameters import (
 )
 from ballbot_ros.parameters.files import read_parameter_file
 from ballbot_ros.robot.world.clearance import clearance
+from benchmark.challenge import challenge
 from benchmark.identification import identification
 from benchmark.redesign import redesign
 from benchmark.search import searches
@@ -220,7 +221,8 @@ def _falls(outcomes: Iterable[Outcome]) -> str:
 
 
 EXPERIMENTS: dict[str, Callable[[], None]] = {
-    each.__name__: each for each in (speed, drive, track, gains, stand, redesign, searches)
+    each.__name__: each
+    for each in (speed, drive, track, gains, stand, redesign, searches, challenge)
 }
 
 RANDOM_ROBOTS: dict[str, Callable[[int], None]] = {identification.__name__: identification}
