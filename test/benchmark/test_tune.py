@@ -3,9 +3,18 @@
 import pytest
 from click.testing import CliRunner
 
-from benchmark import redesign, tune
+from benchmark import challenge, redesign, search, tune
 
-ROWS = {'speed': 3, 'drive': 5, 'track': 8, 'gains': 2, 'stand': 1, 'redesign': 2}
+ROWS = {
+    'speed': 3,
+    'drive': 5,
+    'track': 8,
+    'gains': 2,
+    'stand': 1,
+    'redesign': 2,
+    'searches': 2,
+    'challenge': 9,
+}
 
 
 @pytest.mark.parametrize('name', tune.EXPERIMENTS)
@@ -19,6 +28,13 @@ def test_an_experiment_prints_its_table(monkeypatch, name):
     monkeypatch.setattr(redesign, 'scenario_names', lambda: ['stationary'])
     monkeypatch.setattr(redesign, 'QUIETEST', ('stationary', 'push'))  # short ones
     monkeypatch.setattr(redesign, 'STEP_DEG', 2.0)
+    for constant, short in (
+        ('SEEDS', 1), ('CANDIDATES', 8), ('ROBOTS', 1), ('BUDGET', 32),
+        ('TUNINGS', [('quiet', 'python')]), ('FALSIFICATIONS', ['full_stick']),
+    ):  # fmt: skip
+        monkeypatch.setattr(search, constant, short)
+    monkeypatch.setattr(challenge, 'scenario_names', lambda: ['stationary'])
+    monkeypatch.setattr(challenge, 'ROBOTS', 4)
     result = CliRunner().invoke(tune.tune, [name])
     assert result.exception is None, result.output
     table = [line for line in result.output.splitlines() if line.startswith('|')]

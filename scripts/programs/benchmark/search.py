@@ -59,10 +59,10 @@ class _Row(NamedTuple):
     needed: dict[Method, float]
 
 
-def searches(seeds: int = SEEDS) -> None:
+def searches() -> None:
     """Compare the runs that CMA-ES and random search need, in the median."""
-    rows = [_tuning(*each, seeds) for each in TUNINGS]
-    rows += [_falsification(each, seeds) for each in FALSIFICATIONS]
+    rows = [_tuning(*each) for each in TUNINGS]
+    rows += [_falsification(each) for each in FALSIFICATIONS]
     table = [
         [
             row.problem,
@@ -75,11 +75,11 @@ def searches(seeds: int = SEEDS) -> None:
     print_table(['problem', 'random', 'CMA-ES', 'ratio'], table)
 
 
-def _tuning(name: str, controller: str, seeds: int) -> _Row:
+def _tuning(name: str, controller: str) -> _Row:
     """Return the runs until a tuning is as good as random search with its whole budget."""
     read = read_tuning(name, CANDIDATES, controller=controller)
     costs = {
-        method: np.array([_costs(read, method, seed) for seed in range(1, seeds + 1)])
+        method: np.array([_costs(read, method, seed) for seed in range(1, SEEDS + 1)])
         for method in Method
     }
     quality = float(np.median(costs[Method.RANDOM][:, -1]))
@@ -102,7 +102,7 @@ def _until(reached: NDArray[np.bool_]) -> float:
     return float(np.median(first))
 
 
-def _falsification(name: str, seeds: int) -> _Row:
+def _falsification(name: str) -> _Row:
     """Return the runs until the first counterexample."""
     study = read_study(str(ROOT / f'docs/examples/defects/{name}.yaml'), runs=BUDGET)
 
@@ -113,5 +113,5 @@ def _falsification(name: str, seeds: int) -> _Row:
         return result.counterexamples[0].number + 1 if result.counterexamples else BUDGET
 
     return _Row(f'falsify {name}', {
-        method: median(runs(method, seed) for seed in range(1, seeds + 1)) for method in Method
+        method: median(runs(method, seed) for seed in range(1, SEEDS + 1)) for method in Method
     })  # fmt: skip
