@@ -27,7 +27,7 @@ from benchmark.tables import print_table
 
 ROOT = Path(__file__).parents[3]
 SEEDS = 20
-CANDIDATES, ROBOTS = 400, 16
+CANDIDATES, ROBOTS = 200, 8
 """Of each tuning; the shipped files have more."""
 
 BUDGET = 20_000
