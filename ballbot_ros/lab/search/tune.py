@@ -48,6 +48,9 @@ SEARCH, BEFORE, AFTER = 'search', 'before', 'after'
 
 PARAMETER_FILE = 'tuned.yaml'
 
+WITH_GAINS = ('k_f', 'k_i', 'a_d', 'a_r', 'a_gd')
+"""Parameters of the document's program that are of use only together."""
+
 STEPS = (-0.1, -0.05, -0.02, 0.02, 0.05, 0.1)
 """Changes of each parameter for the sensitivity of the answer, as shares of its range."""
 
@@ -281,14 +284,15 @@ def _of_unseen(study: Study, values: Mapping[str, object], runs: int) -> Study:
 
 
 def _parameter_text(result: TuningResult) -> str:
-    """Return the text of the parameter file: what is tuned, and of which controller."""
+    """Return the text of the parameter file: what is tuned, and what it needs."""
     tuning, study = result.tuning, result.tuning.studies[0]
     parameters = study.spec.parameters
+    controller = parameters.of(ControllerParameters)
+    values: dict[str, Any] = {'implementation': controller.implementation, **parameters.undeclared}
+    if controller.implementation in DOCUMENTS_PROGRAM:
+        values = {name: getattr(controller, name) for name in WITH_GAINS}
     wholes = whole_values(parameters, plain_values(result.values(result.best)))
-    values: dict[str, Any] = {name.partition('.')[2]: each for name, each in wholes.items()}
-    implementation = parameters.of(ControllerParameters).implementation
-    if implementation not in DOCUMENTS_PROGRAM:
-        values = {'implementation': implementation, **values}
+    values |= {name.partition('.')[2]: each for name, each in wholes.items()}
     value = float(result.verdicts.value[result.best])
     about = f'# ballbot tune {tuning.name}: objective {value:.6g} over {study.runs} robots\n'
     return about + values_text({CONTROLLER: values})

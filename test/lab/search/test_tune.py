@@ -15,6 +15,7 @@ from ballbot_ros.lab.search.optimiser import Method
 from ballbot_ros.lab.search.tune import AFTER, BEFORE, SEARCH, STEPS, run_tuning
 from ballbot_ros.lab.search.tuning import read_tuning
 from ballbot_ros.lab.studies.study_data import StudyData
+from ballbot_ros.parameters import ControllerParameters
 from ballbot_ros.parameters.files import read_parameter_file
 
 K_F_2 = {'python': {'controller.k_f.2': {'uniform': [-3.0, -1.0]}}}
@@ -80,7 +81,11 @@ def test_the_parameter_file_is_for_runs(finished, tmp_path):
     result, _ = finished
     path = result.parameter_file
     assert path.read_text().startswith('# ballbot tune tried: objective ')
-    k_f = {name: value for _, name, value in read_parameter_file(path)}['k_f']
+    written = {name: value for _, name, value in read_parameter_file(path)}
+    k_f = written['k_f']
+    filters = result.tuning.studies[0].spec.parameters.of(ControllerParameters)
+    for name in ('a_d', 'a_r', 'a_gd'):  # gains are of use only with them
+        assert written[name] == getattr(filters, name)
     best = result.values(result.best)
     assert (k_f[1], k_f[3]) == (best['controller.k_f.2'], best['controller.k_f.4'])
     nominal = simulate(write(tmp_path, TUNING).with_name('short_push.yaml'))
