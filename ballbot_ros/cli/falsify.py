@@ -117,13 +117,12 @@ def _print(result: FalsificationResult) -> None:
     """Print what was searched and found."""
     from ballbot_ros.cli.study_output import print_whole
     from ballbot_ros.lab.search.falsify import requirements_of
-    from ballbot_ros.lab.studies.job import job_of
 
     study = result.of.study
     table = Table(title=f'{study.name}, seed {study.seed}', title_justify='left')
     for name in ('requirement', 'lowest robustness', 'unit'):
         table.add_column(name, justify='right' if name.startswith('low') else 'left')
-    for each in requirements_of(job_of(study, result.folder)):
+    for each in requirements_of(study):
         table.add_row(each.name, f'{result.least[each.name][-1]:.4g}', each.unit)
     print_whole(table)
     for rank, found in enumerate(result.counterexamples, 1):

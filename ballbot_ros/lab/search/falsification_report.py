@@ -43,7 +43,7 @@ def falsification_report(result: FalsificationResult) -> StudyReport:
         requirements=[
             (each.name, bounds_text(each.minimum, each.maximum).replace('-', '−'), each.meaning,
              each.unit, number_text(float(result.least[each.name][-1])))
-            for each in requirements_of(job)
+            for each in requirements_of(study)
         ],
         variables=[
             (each.name, each.parameter.unit.removeprefix('1'),

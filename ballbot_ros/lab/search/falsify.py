@@ -152,7 +152,7 @@ def check(study: Study) -> None:
         raise StudyError(f'{study.name}: {study.runs:,} runs; at most {MOST_RUNS:,} are searched')
     if not study.variables:
         raise StudyError(f'{study.name}: nothing varies but the seed; there is nothing to search')
-    if not requirements_of(job_of(study, Path())):
+    if not requirements_of(study):
         raise StudyError(
             f'{study.name}: has neither properties nor expectations that a run could violate'
         )
@@ -164,11 +164,10 @@ def check(study: Study) -> None:
             )
 
 
-def requirements_of(job: Job) -> list[MeasureColumn]:
+def requirements_of(study: Study) -> list[MeasureColumn]:
     """Return the measures that have bounds."""
-    return [
-        each for each in job.record.measures if each.minimum is not None or each.maximum is not None
-    ]
+    columns = study.measure_columns
+    return [each for each in columns if each.minimum is not None or each.maximum is not None]
 
 
 def robustness(column: MeasureColumn, values: Floats) -> Floats:
@@ -231,8 +230,8 @@ def search(
 
     The errors are those of :func:`run_falsification`.
     """
-    job = job_for(falsification.study, folder)
-    study, columns = falsification.study, requirements_of(job)
+    study = falsification.study
+    job, columns = job_for(study, folder), requirements_of(study)
     optimisers = [_optimiser(falsification, number, 0) for number in range(len(columns))]
     restarts, turns, tried = [0] * len(columns), deque(range(len(columns))), set[int]()
     lowest: dict[str, list[float]] = {each.name: [] for each in columns}
@@ -346,7 +345,7 @@ def _shrunk(job: Job, study: Study, found: Counterexample) -> Counterexample:
 
     (results,) = _simulated(job, study, found.number, [dict(found.found)])
     assert results is not None
-    names = [COMPLETED, *(each.name for each in requirements_of(job))]
+    names = [COMPLETED, *(each.name for each in requirements_of(study))]
     requirement = found.requirement or next(n for n in names if _violates(job, n, results))
 
     def violates(cases: Sequence[Case]) -> list[bool]:

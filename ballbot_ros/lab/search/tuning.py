@@ -11,13 +11,11 @@ import numpy as np
 
 from ballbot_ros.engine.scenario.metrics import METRICS
 from ballbot_ros.engine.scenario.reader import Keys
-from ballbot_ros.errors import BallbotError, StudyError, did_you_mean
-from ballbot_ros.files import share_directory
+from ballbot_ros.errors import BallbotError, StudyError
 from ballbot_ros.lab.search.candidates import has_value, share_of
 from ballbot_ros.lab.search.objective import DEAD_TIME_MARGIN, MEAN, WORST, Limit, Objective
 from ballbot_ros.lab.search.optimiser import Method
-from ballbot_ros.lab.studies.columns import MeasureColumn
-from ballbot_ros.lab.studies.reader import STUDY_KEYS, StudyReader
+from ballbot_ros.lab.studies.reader import STUDY_KEYS, StudyReader, shipped_file, shipped_names
 from ballbot_ros.lab.studies.study import MAX_RUNS, Sampling, Study
 from ballbot_ros.lab.studies.variables import GRID, Levels, Variable, identity, nominal_value
 from ballbot_ros.parameters import (
@@ -219,10 +217,7 @@ class TuningReader(StudyReader):
         return self._mapping(content['sum'], ('objective', 'sum'))
 
     def _objective(self, data: Mapping[str, object], studies: Sequence[Study]) -> Objective:
-        known, *others = (
-            [MeasureColumn.of(each, study.expectations).name for each in study.measures]
-            for study in studies
-        )
+        known, *others = ([each.name for each in study.measure_columns] for study in studies)
         known = [name for name in known if all(name in each for each in others)]
         weights: dict[str, float] = {}
         for name, weight in self._terms(data).items():
@@ -277,7 +272,7 @@ _FOLDER = 'config/tunings'
 
 def tuning_names() -> list[str]:
     """Return the names of the shipped tunings."""
-    return sorted(path.stem for path in (share_directory() / _FOLDER).glob('*.yaml'))
+    return shipped_names(_FOLDER)
 
 
 def read_tuning(
@@ -304,15 +299,6 @@ def read_tuning(
     BallbotError
         The message is one line that names file, line, key, and what is allowed.
     """
-    if reference in tuning_names():
-        path = share_directory() / _FOLDER / f'{reference}.yaml'
-    elif reference.endswith(('.yaml', '.yml')) or '/' in reference:
-        path = Path(reference)
-    else:
-        raise StudyError(
-            f'unknown tuning {reference!r}{did_you_mean(reference, tuning_names())}; shipped: '
-            f'{", ".join(tuning_names())} (for your own, give the path of its file, ending in '
-            '.yaml)'
-        )
+    path = shipped_file(reference, _FOLDER, 'tuning')
     reader = TuningReader(YamlDocument(path), None, seed, controller, parameter_file)
     return reader.tuning(candidates, method)

@@ -18,7 +18,7 @@ from ballbot_ros.engine.scenario.properties import Property
 from ballbot_ros.engine.scenario.scenario import Expectation, Measure
 from ballbot_ros.engine.scenario.writer import scenario_data
 from ballbot_ros.errors import StudyError
-from ballbot_ros.lab.studies.columns import ColumnKind, MeasureColumn, ResultColumn
+from ballbot_ros.lab.studies.columns import ColumnKind, ResultColumn
 from ballbot_ros.lab.studies.manifest import PartSummary, StudyRecord
 from ballbot_ros.lab.studies.part_file import EncodedPart, PartRows, encode_part, store_part
 from ballbot_ros.lab.studies.programs import why_not_compiled
@@ -140,7 +140,7 @@ def job_of(study: Study, folder: Path, runs_per_part: int | None = None) -> Job:
             )
             for each in study.variables
         ),
-        measures=tuple(MeasureColumn.of(each, study.expectations) for each in study.measures),
+        measures=study.measure_columns,
     )
     return Job(record, spec, study.measures, study.expectations, folder)
 

@@ -416,7 +416,32 @@ _FOLDER = 'config/studies'
 
 def study_names() -> list[str]:
     """Return the names of the shipped studies."""
-    return sorted(path.stem for path in (share_directory() / _FOLDER).glob('*.yaml'))
+    return shipped_names(_FOLDER)
+
+
+def shipped_names(folder: str) -> list[str]:
+    """Return the names of the files that are shipped in a folder."""
+    return sorted(path.stem for path in (share_directory() / folder).glob('*.yaml'))
+
+
+def shipped_file(reference: str, folder: str, what: str) -> Path:
+    """Return the path of a shipped file, given its name, or of the user's, given its path.
+
+    Raises
+    ------
+    StudyError
+        If it is neither a known name nor like a path; `what` is the word for such a file.
+    """
+    names = shipped_names(folder)
+    if reference in names:
+        return share_directory() / folder / f'{reference}.yaml'
+    if reference.endswith(('.yaml', '.yml')) or '/' in reference:
+        return Path(reference)
+    raise StudyError(
+        f'unknown {what} {reference!r}{did_you_mean(reference, names)}; '
+        f'shipped: {", ".join(names)} '
+        f'(for your own {what}, give the path of its file, ending in .yaml)'
+    )
 
 
 def read_study(reference: str, **options: Any) -> Study:
@@ -449,14 +474,5 @@ def read_studies(
     BallbotError
         The message is one line that names file, line, key, and what is allowed.
     """
-    if reference in study_names():
-        path = share_directory() / _FOLDER / f'{reference}.yaml'
-    elif reference.endswith(('.yaml', '.yml')) or '/' in reference:
-        path = Path(reference)
-    else:
-        raise StudyError(
-            f'unknown study {reference!r}{did_you_mean(reference, study_names())}; '
-            f'shipped: {", ".join(study_names())} '
-            '(for your own study, give the path of its file, ending in .yaml)'
-        )
+    path = shipped_file(reference, _FOLDER, 'study')
     return StudyReader(YamlDocument(path), runs, seed, controller, parameter_file).studies()

@@ -12,6 +12,7 @@ from ballbot_ros.engine.rows import Column
 from ballbot_ros.engine.scenario.properties import Property
 from ballbot_ros.engine.scenario.scenario import Expectation, Measure, Scenario
 from ballbot_ros.errors import printable
+from ballbot_ros.lab.studies.columns import MeasureColumn
 from ballbot_ros.lab.studies.events import is_event
 from ballbot_ros.lab.studies.runs import Samples
 from ballbot_ros.lab.studies.variables import (
@@ -101,6 +102,11 @@ class Study:
         whole = [Measure(metric) for metric in self.metrics]
         windows = [each.measure for each in self.expectations]
         return (*dict.fromkeys([*whole, *windows]), *self.properties)
+
+    @property
+    def measure_columns(self) -> tuple[MeasureColumn, ...]:
+        """The columns of what is measured, with the bounds that the study expects."""
+        return tuple(MeasureColumn.of(each, self.expectations) for each in self.measures)
 
     @property
     def columns(self) -> tuple[str, ...]:
