@@ -13,11 +13,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import tried_searches
 import tried_studies
 import yaml
 from dask_processes import LAST_RESORT_S, ROOT, Cluster, environment, forked_workers, wait_for
 from own_controllers import BALANCE
 from PIL import Image
+from tried_searches import Searching, files_in
 from tried_studies import Observer, carry_out
 
 pytest.importorskip('distributed')
@@ -26,9 +28,14 @@ pytest.importorskip('numba')
 from distributed import Client
 
 from ballbot_ros.errors import BallbotError
+from ballbot_ros.lab.search.falsify import Falsification
+from ballbot_ros.lab.search.falsify import search as search_violations
+from ballbot_ros.lab.search.tune import run_tuning
+from ballbot_ros.lab.search.tuning import read_tuning
 from ballbot_ros.lab.studies import cluster
 from ballbot_ros.lab.studies.cluster import workers_of
 from ballbot_ros.lab.studies.execution import LocalWorkers
+from ballbot_ros.lab.studies.reader import read_study
 
 KILLS = int(os.environ.get('BALLBOT_TEST_KILLS', '8'))
 """How often a worker is killed; a kill costs half a second, so 100 are for those who ask."""
@@ -128,6 +135,38 @@ def test_a_tick_that_hangs_fails_its_run(two_workers, tmp_path):
     path = write(tmp_path, **changes)
     data = carry_out(path, tmp_path / 'results', workers_of(two_workers.address))
     assert [row['outcome'] for row in data.table().to_pylist()] == ['failed', 'failed']
+
+
+def test_searches_take_the_same_way_even_if_a_worker_is_killed(two_workers, tmp_path):
+    pytest.importorskip('cma')
+
+    def replaced_worker():
+        kills = iter([two_workers.workers[-1].kill])
+
+        def after():
+            for kill in kills:
+                kill()
+                two_workers.add_worker()
+
+        return Searching(after=after)
+
+    path = tried_searches.write(tmp_path, tried_searches.TUNING)
+    for place, observer, workers in (
+        ('here', Searching(), LocalWorkers),
+        ('there', replaced_worker(), workers_of(two_workers.address)),
+    ):
+        run_tuning(read_tuning(str(path)), tmp_path / place, observer, workers)
+    assert files_in(tmp_path / 'there') == files_in(tmp_path / 'here') != {}
+    tuned = [(tmp_path / place / 'tuned.yaml').read_text() for place in ('here', 'there')]
+    assert tuned[0] == tuned[1]
+
+    falsification = Falsification(
+        read_study(str(tried_searches.write(tmp_path, tried_searches.STUDY))), 2
+    )
+    here = search_violations(falsification, tmp_path / 'violations', Searching())
+    observer, workers = replaced_worker(), workers_of(two_workers.address)
+    there = search_violations(falsification, tmp_path / 'violations_there', observer, workers)
+    assert here.counterexamples == there.counterexamples != []
 
 
 def test_sigint_cancels_the_parts_on_the_cluster(two_workers, tmp_path):
