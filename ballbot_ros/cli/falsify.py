@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,9 +10,8 @@ import click
 from rich.table import Table
 
 from ballbot_ros.analysis.metrics import number
-from ballbot_ros.cli.install import require
-from ballbot_ros.cli.options import PATH, controller_option, processes_option
-from ballbot_ros.cli.study import cluster_option, find_workers, method_option, say_stopped
+from ballbot_ros.cli.options import PATH, processes_option
+from ballbot_ros.cli.study import StudyOptions, method_option, resumable, study_options
 from ballbot_ros.files import own_command
 from ballbot_ros.run.requirements import Processes
 
@@ -24,7 +22,7 @@ if TYPE_CHECKING:
 @click.command('falsify')
 @click.argument('study')
 @click.option(
-    '--runs', type=click.IntRange(1), help="Largest number of runs.  [default: the study's]"
+    '--runs', type=click.IntRange(1), help="Largest number of runs.  [default: the file's]"
 )
 @click.option(
     '--counterexamples',
@@ -33,32 +31,20 @@ if TYPE_CHECKING:
     show_default=True,
     help='Number of counterexamples after which the search ends.',
 )
-@click.option('--seed', type=click.IntRange(0), help="Seed of the search.  [default: the study's]")
-@controller_option
-@click.option(
-    '--params', 'parameter_file', type=PATH, help="Parameter file; its values precede the study's."
-)
 @method_option
 @processes_option
 @click.option(
     '--output', type=PATH, help='Folder for the results.  [default: falsified/<name of the study>]'
 )
-@click.option('--again', is_flag=True, help='Do all runs again, also those that are done.')
-@cluster_option
-@click.option('--json', 'as_json', is_flag=True, help='Print one JSON object.')
+@study_options
 def command(
     study: str,
     runs: int | None,
     counterexamples: int,
-    seed: int | None,
-    controller: str | None,
-    parameter_file: Path | None,
     method: str,
     processes: str,
     output: Path | None,
-    again: bool,
-    cluster: str | None,
-    as_json: bool,
+    options: StudyOptions,
 ) -> int:
     """Search the variation of STUDY, a name or a YAML file, for runs that do not pass.
 
@@ -69,9 +55,8 @@ def command(
     Exit status: 1 if there is a counterexample, 0 if none was found, 2 for a mistake in the
     arguments, 130 after Ctrl-C.
     """
-    require('study', *(['search'] if method == 'cma' else []), *(['cluster'] if cluster else []))
+    options.require(*(['search'] if method == 'cma' else []))
     from ballbot_ros.cli.study_output import SearchProgress
-    from ballbot_ros.lab.search.candidates import SearchStoppedError
     from ballbot_ros.lab.search.falsification_report import falsification_report
     from ballbot_ros.lab.search.falsify import Falsification, check, run_falsification
     from ballbot_ros.lab.search.optimiser import Method
@@ -80,32 +65,24 @@ def command(
     from ballbot_ros.process import stdout_to_stderr
 
     with stdout_to_stderr():  # a controller may print while its class is loaded
-        studies = list(read_studies(study, runs, seed, controller, parameter_file))
+        studies = list(
+            read_studies(study, runs, options.seed, options.controller, options.parameter_file)
+        )
         for each in studies:
             check(each)
         place = output or Path('falsified') / Path(study).stem
         results = []
-        try:
-            for each in studies:
-                progress = SearchProgress(each.name)
-                with progress:
-                    falsification = Falsification(each, counterexamples, Method(method))
-                    folder = place.joinpath(*each.case.values())
-                    results.append(
-                        run_falsification(
-                            falsification, folder, progress, find_workers(cluster),
-                            Processes(processes), again=again,
-                        )
-                    )  # fmt: skip
-                report = falsification_report(results[-1])
-                report.write(check_output(results[-1].folder, None))
-        except SearchStoppedError as error:
-            say_stopped(place)
-            return 128 + error.signal
-        except KeyboardInterrupt:
-            say_stopped(place)
-            os._exit(130)  # Python would wait for its threads, one of which may compile
-    if as_json:
+        for each in studies:
+            falsification = Falsification(each, counterexamples, Method(method))
+            folder, progress = place.joinpath(*each.case.values()), SearchProgress(each.name)
+            with resumable(place), progress:
+                result = run_falsification(
+                    falsification, folder, progress, options.workers, Processes(processes),
+                    again=options.again,
+                )  # fmt: skip
+            falsification_report(result).write(check_output(folder, None))
+            results.append(result)
+    if options.as_json:
         click.echo(json.dumps([_json(each) for each in results], indent=2, allow_nan=False))
     else:
         for result in results:

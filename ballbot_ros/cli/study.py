@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Collection
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import reduce, wraps
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,12 +22,69 @@ if TYPE_CHECKING:
     from ballbot_ros.run.spec import RunSpec
 
 
-cluster_option = click.option(
-    '--cluster',
-    metavar='ADDRESS',
-    help='Run on the workers of a Dask scheduler, such as tcp://scheduler:8786.',
-)
-"""Selects the workers of a study or search."""
+@dataclass(frozen=True)
+class StudyOptions:
+    """The options that studies and searches share."""
+
+    seed: int | None
+    controller: str | None
+    parameter_file: Path | None
+    again: bool
+    cluster: str | None
+    as_json: bool
+
+    def require(self, *extras: str) -> None:
+        """Install what is needed, or raise what says how."""
+        require('study', *extras, *(['cluster'] if self.cluster else []))
+
+    @property
+    def workers(self) -> WorkersOfJob:
+        """What finds the workers: those of a scheduler, or of this machine."""
+        if self.cluster is None:
+            from ballbot_ros.lab.studies.execution import LocalWorkers
+
+            return LocalWorkers
+        # Imported here, because most studies have no cluster.
+        from ballbot_ros.lab.studies.cluster import workers_of
+
+        return workers_of(self.cluster)
+
+
+def study_options(command: Callable[..., int]) -> Callable[..., int]:
+    """Give a command the options of studies, as its argument `options`."""
+
+    @wraps(command)
+    def with_options(
+        seed: int | None,
+        controller: str | None,
+        parameter_file: Path | None,
+        again: bool,
+        cluster: str | None,
+        as_json: bool,
+        **others: object,
+    ) -> int:
+        options = StudyOptions(seed, controller, parameter_file, again, cluster, as_json)
+        return command(options=options, **others)
+
+    decorators = (
+        click.option('--seed', type=click.IntRange(0), help="Seed.  [default: the file's]"),
+        controller_option,
+        click.option(
+            '--params',
+            'parameter_file',
+            type=PATH,
+            help="Parameter file; its values precede the file's.",
+        ),
+        click.option('--again', is_flag=True, help='Do all runs again, also those that are done.'),
+        click.option(
+            '--cluster',
+            metavar='ADDRESS',
+            help='Run on the workers of a Dask scheduler, such as tcp://scheduler:8786.',
+        ),
+        click.option('--json', 'as_json', is_flag=True, help='Print one JSON object.'),
+    )
+    return reduce(lambda function, decorate: decorate(function), decorators[::-1], with_options)
+
 
 method_option = click.option(
     '--method',
@@ -34,6 +94,22 @@ method_option = click.option(
     help='How a search chooses values: CMA-ES, or at random to compare with.',
 )
 """Selects the method of a search."""
+
+
+@contextmanager
+def resumable(folder: Path) -> Iterator[None]:
+    """Tell how a command goes on whose studies are stopped in this context."""
+    from ballbot_ros.lab.studies.execution import StudyStoppedError
+
+    said = f'stopped; the same command goes on from there: {folder}'
+    try:
+        yield
+    except StudyStoppedError as error:
+        click.echo(said, err=True)
+        raise click.exceptions.Exit(128 + error.signal) from None
+    except KeyboardInterrupt:
+        click.echo(said, err=True)
+        os._exit(130)  # Python would wait for its threads, one of which may compile
 
 
 class _StudyGroup(click.Group):
@@ -73,29 +149,12 @@ def command(context: click.Context) -> None:
 
 @command.command('run')
 @click.argument('study')
-@click.option('--runs', type=click.IntRange(1), help="Number of runs.  [default: the study's]")
-@click.option('--seed', type=click.IntRange(0), help="Seed of the samples.  [default: the study's]")
-@controller_option
-@click.option(
-    '--params', 'parameter_file', type=PATH, help="Parameter file; its values precede the study's."
-)
+@click.option('--runs', type=click.IntRange(1), help="Number of runs.  [default: the file's]")
 @click.option(
     '--output', type=PATH, help='Folder for the results.  [default: studies/<name of the study>]'
 )
-@click.option('--again', is_flag=True, help='Do all runs again, also those that are done.')
-@cluster_option
-@click.option('--json', 'as_json', is_flag=True, help='Print one JSON object.')
-def run(
-    study: str,
-    runs: int | None,
-    seed: int | None,
-    controller: str | None,
-    parameter_file: Path | None,
-    output: Path | None,
-    again: bool,
-    cluster: str | None,
-    as_json: bool,
-) -> int:
+@study_options
+def run(study: str, runs: int | None, output: Path | None, options: StudyOptions) -> int:
     """Run STUDY, a name or a YAML file, on all cores; print a summary.
 
     A study varies parameters, or elements of them, which count from 1, such as controller.k_f.2.
@@ -104,7 +163,7 @@ def run(
     finished one is not run again. Exit status: 0 if all runs are done, whether they passed or not;
     2 for a mistake in the arguments; 130 after Ctrl-C.
     """
-    require('study', *(['cluster'] if cluster else []))
+    options.require()
     from ballbot_ros.cli.study_output import StudyProgress, print_results
     from ballbot_ros.lab.studies.execution import run_study
     from ballbot_ros.lab.studies.job import job_of
@@ -114,45 +173,21 @@ def run(
     from ballbot_ros.process import stdout_to_stderr
 
     with stdout_to_stderr():  # a controller may print while its class is loaded
-        studies = list(read_studies(study, runs, seed, controller, parameter_file))
+        studies = list(
+            read_studies(study, runs, options.seed, options.controller, options.parameter_file)
+        )
         described = studies[0]
         if runs not in (None, described.runs):
             levels = ' × '.join(map(str, grid_shape(described.variables)))
             note = f'the nearest grid has {levels} points; {described.runs:,} runs'
             click.echo(f'note: {note}', err=True)
-        place = output or Path('studies') / Path(study).stem
-        workers = find_workers(cluster)
+        place, workers = output or Path('studies') / Path(study).stem, options.workers
         for each in studies:
             job = job_of(each, place.joinpath(*each.case.values()))
-            try:
-                with StudyProgress(each.name) as progress:
-                    stopped = run_study(job, Sampler(each).part, progress, workers, again=again)
-            except KeyboardInterrupt:
-                # Ctrl-C once more: Python would wait for its threads, one of which may compile.
-                say_stopped(place)
-                os._exit(130)
-            if stopped:
-                say_stopped(place)
-                return 128 + stopped
-    print_results(place, as_json=as_json)
+            with resumable(place), StudyProgress(each.name) as progress:
+                run_study(job, Sampler(each).part, progress, workers, again=options.again)
+    print_results(place, as_json=options.as_json)
     return 0
-
-
-def find_workers(cluster: str | None) -> WorkersOfJob:
-    """Return what finds the workers of a scheduler, or without one those of this machine."""
-    if cluster is None:
-        from ballbot_ros.lab.studies.execution import LocalWorkers
-
-        return LocalWorkers
-    # Imported here, because most studies have no cluster.
-    from ballbot_ros.lab.studies.cluster import workers_of
-
-    return workers_of(cluster)
-
-
-def say_stopped(folder: Path) -> None:
-    """Print that a command was stopped, and how it goes on."""
-    click.echo(f'stopped; the same command goes on from there: {folder}', err=True)
 
 
 @command.command('rerun', short_help='Repeat one run of a study as a full run.')

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,9 +10,9 @@ import click
 from rich.table import Table
 
 from ballbot_ros.analysis.metrics import number
-from ballbot_ros.cli.install import offer, require
-from ballbot_ros.cli.options import PATH, controller_option
-from ballbot_ros.cli.study import cluster_option, find_workers, method_option, say_stopped
+from ballbot_ros.cli.install import offer
+from ballbot_ros.cli.options import PATH
+from ballbot_ros.cli.study import StudyOptions, method_option, resumable, study_options
 from ballbot_ros.engine.scenario.reader import scenario_names
 from ballbot_ros.engine.scenario.scenario import bounds_text
 from ballbot_ros.files import own_command
@@ -30,29 +29,17 @@ if TYPE_CHECKING:
 @click.option(
     '--candidates', type=click.IntRange(1), help="Number of candidates.  [default: the file's]"
 )
-@click.option('--seed', type=click.IntRange(0), help="Seed of the search.  [default: the file's]")
-@controller_option
-@click.option(
-    '--params', 'parameter_file', type=PATH, help="Parameter file; its values precede the file's."
-)
 @method_option
 @click.option(
     '--output', type=PATH, help='Folder for the results.  [default: tunings/<name>/<controller>]'
 )
-@click.option('--again', is_flag=True, help='Do all runs again, also those that are done.')
-@cluster_option
-@click.option('--json', 'as_json', is_flag=True, help='Print one JSON object.')
+@study_options
 def command(
     tuning: str | None,
     candidates: int | None,
-    seed: int | None,
-    controller: str | None,
-    parameter_file: Path | None,
     method: str,
     output: Path | None,
-    again: bool,
-    cluster: str | None,
-    as_json: bool,
+    options: StudyOptions,
 ) -> int:
     """Search for parameters by TUNING, a name or a YAML file; without one, list those shipped.
 
@@ -71,11 +58,9 @@ def command(
             purpose = read_tuning(name).studies[0].purpose
             click.echo(f'{name:<{max(map(len, names))}}  {purpose}')
         return 0
-    extras = ['study', *(['search'] if method == 'cma' else []), *(['cluster'] if cluster else [])]
-    require(*extras)
+    options.require(*(['search'] if method == 'cma' else []))
     offer('report')
     from ballbot_ros.cli.study_output import SearchProgress
-    from ballbot_ros.lab.search.candidates import SearchStoppedError
     from ballbot_ros.lab.search.optimiser import Method
     from ballbot_ros.lab.search.report import tuning_report
     from ballbot_ros.lab.search.tune import run_tuning
@@ -83,21 +68,17 @@ def command(
     from ballbot_ros.process import stdout_to_stderr
 
     with stdout_to_stderr():  # a controller may print while its class is loaded
-        read = read_tuning(tuning, candidates, seed, controller, parameter_file, Method(method))
+        read = read_tuning(
+            tuning, candidates, options.seed, options.controller, options.parameter_file,
+            Method(method),
+        )  # fmt: skip
         place = output or Path('tunings') / read.name / read.controller
         progress = SearchProgress(read.name)
-        try:
-            with progress:
-                result = run_tuning(read, place, progress, find_workers(cluster), again=again)
-        except SearchStoppedError as error:
-            say_stopped(place)
-            return 128 + error.signal
-        except KeyboardInterrupt:
-            say_stopped(place)
-            os._exit(130)  # Python would wait for its threads, one of which may compile
+        with resumable(place), progress:
+            result = run_tuning(read, place, progress, options.workers, again=options.again)
         page = check_output(place, None)
         tuning_report(result).write(page)
-    _print(result, page / 'index.html', as_json=as_json)
+    _print(result, page / 'index.html', as_json=options.as_json)
     return 0 if result.verdicts.is_feasible[result.best] else 1
 
 

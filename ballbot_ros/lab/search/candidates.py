@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.engine.rows import Column
-from ballbot_ros.errors import BallbotError, StudyError
+from ballbot_ros.errors import StudyError
 from ballbot_ros.lab.studies.columns import FALLEN, OUTCOME, PASSED
 from ballbot_ros.lab.studies.execution import StudyObserver, StudyRun
 from ballbot_ros.lab.studies.part_file import PARTS, read_columns
@@ -36,19 +36,6 @@ class SearchObserver(StudyObserver):
         """Show what is known after another generation."""
 
 
-class SearchStoppedError(BallbotError):
-    """A signal has stopped a search; nothing is lost.
-
-    Attributes
-    ----------
-    signal : int
-    """
-
-    def __init__(self, signal: int) -> None:
-        super().__init__(f'stopped by signal {signal}')
-        self.signal = signal
-
-
 def run_candidates(run: StudyRun, samples: Samples) -> dict[str, Column]:
     """Do what is missing of a generation, and return columns of the results of its runs.
 
@@ -61,7 +48,7 @@ def run_candidates(run: StudyRun, samples: Samples) -> dict[str, Column]:
 
     Raises
     ------
-    SearchStoppedError
+    StudyStoppedError
         If a signal stops it.
     BallbotError
         If a run is not possible, or results can't be written or read.
@@ -70,8 +57,7 @@ def run_candidates(run: StudyRun, samples: Samples) -> dict[str, Column]:
     begin = first // record.runs_per_part
     parts = range(begin, begin + -(-samples.count // record.runs_per_part))
     missing = [part for part in parts if part in run.missing]
-    if stopped := run.do(missing, lambda low, high: samples.part(low - first, high - first)):
-        raise SearchStoppedError(stopped)
+    run.do(missing, lambda low, high: samples.part(low - first, high - first))
     varied = [each.name for each in record.varied]
     names = [*varied, *(each.name for each in record.measures), PASSED.name, FALLEN.name]
     files = [run.job.folder / PARTS / record.part_name(part) for part in parts]

@@ -17,7 +17,6 @@ from ballbot_ros.engine.scenario.properties import CLEARANCE
 from ballbot_ros.errors import BallbotError, StudyError
 from ballbot_ros.lab.search.candidates import (
     SearchObserver,
-    SearchStoppedError,
     has_value,
     least_steps,
     run_candidates,
@@ -31,6 +30,7 @@ from ballbot_ros.lab.studies.columns import PASSED, MeasureColumn
 from ballbot_ros.lab.studies.execution import (
     LocalWorkers,
     StudyRun,
+    StudyStoppedError,
     WorkerProcess,
     WorkersOfJob,
 )
@@ -194,7 +194,7 @@ def run_falsification(
 
     Raises
     ------
-    SearchStoppedError
+    StudyStoppedError
         If a signal stops it.
     BallbotError
         If the folder is another study's or can't be written, a run is not possible, or a
@@ -417,7 +417,7 @@ def _recorded(
     path, spec = scenario_spec(job.record, row, folder, processes, controller)
     result = execute(spec)
     if result.outcome is Outcome.STOPPED:
-        raise SearchStoppedError(result.failure_status - 128)
+        raise StudyStoppedError(result.failure_status - 128)
     return replace(
         found,
         scenario=path,

@@ -15,7 +15,6 @@ from ballbot_ros.engine.rows import Column, whole_values
 from ballbot_ros.errors import StudyError
 from ballbot_ros.lab.search.candidates import (
     SearchObserver,
-    SearchStoppedError,
     least_steps,
     results_in,
     run_candidates,
@@ -127,7 +126,7 @@ def run_tuning(
 
     Raises
     ------
-    SearchStoppedError
+    StudyStoppedError
         If a signal stops it.
     BallbotError
         If the folder is another tuning's or can't be written, a run is not possible, or the
@@ -143,8 +142,7 @@ def run_tuning(
             study = _of_unseen(each, values, tuning.unseen)
             job = job_of(study, folder / which / _scenario(each))
             observer.generation(f'{which}, on {tuning.unseen:,} robots not seen before')
-            if stopped := run_study(job, Sampler(study).part, observer, workers, again=again):
-                raise SearchStoppedError(stopped)
+            run_study(job, Sampler(study).part, observer, workers, again=again)
     result = TuningResult(tuning, folder, points, verdicts, best, around)
     write_atomically(result.parameter_file, _parameter_text(result).encode())
     return result

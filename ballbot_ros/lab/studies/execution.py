@@ -137,8 +137,21 @@ WorkersOfJob = Callable[[Job, StudyObserver], Workers]
 """Finds workers for a job; BallbotError if there are none."""
 
 
-class StoppedError(BallbotError):
+class PartGivenUpError(BallbotError):
     """A part is given up, because the study is stopped."""
+
+
+class StudyStoppedError(BallbotError):
+    """A signal has stopped a study or search; nothing is lost.
+
+    Attributes
+    ----------
+    signal : int
+    """
+
+    def __init__(self, signal: int) -> None:
+        super().__init__(f'stopped by signal {signal}')
+        self.signal = signal
 
 
 class LocalWorkers:
@@ -193,12 +206,12 @@ class LocalWorkers:
         self._processes.append(process)
         if self._stopped:  # since `close` may have killed the others already
             process.kill()
-            raise StoppedError('the study is stopped')
+            raise PartGivenUpError('the study is stopped')
         return process
 
     def _on_runs(self, runs: int) -> None:
         if self._stopped:
-            raise StoppedError('the study is stopped')
+            raise PartGivenUpError('the study is stopped')
         self._advance(runs)
 
     def close(self) -> None:
@@ -296,16 +309,18 @@ class StudyRun:
             if self._workers:
                 self._workers.close()
 
-    def do(self, parts: Sequence[int], sample: Sample) -> int:
-        """Do parts, and return 0, or the number of the signal that stopped it.
+    def do(self, parts: Sequence[int], sample: Sample) -> None:
+        """Do parts.
 
         Raises
         ------
+        StudyStoppedError
+            If a signal stops it.
         BallbotError
             If a run is not possible, or a part can't be written.
         """
         if not parts:
-            return 0
+            return
         # Outside of the block, in which signals are only noted: a cluster may take seconds to
         # answer.
         doing = self._workers = self._workers or self._find_workers(self.job, self._observer)
@@ -318,14 +333,14 @@ class StudyRun:
                     numbers = self.job.record.numbers(part)
                     in_work.add(doing.submit(part, sample(numbers.start, numbers.stop)))
                 if not in_work:
-                    return 0
+                    return
                 done, in_work = wait(in_work, POLL_S, FIRST_COMPLETED)
                 for each in done:
                     self._observer.part(each.result())
             self._observer.notice(
                 'stopping: parts in work are given up (Ctrl-C again ends at once)'
             )
-            return int(stop.signal)
+            raise StudyStoppedError(stop.signal)
 
     def finish(self) -> None:
         """Check all parts, and note in the folder that the study is finished.
@@ -352,22 +367,17 @@ def run_study(
     workers: WorkersOfJob = LocalWorkers,
     *,
     again: bool = False,
-) -> int:
+) -> None:
     """Do all parts of a study that are missing in its folder; see :class:`StudyRun`.
-
-    Returns
-    -------
-    int
-        0 if all parts are done, or else the number of the signal that stopped it.
 
     Raises
     ------
+    StudyStoppedError
+        If a signal stops it.
     BallbotError
         If the folder is another study's or can't be written, or a run is not possible.
     """
     with StudyRun(job, observer, workers, again=again) as run:
         observer.begin(job.record.runs, run.done)
-        if stopped := run.do(run.missing, sample):
-            return stopped
+        run.do(run.missing, sample)
         run.finish()
-    return 0

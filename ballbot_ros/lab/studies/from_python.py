@@ -16,7 +16,7 @@ from ballbot_ros.controllers.controller import Controller
 from ballbot_ros.controllers.loading import MAIN
 from ballbot_ros.errors import BallbotError, short_repr
 from ballbot_ros.files import temporary_folder
-from ballbot_ros.lab.studies.execution import StudyObserver, run_study
+from ballbot_ros.lab.studies.execution import StudyObserver, StudyStoppedError, run_study
 from ballbot_ros.lab.studies.job import job_of
 from ballbot_ros.lab.studies.reader import read_studies
 from ballbot_ros.lab.studies.sampling import Sampler
@@ -75,11 +75,13 @@ def study(
         reference = _reference(study, scratch)
         place = scratch / 'results' if output is None else Path(output)
         frames = []
-        for each in list(read_studies(reference, plain_value(runs), plain_value(seed))):
-            folder = place.joinpath(*each.case.values())
-            if stopped := run_study(job_of(each, folder), Sampler(each).part, _Log()):
-                break
-            frames.append(StudyData.open(folder).frame().assign(**each.case))
+        try:
+            for each in list(read_studies(reference, plain_value(runs), plain_value(seed))):
+                folder = place.joinpath(*each.case.values())
+                run_study(job_of(each, folder), Sampler(each).part, _Log())
+                frames.append(StudyData.open(folder).frame().assign(**each.case))
+        except StudyStoppedError as error:
+            stopped = error.signal
         else:
             import pandas
 

@@ -13,7 +13,6 @@ from tried_searches import SHORT_PUSH, STUDY, Searching, files_in, write
 from ballbot_ros import simulate
 from ballbot_ros.errors import BallbotError, StudyError
 from ballbot_ros.lab.search import falsify
-from ballbot_ros.lab.search.candidates import SearchStoppedError
 from ballbot_ros.lab.search.falsify import (
     COMPLETED,
     POPULATION,
@@ -24,6 +23,7 @@ from ballbot_ros.lab.search.falsify import (
 )
 from ballbot_ros.lab.search.optimiser import Method
 from ballbot_ros.lab.studies.columns import MeasureColumn
+from ballbot_ros.lab.studies.execution import StudyStoppedError
 from ballbot_ros.lab.studies.reader import read_study
 from ballbot_ros.lockstep.run_actions import Outcome
 from ballbot_ros.run.execution import execute
@@ -101,7 +101,7 @@ def test_the_result_depends_neither_on_workers_nor_on_interruptions(
 
     output, parts = tmp_path / 'stopped', iter((signal.SIGTERM, signal.SIGINT))
     for stop in parts:
-        with pytest.raises(SearchStoppedError) as stopped:
+        with pytest.raises(StudyStoppedError) as stopped:
             search(path, output, Searching(each=lambda stop=stop: os.kill(os.getpid(), stop)))
         assert stopped.value.signal == stop
     assert 0 < len(files_in(output)) < len(files_in(expected.folder))
@@ -225,7 +225,7 @@ def test_a_stop_while_it_records_is_one_of_the_search(finished, tmp_path, monkey
     folder = shutil.copytree(finished[0].folder, tmp_path / 'results')
     stopped = RunResult(Outcome.STOPPED, failure_status=128 + signal.SIGTERM)
     monkeypatch.setattr(falsify, 'execute', lambda spec: stopped)
-    with pytest.raises(SearchStoppedError) as error:
+    with pytest.raises(StudyStoppedError) as error:
         search(write(tmp_path, STUDY), folder)
     assert error.value.signal == signal.SIGTERM
 

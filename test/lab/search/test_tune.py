@@ -10,10 +10,10 @@ from tried_searches import SHORT_PUSH, TUNING, Searching, files_in, write
 
 from ballbot_ros import simulate
 from ballbot_ros.errors import BallbotError, StudyError
-from ballbot_ros.lab.search.candidates import SearchStoppedError
 from ballbot_ros.lab.search.optimiser import Method
 from ballbot_ros.lab.search.tune import AFTER, BEFORE, SEARCH, STEPS, run_tuning
 from ballbot_ros.lab.search.tuning import read_tuning
+from ballbot_ros.lab.studies.execution import StudyStoppedError
 from ballbot_ros.lab.studies.study_data import StudyData
 from ballbot_ros.parameters import ControllerParameters
 from ballbot_ros.parameters.files import read_parameter_file
@@ -123,7 +123,7 @@ def test_the_result_depends_neither_on_workers_nor_on_interruptions(
 
     output, known = tmp_path / 'stopped', 0
     for stop in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
-        with pytest.raises(SearchStoppedError) as stopped:
+        with pytest.raises(StudyStoppedError) as stopped:
             tune(path, output, Searching(each=lambda stop=stop: os.kill(os.getpid(), stop)))
         assert stopped.value.signal == stop
         assert known < len(files_in(output)) < len(files_in(expected.folder))

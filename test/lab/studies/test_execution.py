@@ -81,7 +81,7 @@ def test_code_that_is_not_on_disk_is_compiled_where_it_can_be_given_up(monkeypat
     part = workers.submit(0, Sampler(study).part(0, 1))
     wait_for(lambda: workers._processes, what='a process')
     workers.close()
-    assert isinstance(part.exception(), execution.StoppedError)
+    assert isinstance(part.exception(), execution.PartGivenUpError)
     assert observer.notices == ['compiling, which takes about 20 s the first time ...']
 
 
@@ -134,7 +134,7 @@ def test_without_numba_a_small_study_runs_and_a_large_one_is_refused(
     job = job_of(study, tmp_path / 'results')
     workers = SameProcess()
     monkeypatch.setattr('ballbot_ros.lab.studies.execution.WorkerProcess', lambda: workers)
-    assert run_study(job, Sampler(study).part, observer) == 0
+    run_study(job, Sampler(study).part, observer)
     assert [notice.partition(',')[0] for notice in observer.notices] == ['numba is not installed']
     few = StudyData.open(tmp_path / 'results').table().column('duty_sha256').to_pylist()
     assert few == finished[0].table().column('duty_sha256').to_pylist()[:4]
