@@ -118,6 +118,8 @@ def share_of(distribution: Distribution, value: object) -> float:
     if isinstance(distribution, Levels):
         return (distribution.levels.index(value) + 0.5) / len(distribution.levels)
     low, high = 0.0, 1.0
+    if value == distribution.values(np.array([low]))[0]:
+        return low
     for _ in range(_HALVINGS):
         middle = (low + high) / 2.0
         if distribution.values(np.array([middle]))[0] < value:

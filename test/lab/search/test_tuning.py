@@ -131,6 +131,10 @@ def test_the_share_of_a_value_has_this_value(distribution):
         assert found == (pytest.approx(value) if isinstance(value, float) else value)
 
 
+def test_a_search_can_begin_at_exactly_zero():
+    assert share_of(Uniform(0.0, 8.0), 0.0) == 0.0
+
+
 MISTAKES = [
     ('', None, 'the tuning is not a mapping'),
     (HEAD, 1, 'tune is missing'),
