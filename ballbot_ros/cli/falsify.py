@@ -110,7 +110,7 @@ def _print(result: FalsificationResult) -> None:
     variables = len(study.variables)
     click.echo(
         f'searched  {result.runs:,} of {study.runs:,} runs, {variables} variables; '
-        f'{result.violating:,} runs did not pass'
+        f'{result.violating:,} run{"s" * (result.violating != 1)} did not pass'
     )
     if not result.counterexamples:
         click.echo('No counterexample was found, which does not prove that there is none.')
