@@ -54,16 +54,11 @@ class Balancing(NamedTuple):
     def of(cls, run: RunData) -> Balancing:
         """Return the longest time without a missing tick in which the controller balanced."""
         trajectory = run.trajectory
-        active = run.balancing(trajectory.time)
-        begins, ends = active.copy(), active.copy()
-        connected = active[1:] & active[:-1] & (np.diff(trajectory.time) < _GAP_S)
-        begins[1:] &= ~connected
-        ends[:-1] &= ~connected
-        first, last = np.flatnonzero(begins), np.flatnonzero(ends)
-        longest = slice(0, 0)
-        if first.size:
-            number = int(np.argmax(last - first))
-            longest = slice(int(first[number]), int(last[number]) + 1)
+        active = np.flatnonzero(run.balancing(trajectory.time))
+        is_gap = (np.diff(active) > 1) | (np.diff(trajectory.time[active]) >= _GAP_S)
+        parts = np.split(active, np.flatnonzero(is_gap) + 1)
+        ticks = max(parts, key=len)
+        longest = slice(ticks[0], ticks[-1] + 1) if ticks.size else slice(0)
         return cls(trajectory.time[longest], trajectory.duty[longest], trajectory.psi[longest])
 
 

@@ -9,10 +9,8 @@ import json
 import math
 import queue
 import time
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from enum import Enum
-from typing import Any
 
 from websockets.asyncio.server import ServerConnection
 from websockets.exceptions import ConnectionClosed
@@ -262,31 +260,17 @@ def parse_request(text: str, page: int, at_s: float) -> Request | None:
         When it arrived [s].
     """
     try:
-        content = json.loads(text)
+        content = json.loads(text, parse_int=float)
     except (ValueError, RecursionError):
-        return None
-    if not isinstance(content, dict):
         return None
     match content:
         case {'press': str(name)}:
             return Press(name)
         case {'rate': str(rate)}:
             return ChooseRate(rate)
-        case {'seek': float() | int()}:
-            time = _number(content, 'seek')
-            return None if time is None else Seek(time)
-        case {'forward': float() | int(), 'rightward': float() | int()}:
-            forward, rightward = _number(content, 'forward'), _number(content, 'rightward')
-            if forward is None or rightward is None or max(abs(forward), abs(rightward)) > MAX_HELD:
-                return None
-            return Hold(page, forward, rightward, at_s)
+        case {'seek': float(time)} if math.isfinite(time):
+            return Seek(time)
+        case {'forward': float(x), 'rightward': float(y)}:
+            if all(abs(each) <= MAX_HELD for each in (x, y)):  # not if one is NaN
+                return Hold(page, x, y, at_s)
     return None
-
-
-def _number(content: Mapping[str, Any], name: str) -> float | None:
-    """Return a finite number of a message; None if it is none."""
-    value = content[name]
-    try:
-        return float(value) if not isinstance(value, bool) and math.isfinite(value) else None
-    except OverflowError:
-        return None

@@ -376,37 +376,12 @@ class _Projected:
         return np.concatenate([rows, last])
 
 
-class Covariance(NamedTuple):
-    """Uncertainty of estimated parameters, relative to their scales.
+def uncertainty(residuals: Sequence[Residuals]) -> tuple[Floats, Floats]:
+    """Return half of the width of each parameter's 95 % interval, and the errors' correlation.
 
-    Attributes
-    ----------
-    matrix : ndarray, shape (p, p)
-    quantile : float
-        Number of standard deviations on either side of an interval of 95 %, if there is no bias.
-    """
-
-    matrix: Floats
-    quantile: float
-
-    @property
-    def correlation(self) -> Floats:
-        """Correlation of the errors, shape (p, p)."""
-        deviations = np.sqrt(np.diag(self.matrix))
-        return np.asarray(self.matrix / np.outer(deviations, deviations))
-
-    @property
-    def half_widths(self) -> Floats:
-        """Half of the width of each 95 % interval."""
-        deviations = np.sqrt(np.diag(self.matrix))
-        return np.asarray(self.quantile * math.sqrt(1.0 + FEEDBACK_BIAS**2) * deviations)
-
-
-def covariance(residuals: Sequence[Residuals]) -> Covariance:
-    """Return the covariance of parameters, from the scatter between segments.
-
-    So readings within a segment may have dependent errors. The error of the battery reading is
-    the same in all: it has a prior instead.
+    The half widths, shape (p,), are relative to the scales; the correlation has the shape (p, p).
+    They come from the scatter between segments, so readings within a segment may have dependent
+    errors. The error of the battery reading is the same in all: it has a prior instead.
 
     Parameters
     ----------
@@ -422,8 +397,10 @@ def covariance(residuals: Sequence[Residuals]) -> Covariance:
     freedom = max(1, count - parameters)
     scatter = scores.T @ scores * (count / freedom)
     scatter[-1, -1] += 1.0
-    matrix = inverse @ scatter @ inverse
-    return Covariance(matrix[:-1, :-1], float(student.ppf(0.975, freedom)))
+    covariance = (inverse @ scatter @ inverse)[:-1, :-1]
+    deviations = np.sqrt(np.diag(covariance))
+    quantile = float(student.ppf(0.975, freedom)) * math.sqrt(1.0 + FEEDBACK_BIAS**2)
+    return quantile * deviations, covariance / np.outer(deviations, deviations)
 
 
 def information(residuals: Sequence[Residuals]) -> Floats:

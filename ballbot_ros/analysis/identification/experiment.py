@@ -265,45 +265,47 @@ def recorded_experiment(
             f'{run.path}: a free-running run does not tell when each duty acted; record one in '
             'lockstep'
         )
-    ticks = _Ticks(run)
+    stamps = _tick_stamps(run)
+    time = run.series[MOTOR_DUTY].time[0] + np.arange(len(stamps)) * TICK_S
     recorded = run.plant if run.attached.has_parameters else None
     plant = _with_mean_delay(run.plant.with_values(known))
     notes = []
-    duty, delays = np.split(ticks.of(MOTOR_DUTY), [2], axis=1)
-    battery = ticks.of(BATTERY_STATE)[:, 0]
+    duty, delays = np.split(_values(run, MOTOR_DUTY, stamps), [2], axis=1)
+    battery = _values(run, BATTERY_STATE, stamps)[:, 0]
     readings: dict[Channel, Floats]
     ages: dict[Channel, Any] = {}
     link = link_of(run.plant)
     if truth:
-        imu = ticks.of(PLANT_IMU)
+        imu = _values(run, PLANT_IMU, stamps)
         readings = {
             TRUE_PITCH_RATE: np.degrees(imu[:, 2:4]),
             TRUE_PITCH: np.degrees(imu[:, :2]),
-            TRUE_POSITION: ticks.of(PLANT_ODOM),
+            TRUE_POSITION: _values(run, PLANT_ODOM, stamps),
         }
         battery_count = 0.0
     else:
         readings = {
-            GYRO: np.rint(np.degrees(ticks.of(GYRO_IMU))),
-            ENCODER: np.rint(np.degrees(ticks.of(JOINT_STATES))),
+            GYRO: np.rint(np.degrees(_values(run, GYRO_IMU, stamps))),
+            ENCODER: np.rint(np.degrees(_values(run, JOINT_STATES, stamps))),
         }
         ages = {
             GYRO: _age(run.attached.parameters.of(GyroParameters))
-            + np.array([analog_age(link, stamp) / STEP_NS for stamp in ticks.stamps]) * link.is_on,
+            + np.array([analog_age(link, stamp) / STEP_NS for stamp in stamps.tolist()])
+            * link.is_on,
             ENCODER: _age(run.attached.parameters.of(EncoderParameters)),
         }
         measured = ~np.isnan(battery)
         counts = [count_of(battery_mv(volts)) for volts in battery[measured].tolist()]
         battery[measured] = np.multiply(counts, COUNT_V)
         battery_count = COUNT_V
-    usable = run.balancing(ticks.time) & ~np.isnan(duty).any(axis=1)
+    usable = run.balancing(time) & ~np.isnan(duty).any(axis=1)
     for values in readings.values():
         usable &= ~np.isnan(values).any(axis=1)
     if scenario := run.attached.scenario:
         for push in scenario.pushes:
             end = push.time + push.duration + _AFTER_PUSH_S
-            usable &= (ticks.time < push.time - TICK_S) | (ticks.time > end)
-    if missing := ticks.missing:
+            usable &= (time < push.time - TICK_S) | (time > end)
+    if missing := len(stamps) - len(run.series[MOTOR_DUTY].stamps):
         notes.append(f'{missing} missing ticks: no segment crosses a gap.')
     if run.damage:
         notes.append(run.damage)
@@ -323,34 +325,19 @@ def recorded_experiment(
     )
 
 
-class _Ticks:
-    """The ticks of a run, without gaps; where one is missing, its values are NaN."""
+def _tick_stamps(run: RunData) -> NDArray[np.int64]:
+    """Return the stamps [ns] of all ticks from the first duty to the last, without gaps."""
+    if MOTOR_DUTY not in run.series:
+        raise _not_recorded(run, MOTOR_DUTY)
+    first, last = run.series[MOTOR_DUTY].stamps[[0, -1]]
+    return np.arange(first, last + 1, TICK_NS)
 
-    def __init__(self, run: RunData) -> None:
-        self._run = run
-        duty = run.series.get(MOTOR_DUTY)
-        if duty is None:
-            raise _not_recorded(run, MOTOR_DUTY)
-        self._first = int(duty.stamps[0])
-        self._count = (int(duty.stamps[-1]) - self._first) // TICK_NS + 1
-        begin = float(duty.time[0])
-        self.time = np.asarray(begin + np.arange(self._count) * TICK_S, np.float64)
-        self.stamps = range(self._first, self._first + self._count * TICK_NS, TICK_NS)
-        self.missing = self._count - len(np.unique(self._numbers(duty.stamps)))
 
-    def _numbers(self, stamps: NDArray[np.int64]) -> NDArray[np.int64]:
-        return np.asarray((stamps - self._first) // TICK_NS)
-
-    def of(self, topic: Topic) -> Floats:
-        """Return the values of a topic, shape (n, k)."""
-        series = self._run.series.get(topic)
-        if series is None:
-            raise _not_recorded(self._run, topic)
-        values = np.full((self._count, series.values.shape[1]), np.nan)
-        numbers = self._numbers(series.stamps)
-        inside = (numbers >= 0) & (numbers < self._count)
-        values[numbers[inside]] = series.values[inside]
-        return values
+def _values(run: RunData, topic: Topic, stamps: NDArray[np.int64]) -> Floats:
+    """Return the values of a topic at ticks, shape (n, k); NaN where one is missing."""
+    if topic not in run.series:
+        raise _not_recorded(run, topic)
+    return np.array(run.series[topic].at(stamps), float)
 
 
 def _not_recorded(run: RunData, topic: Topic) -> IdentificationError:

@@ -13,8 +13,8 @@ from ballbot_ros.analysis.identification.estimation import (
     Estimator,
     ExperimentFit,
     Residuals,
-    covariance,
     information,
+    uncertainty,
 )
 from ballbot_ros.analysis.identification.experiment import GYRO, Experiment
 from ballbot_ros.analysis.identification.segment_model import SegmentModel, engine_of
@@ -226,8 +226,7 @@ def identify(
     unused += [each for each in segments if not each.count]
     estimator, chosen = _estimate(fits, names, begin, progress)
     residuals = _projected(estimator, names)
-    found = covariance([_columns(each, names, chosen) for each in residuals])
-    half_widths = found.half_widths
+    half_widths, correlation = uncertainty([_columns(each, names, chosen) for each in residuals])
     if used[0].duty is None:
         half_widths = half_widths + UNDRIVEN_ERROR
     plant, values = estimator.plant(fits[0]), estimator.values
@@ -245,7 +244,7 @@ def identify(
             *(_summary(each, begin, values) for each in unused),
         ),
         checks=tuple(_summary(cut(each), begin, values) for each in checks),
-        correlation=found.correlation,
+        correlation=correlation,
         engine=engine_of(plant),
     )
 
