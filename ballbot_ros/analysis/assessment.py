@@ -217,9 +217,5 @@ def _lack(run: RunData) -> str:
 
 def _failure(run: RunData) -> str:
     """Return the last error that a node reported, or the recorded reason; empty for none."""
-    errors = [
-        f'{status.name.partition(":")[0]}: {status.message}'
-        for _, status in run.statuses
-        if status.level == 2
-    ]
+    errors = [f'{each.node}: {each.message}' for _, each in run.statuses if each.level == 2]
     return errors[-1] if errors else run.failure

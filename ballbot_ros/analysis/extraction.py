@@ -173,6 +173,11 @@ class Status(NamedTuple):
     texts: tuple[str, ...]
 
     @property
+    def node(self) -> str:
+        """Name of the node."""
+        return self.name.partition(':')[0]
+
+    @property
     def values(self) -> Iterator[tuple[str, str]]:
         """Pairs of key and value."""
         return zip(self.keys, self.texts, strict=True)

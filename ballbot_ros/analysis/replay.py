@@ -41,11 +41,7 @@ from ballbot_ros.recording.messages.conversions import (
     is_stop,
     stamp_ns,
 )
-from ballbot_ros.recording.messages.devices import (
-    INPUT_READERS,
-    AnyDeviceMessages,
-    device_inputs,
-)
+from ballbot_ros.recording.messages.devices import INPUT_READERS, AnyDeviceMessages, device_inputs
 from ballbot_ros.recording.messages.raw import Messages, Stamps, has_stamp, stamp_of
 from ballbot_ros.recording.messages.run_columns import RunColumns
 from ballbot_ros.recording.messages.run_messages import ControllerMessages, RunMessages, Send

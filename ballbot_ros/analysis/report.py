@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-import reprlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -35,16 +34,10 @@ from ballbot_ros.analysis.recorded_scenario import outside_pushes
 from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.analysis.run_figures import RenderedFigure, draw_figures, figure_contents
 from ballbot_ros.analysis.run_metrics import RUN_METRICS
+from ballbot_ros.analysis.run_setup import parameter_rows
 from ballbot_ros.engine.scenario.metrics import METRICS, label
 from ballbot_ros.errors import printable
-from ballbot_ros.parameters import (
-    CONTROLLER,
-    NODES,
-    GyroParameters,
-    PlantParameters,
-    parameters_of,
-    value_text,
-)
+from ballbot_ros.parameters import CONTROLLER, GyroParameters, PlantParameters, value_text
 
 _MARKS = {
     ExpectationVerdict.MET: '✓ ',
@@ -141,7 +134,7 @@ def report_page(
     run = assessment.run
     scenario = run.attached.scenario
     predicted = loop.predictions if loop else []
-    statuses = {status.name.partition(':')[0]: status for _, status in run.statuses}
+    statuses = {status.node: status for _, status in run.statuses}
     return render_template(
         'report.html',
         title=f'{run.name}, run {run.number}' if run.count > 1 else run.name,
@@ -166,19 +159,9 @@ def report_page(
         outside=outside_pushes(run.pushes),
         observations=[*limit_cycle_sentences(run, predicted), *offset_reasons(run)],
         topic_statistics=run.topic_statistics,
-        nodes=[
-            {
-                'name': name,
-                'message': status.message,
-                # Leave out the file's path, which is private to its machine.
-                'content': ', '.join(
-                    f'{key} {value}' for key, value in status.values if key != 'file'
-                ),
-            }
-            for name, status in statuses.items()
-        ],
-        problems=list(_problems(run)),
-        parameters=sorted(_parameters(run), key=lambda row: not row['changed']),
+        statuses=statuses,
+        problems=_problems(run),
+        parameters=sorted(parameter_rows(run.attached), key=lambda row: not row.is_changed),
         parameter_changes=[
             (each.time, each.tick, printable(each.name), printable(value_text(each.value)))
             for each in run.parameter_changes
@@ -264,39 +247,10 @@ def _property(judged: PropertyResult) -> dict[str, str]:
     }
 
 
-def _problems(run: RunData) -> Iterator[dict[str, object]]:
-    """Yield each warning and error once, with the time of its first report."""
-    seen = set()
+def _problems(run: RunData) -> dict[tuple[str, str], float]:
+    """Return node and text of each warning and error, with the time of its first report."""
+    problems: dict[tuple[str, str], float] = {}
     for time, status in run.statuses:
-        name = status.name.partition(':')[0]
-        if status.level in (1, 2) and (name, status.message) not in seen:
-            seen.add((name, status.message))
-            yield {'time': time, 'name': name, 'message': status.message}
-
-
-def _parameters(run: RunData) -> Iterator[dict[str, object]]:
-    if not run.attached.has_parameters:
-        return
-    for node in NODES:
-        parameters = run.attached.parameters.of_node(node)
-        for name, row in parameters_of(node).items():
-            value = getattr(parameters, name)
-            yield {
-                'node': node,
-                'name': name,
-                'value': value_text(value),
-                'default': value_text(row.default),
-                'unit': '' if row.unit == '1' else row.unit,
-                'meaning': row.description,
-                'changed': value != row.default,
-            }
-    for name, own in run.attached.parameters.undeclared.items():
-        yield {
-            'node': CONTROLLER,
-            'name': name,
-            'value': reprlib.repr(own),
-            'default': '',
-            'unit': '',
-            'meaning': "of the controller's class",
-            'changed': True,
-        }
+        if status.level in (1, 2):
+            problems.setdefault((status.node, status.message), time)
+    return problems

@@ -8,11 +8,13 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from ballbot_ros.analysis.parent import Parent
+from ballbot_ros.analysis.recorded_scenario import RecordedAttachments
 from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.errors import printable
-from ballbot_ros.parameters import CONTROLLER, NODES, ParameterSet, parameters_of, value_text
+from ballbot_ros.parameters import CONTROLLER, NODES, parameters_of, value_text
 from ballbot_ros.recording.rosbag2 import PARAMETERS, PARENT, SCENARIO, VERSIONS
 
 ABSENT = '–'
@@ -41,9 +43,9 @@ class RecordedSetup:
     @classmethod
     def of(cls, run: RunData) -> RecordedSetup:
         """Return what a run was made with."""
-        attached = run.attached
-        parameters = dict(_parameters(attached.parameters)) if attached.has_parameters else None
-        return cls(parameters, dict(_others(run)))
+        rows = parameter_rows(run.attached)
+        parameters = {f'{each.node}.{each.name}': each.value for each in rows}
+        return cls(parameters or None, dict(_others(run)))
 
 
 @dataclass(frozen=True)
@@ -68,13 +70,32 @@ class SetupChange:
         return '; '.join(f'{", ".join(some)}: {value}' for value, some in having.items())
 
 
-def _parameters(parameters: ParameterSet) -> Iterator[tuple[str, str]]:
+class ParameterRow(NamedTuple):
+    """A parameter of a run as text; `default`, `unit` and `meaning` may be empty."""
+
+    node: str
+    name: str
+    value: str
+    default: str
+    unit: str
+    meaning: str
+    is_changed: bool
+
+
+def parameter_rows(attached: RecordedAttachments) -> Iterator[ParameterRow]:
+    """Yield the parameters of a run; nothing if they are unknown."""
+    if not attached.has_parameters:
+        return
     for node in NODES:
-        values = parameters.of_node(node)
-        for name in parameters_of(node):
-            yield f'{node}.{name}', value_text(getattr(values, name))
-    for name, own in parameters.undeclared.items():
-        yield f'{CONTROLLER}.{name}', reprlib.repr(own)
+        values = attached.parameters.of_node(node)
+        for name, row in parameters_of(node).items():
+            value, default = getattr(values, name), value_text(row.default)
+            unit, is_changed = '' if row.unit == '1' else row.unit, value != row.default
+            meaning = row.description
+            yield ParameterRow(node, name, value_text(value), default, unit, meaning, is_changed)
+    for name, own in attached.parameters.undeclared.items():
+        meaning = "of the controller's class"
+        yield ParameterRow(CONTROLLER, name, reprlib.repr(own), '', '', meaning, True)
 
 
 def _others(run: RunData) -> Iterator[tuple[str, str]]:

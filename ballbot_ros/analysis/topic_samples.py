@@ -16,12 +16,7 @@ from ballbot_ros.errors import RecordingError
 from ballbot_ros.parameters.timing import SECOND_NS
 from ballbot_ros.process import ProgressCallback
 from ballbot_ros.recording.batch import Batch, Rows
-from ballbot_ros.recording.columns import (
-    Column,
-    ColumnHints,
-    TopicColumns,
-    has_signals,
-)
+from ballbot_ros.recording.columns import Column, ColumnHints, TopicColumns, has_signals
 from ballbot_ros.recording.messages.column_hints import column_hints
 from ballbot_ros.recording.messages.topics import RUN
 from ballbot_ros.recording.reader import RecordingReader
@@ -97,7 +92,7 @@ def read_topic(
     """
     with RecordingReader(run.path) as reader:
         robot = robot_topics(reader)
-        blocks = _Blocks(reader, topic, column_hints(robot.namespace))
+        samples = _RunSamples(reader, topic, robot.namespace, run)
         finder = RunFinder(reader)
         topics = reader.topics()
         with_epochs = {*STAMPED_TOPICS, RUN}
@@ -108,8 +103,8 @@ def read_topic(
             done += len(batch)
             epochs = _epochs(finder, robot, batch)
             if topic in (rows := batch.rows()):
-                blocks.add(batch, rows[topic], epochs)
-    return blocks.samples(run)
+                samples.add(batch, rows[topic], epochs)
+    return samples.joined()
 
 
 def _epochs(finder: RunFinder, robot: RobotTopics, batch: Batch) -> NDArray[np.intp]:
@@ -124,49 +119,36 @@ def _epochs(finder: RunFinder, robot: RobotTopics, batch: Batch) -> NDArray[np.i
     return epochs
 
 
-@dataclass(frozen=True)
-class _Block:
-    """Messages with the same columns: their stamps and log times [ns], epochs and values."""
+class _RunSamples:
+    """The messages of a topic in a run, read batch by batch."""
 
-    columns: TopicColumns
-    stamps: NDArray[np.int64]
-    log_ns: NDArray[np.int64]
-    epochs: NDArray[np.intp]
-    values: Floats
-
-    def of_run(self, run: RunData) -> tuple[NDArray[np.int64], Floats]:
-        """Return the times [ns] and values, shapes (m,) and (m, k), of the messages in a run."""
-        start_ns, end_ns = run.recorded.start_ns, run.recorded.end_ns
-        last_ns = start_ns + round(run.end * SECOND_NS)
-        is_in_time = (self.stamps >= start_ns) & (self.stamps <= last_ns)
-        times = np.where(is_in_time, self.stamps, self.log_ns)
-        kept = (self.epochs == run.recorded.epoch) & (times >= start_ns) & (times < end_ns)
-        return times[kept], self.values[kept]
-
-
-class _Blocks:
-    """The messages of a topic, read block by block."""
-
-    def __init__(
-        self, reader: RecordingReader, topic: str, hints: Mapping[tuple[str, str], ColumnHints]
-    ) -> None:
-        self._reader, self._topic = reader, topic
+    def __init__(self, reader: RecordingReader, topic: str, namespace: str, run: RunData) -> None:
+        self._reader, self._topic, self._run = reader, topic, run
         type_name = reader.topics()[topic].type_name
-        self._hints = hints.get((topic, type_name), ColumnHints())
+        self._hints = column_hints(namespace).get((topic, type_name), ColumnHints())
         self._forms: list[TopicColumns] = []
-        self._blocks: list[_Block] = []
+        # Messages with the same columns: these, their times [ns] and their values.
+        self._parts: list[tuple[TopicColumns, NDArray[np.int64], Floats]] = []
 
     def add(self, batch: Batch, rows: Rows, epochs: NDArray[np.intp]) -> None:
-        """Read the messages of a batch."""
+        """Read the messages of a batch that are in the run."""
+        recorded = self._run.recorded
+        last_ns = recorded.start_ns + round(self._run.end * SECOND_NS)
         for some, messages in self._reader.records(self._topic, batch, rows):
             columns = self._columns(self._reader.decode(batch.message(some[0])))
             signals = _signals(columns)
             values = np.empty((len(some), len(signals)))
             for number, column in enumerate(signals):
                 values[:, number] = column.read(messages)
-            log_ns = batch.log_ns[some]
-            stamps = batch.stamps_ns(some) if columns.has_header else log_ns
-            self._blocks.append(_Block(columns, stamps, log_ns, epochs[some], values))
+            times = batch.log_ns[some]
+            if columns.has_header:
+                stamps = batch.stamps_ns(some)
+                is_in_time = (stamps >= recorded.start_ns) & (stamps <= last_ns)
+                times = np.where(is_in_time, stamps, times)
+            kept = (times >= recorded.start_ns) & (times < recorded.end_ns)
+            kept &= epochs[some] == recorded.epoch
+            if kept.any():
+                self._parts.append((columns, times[kept], values[kept]))
 
     def _columns(self, message: object) -> TopicColumns:
         """Return the columns that fit a message."""
@@ -176,24 +158,22 @@ class _Blocks:
         self._forms.append(TopicColumns(message, self._hints))
         return self._forms[-1]
 
-    def samples(self, run: RunData) -> TopicSamples:
-        """Return the samples in a run."""
-        parts = [(block.columns, *block.of_run(run)) for block in self._blocks]
-        parts = [part for part in parts if len(part[1])]
-        if not parts:
+    def joined(self) -> TopicSamples:
+        """Return all samples."""
+        if not self._parts:
             return TopicSamples(np.zeros(0), {})
-        columns = parts[0][0]
-        if any(other is not columns for other, _, _ in parts):
+        forms, times, values = zip(*self._parts, strict=True)
+        if any(other is not forms[0] for other in forms):
             raise RecordingError(
                 f'{self._reader.path}: {self._topic}: the names or the number of its elements '
                 'change during the run'
             )
-        times = np.concatenate([times for _, times, _ in parts])
-        order = np.argsort(times, kind='stable')
-        values = np.concatenate([values for _, _, values in parts])[order]
+        stamps = np.concatenate(times)
+        order = np.argsort(stamps, kind='stable')
+        table = np.concatenate(values)[order]
         return TopicSamples(
-            (times[order] - run.recorded.start_ns) / SECOND_NS,
-            {column.name: values[:, number] for number, column in enumerate(_signals(columns))},
+            (stamps[order] - self._run.recorded.start_ns) / SECOND_NS,
+            {column.name: table[:, number] for number, column in enumerate(_signals(forms[0]))},
         )
 
 
