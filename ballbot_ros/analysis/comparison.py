@@ -38,7 +38,6 @@ from ballbot_ros.analysis.figure_parts import (
     new_figure,
     png_of,
 )
-from ballbot_ros.analysis.figure_tables import duty_table, pitch_table, position_table, track_table
 from ballbot_ros.analysis.interactive import (
     MISSING,
     Events,
@@ -53,7 +52,13 @@ from ballbot_ros.analysis.metrics import Verdict, number
 from ballbot_ros.analysis.page import number_text, render_template, write_folder
 from ballbot_ros.analysis.report import MEANINGS, MetricText, banner, metric_text
 from ballbot_ros.analysis.run_data import RunData
-from ballbot_ros.analysis.run_figures import RenderedFigure
+from ballbot_ros.analysis.run_figures import (
+    RenderedFigure,
+    duty_table,
+    pitch_table,
+    position_table,
+    track_table,
+)
 from ballbot_ros.analysis.run_setup import (
     RecordedSetup,
     SetupChange,

@@ -20,11 +20,10 @@ from ballbot_ros.analysis.figure_parts import (
     new_figure,
     png_of,
 )
-from ballbot_ros.analysis.figure_tables import utilisation_table
 from ballbot_ros.analysis.interactive import GRID, Json, PackedNumbers, chart_layout
 from ballbot_ros.analysis.processor import TaskTimes, ended, pieces, sets_duty, task_times
 from ballbot_ros.analysis.run_data import Integers, RunData
-from ballbot_ros.analysis.run_figures import RenderedFigure
+from ballbot_ros.analysis.run_figures import RenderedFigure, utilisation_table
 from ballbot_ros.engine.rows import Column
 from ballbot_ros.engine.scenario.task_timing import DUTY_AGE_US, TICK_US
 from ballbot_ros.parameters import ControllerParameters

@@ -1,4 +1,4 @@
-"""The figures of a report: content, required topics and drawing."""
+"""The figures of a report: their numbers, required topics and drawing."""
 
 from __future__ import annotations
 
@@ -43,28 +43,32 @@ from ballbot_ros.analysis.figure_parts import (
     Interval,
     Line,
     Panel,
+    Role,
     Table,
+    envelope,
+    every_nth,
     new_figure,
     panel_of_planes,
+    plane_columns,
     png_of,
     track_columns,
     with_earlier,
 )
-from ballbot_ros.analysis.figure_tables import (
-    battery_table,
-    command_table,
-    duty_table,
-    estimate_table,
-    gyro_table,
-    motion_table,
-    sonar_table,
-    state_table,
-    sticks_table,
-    track_table,
-    utilisation_table,
-)
+from ballbot_ros.analysis.processor import ended, pieces, utilisation
 from ballbot_ros.analysis.run_data import RunData, Series
+from ballbot_ros.analysis.run_metrics import (
+    ball_speed,
+    commanded_speed,
+    estimated_gyro_offset,
+    estimated_pitch,
+    estimated_position,
+    reference_position,
+    reference_speed,
+    true_gyro_offset,
+)
 from ballbot_ros.controllers.interface import OperatingState
+from ballbot_ros.parameters import ControllerParameters
+from ballbot_ros.parameters.timing import TICK_S
 from ballbot_ros.recording.messages.topics import (
     BATTERY_STATE,
     CONTROLLER_STATE,
@@ -76,6 +80,8 @@ from ballbot_ros.recording.messages.topics import (
     SONAR_RANGE,
     Topic,
 )
+from ballbot_ros.robot.arithmetic import Floats
+from ballbot_ros.robot.brick.job_times import bus_share, kernel_constants
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -226,52 +232,141 @@ def _draw_states(run: RunData, table: Table, _panels: Sequence[Panel]) -> Figure
     return figure
 
 
-_panel = partial(panel_of_planes, min_span=MIN_AXIS_SPAN)
-_MOTION = POSITION.panel, PITCH.panel
-_DUTY = (replace(DUTY.panel, limits=(-100.0, 100.0)),)
-_STICKS = (panel_of_planes('sticks [%]', [(TRUE, 'stick_{}_percent')]),)
-_COMMAND = (
-    _panel(
-        'speed [cm/s]',
-        [
-            (TRUE, 'true_speed_{}_cm_per_s'),
-            (COMMANDED, 'commanded_speed_{}_cm_per_s'),
-            (REFERENCE, 'reference_speed_{}_cm_per_s'),
-        ],
-    ),
-    _panel(
-        POSITION.label,
-        [(TRUE, 'true_position_{}_cm'), (REFERENCE, 'reference_position_{}_cm')],
-    ),
-)
-_ESTIMATE = (
-    _panel(PITCH.label, [(TRUE, 'true_pitch_{}_deg'), (ESTIMATED, 'estimated_pitch_{}_deg')]),
-    _panel(
-        POSITION.label,
-        [(TRUE, 'true_position_{}_cm'), (ESTIMATED, 'estimated_position_{}_cm')],
-    ),
-)
-_GYRO = (
-    _panel(
-        'pitch rate [°/s]',
-        [(TRUE, 'true_rate_{}_deg_per_s'), (READING, 'read_rate_{}_deg_per_s')],
-    ),
-    _panel(
-        'gyro offset [°/s]',
-        [(TRUE, 'true_offset_{}_deg_per_s'), (ESTIMATED, 'estimated_offset_{}_deg_per_s')],
-    ),
-)
-_SONAR = (
-    Panel(
-        'distance [cm]',
-        (Curve('distance_cm', ECHO), Curve('distance_cm', NO_ECHO)),
-        bounds=(0.0, 270.0),
-    ),
-)
-_PROCESSOR = (
-    Panel('processor [%]', (Curve('utilisation_percent', MEASURED),), bounds=(0.0, 100.0)),
-)
-_BATTERY = (Panel('battery [V]', (Curve('voltage_v', MEASURED),), min_span=0.5),)
+def _table(series: Series, name: str, unit: str, values: Floats) -> Table:
+    return envelope(series.time, plane_columns(name, unit, values))
+
+
+def position_table(run: RunData) -> Table:
+    """Return the true position [cm]."""
+    series = run.series[PLANT_ODOM]
+    return envelope(series.time, POSITION.columns(series.values * 100.0))
+
+
+def pitch_table(run: RunData) -> Table:
+    """Return the true body pitch [°]."""
+    series = run.series[PLANT_IMU]
+    return envelope(series.time, PITCH.columns(np.degrees(series.values[:, :2])))
+
+
+def track_table(run: RunData) -> Table:
+    """Return the track of the ball in ``map`` [cm]."""
+    series = run.series[PLANT_ODOM]
+    return every_nth(series.time, track_columns(series.values))
+
+
+def duty_table(run: RunData) -> Table:
+    """Return the duties [%]."""
+    series = run.series[MOTOR_DUTY]
+    return envelope(series.time, DUTY.columns(series.values[:, :2]))
+
+
+def motion_table(run: RunData) -> Table:
+    """Return position [cm] and body pitch [°] at ticks that have both."""
+    position, pitch = position_table(run), pitch_table(run)
+    if not np.array_equal(position['time_s'], pitch['time_s']):
+        stamps = np.intersect1d(run.series[PLANT_ODOM].stamps, run.series[PLANT_IMU].stamps)
+        odometry, body = run.series[PLANT_ODOM], run.series[PLANT_IMU]
+        time = odometry.time[np.isin(odometry.stamps, stamps)]
+        return envelope(
+            time,
+            POSITION.columns(odometry.at(stamps) * 100.0)
+            | PITCH.columns(np.degrees(body.at(stamps)[:, :2])),
+        )
+    return {**position, **pitch}
+
+
+def estimate_table(run: RunData) -> Table:
+    """Return true and estimated pitch [°] and position [cm]."""
+    body = run.series[PLANT_IMU]
+    # Reduce one quantity after the other: for an hour, the ticks of all would take 60 MB.
+    table = dict(_table(body, 'true_pitch', 'deg', np.degrees(body.values[:, :2])))
+    table |= _table(body, 'estimated_pitch', 'deg', np.degrees(estimated_pitch(run, body.stamps)))
+    table |= _table(body, 'true_position', 'cm', run.series[PLANT_ODOM].at(body.stamps) * 100.0)
+    believed = estimated_position(run, body.stamps)
+    table |= _table(body, 'estimated_position', 'cm', believed * 100.0)
+    return table
+
+
+def command_table(run: RunData) -> Table:
+    """Return commanded, reference and true speed [cm/s], and reference and true position [cm].
+
+    It is empty if the controller publishes no reference.
+    """
+    truth = run.series[PLANT_ODOM]
+    stamps = truth.stamps
+    reference = reference_speed(run, stamps)
+    if np.isnan(reference).all():
+        return {'time_s': np.zeros(0)}
+    table = dict(_table(truth, 'reference_speed', 'cm_per_s', reference * 100.0))
+    del reference  # reduce one quantity after the other, as in estimate_table
+    table |= _table(truth, 'commanded_speed', 'cm_per_s', commanded_speed(run, stamps) * 100.0)
+    table |= _table(truth, 'true_speed', 'cm_per_s', ball_speed(run) * 100.0)
+    table |= _table(truth, 'reference_position', 'cm', reference_position(run, stamps) * 100.0)
+    table |= _table(truth, 'true_position', 'cm', truth.values * 100.0)
+    return table
+
+
+def gyro_table(run: RunData) -> Table:
+    """Return true rate, reading minus offset, true and estimated offset [°/s]."""
+    gyro = run.series[GYRO_IMU]
+    rates = run.series[PLANT_IMU].at(gyro.stamps)[:, 2:]
+    table = dict(_table(gyro, 'true_rate', 'deg_per_s', np.degrees(rates)))
+    offset = estimated_gyro_offset(run)
+    table |= _table(gyro, 'read_rate', 'deg_per_s', np.degrees(gyro.values) - offset)
+    table |= _table(gyro, 'true_offset', 'deg_per_s', true_gyro_offset(run))
+    table |= _table(gyro, 'estimated_offset', 'deg_per_s', offset)
+    return table
+
+
+def sonar_table(run: RunData) -> Table:
+    """Return the measured distances [cm]; infinite for no echo."""
+    series = run.series[SONAR_RANGE]
+    distance = series.values[:, 0].astype(float) * 100.0
+    return every_nth(series.time, {'distance_cm': distance})
+
+
+def sticks_table(run: RunData) -> Table:
+    """Return the sticks [%], forward and rightward positive; empty if they are never moved."""
+    series = run.series[GAMEPAD_JOY]
+    sticks = np.rint(series.values * 100.0) + 0.0
+    if not sticks.any():
+        return {'time_s': np.zeros(0)}
+    return _table(series, 'stick', 'percent', sticks)
+
+
+def battery_table(run: RunData) -> Table:
+    """Return the voltage [V]."""
+    series = run.series[BATTERY_STATE]
+    return envelope(series.time, {'voltage_v': series.values[:, 0]})
+
+
+def utilisation_table(run: RunData) -> Table:
+    """Return the utilisation of the processor [%] in each 100 ms; empty if tasks take no time."""
+    parameters = run.attached.parameters.of(ControllerParameters)
+    if run.jobs is None or not parameters.kernel:
+        return {'time_s': np.zeros(0)}
+    interrupt_us = kernel_constants(parameters).interrupt_us
+    # The jobs after the last whole 100 ms are not recorded.
+    edges_ms = np.arange(0, round((run.end + TICK_S) * 1e3) + 1, 100)
+    edges = run.start_ns // 1000 + 1000 * edges_ms
+    parts, bus = pieces(ended(run.jobs), interrupt_us), bus_share(parameters)
+    shares = utilisation(parts, edges, bus, interrupt_us)
+    return envelope(edges_ms[:-1] * 1e-3 + 0.05, {'utilisation_percent': 100.0 * shares})
+
+
+def state_table(run: RunData) -> Table:
+    """Return the operating states and their times [s]."""
+    return {
+        'start_s': np.array([each.start for each in run.states]),
+        'end_s': np.array([each.end for each in run.states]),
+        'state': np.array([each.name for each in run.states]),
+    }
+
+
+def _panel(label: str, column: str, *roles: Role) -> Panel:
+    """Return a panel of both planes with a column for each role, which it begins with."""
+    names = [f'{"read" if role is READING else role.name}_{column}' for role in roles]
+    return panel_of_planes(label, zip(roles, names, strict=True), min_span=MIN_AXIS_SPAN)
 
 
 FIGURES = (
@@ -283,7 +378,7 @@ FIGURES = (
         'pushes and wall hits are shaded.',
         (PLANT_ODOM, PLANT_IMU),
         motion_table,
-        _MOTION,
+        (POSITION.panel, PITCH.panel),
     ),
     RunFigure(
         'track',
@@ -308,7 +403,7 @@ FIGURES = (
         'The duties of both motors against time; the dotted lines are the saturation limits.',
         (MOTOR_DUTY,),
         duty_table,
-        _DUTY,
+        (replace(DUTY.panel, limits=(-100.0, 100.0)),),
     ),
     RunFigure(
         'sticks',
@@ -316,7 +411,7 @@ FIGURES = (
         'The sticks of the gamepad against time; forward and rightward are positive.',
         (GAMEPAD_JOY,),
         sticks_table,
-        _STICKS,
+        (panel_of_planes('sticks [%]', [(TRUE, 'stick_{}_percent')]),),
     ),
     RunFigure(
         'command',
@@ -325,7 +420,10 @@ FIGURES = (
         'passes a low pass in the controller, whose output is the reference that it follows.',
         (PLANT_ODOM, CONTROLLER_STATE),
         command_table,
-        _COMMAND,
+        (
+            _panel('speed [cm/s]', 'speed_{}_cm_per_s', TRUE, COMMANDED, REFERENCE),
+            _panel(POSITION.label, 'position_{}_cm', TRUE, REFERENCE),
+        ),
         _draw_by_plane,
     ),
     RunFigure(
@@ -335,7 +433,10 @@ FIGURES = (
         'estimates start at the end of the calibration.',
         (PLANT_IMU, PLANT_ODOM, CONTROLLER_STATE),
         estimate_table,
-        _ESTIMATE,
+        (
+            _panel(PITCH.label, 'pitch_{}_deg', TRUE, ESTIMATED),
+            _panel(POSITION.label, 'position_{}_cm', TRUE, ESTIMATED),
+        ),
         _draw_by_plane,
     ),
     RunFigure(
@@ -345,7 +446,10 @@ FIGURES = (
         'estimated offset and the true one, which is the 1 s mean of reading minus true rate.',
         (GYRO_IMU, PLANT_IMU, CONTROLLER_STATE),
         gyro_table,
-        _GYRO,
+        (
+            _panel('pitch rate [°/s]', 'rate_{}_deg_per_s', TRUE, READING),
+            _panel('gyro offset [°/s]', 'offset_{}_deg_per_s', TRUE, ESTIMATED),
+        ),
         # The planes do not share an axis, since their gyros have different offsets.
         partial(_draw_by_plane, share_rows=False),
     ),
@@ -355,7 +459,13 @@ FIGURES = (
         'The distance measured by the sensor, against time.',
         (SONAR_RANGE,),
         sonar_table,
-        _SONAR,
+        (
+            Panel(
+                'distance [cm]',
+                (Curve('distance_cm', ECHO), Curve('distance_cm', NO_ECHO)),
+                bounds=(0.0, 270.0),
+            ),
+        ),
     ),
     RunFigure(
         'battery',
@@ -363,7 +473,7 @@ FIGURES = (
         'Terminal voltage of the battery against time.',
         (BATTERY_STATE,),
         battery_table,
-        _BATTERY,
+        (Panel('battery [V]', (Curve('voltage_v', MEASURED),), min_span=0.5),),
     ),
 )
 """The figures of a report, in order."""
@@ -374,6 +484,6 @@ UTILISATION = RunFigure(
     "The share of the brick's processor that jobs, interrupts and the bus take in each 100 ms.",
     (MOTOR_DUTY,),
     utilisation_table,
-    _PROCESSOR,
+    (Panel('processor [%]', (Curve('utilisation_percent', MEASURED),), bounds=(0.0, 100.0)),),
 )
 """The figure of a run whose tasks take time."""
