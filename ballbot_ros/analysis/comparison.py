@@ -4,24 +4,15 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from ballbot_ros.analysis.assessment import Assessment
-from ballbot_ros.analysis.drawing import (
-    DUTY,
-    PITCH,
-    POSITION,
-    Quantity,
-    draw_floor,
-    draw_rows,
-    draw_track,
-    legend_above,
-)
+from ballbot_ros.analysis.drawing import DUTY, PITCH, POSITION, Quantity, draw_rows, draw_tracks
 from ballbot_ros.analysis.figure_parts import (
     BLUE,
     GRAY,
@@ -29,13 +20,11 @@ from ballbot_ros.analysis.figure_parts import (
     ORANGE,
     PURPLE,
     SKY,
-    WIDTH,
     DrawnCurve,
     Line,
     Row,
     Table,
     csv_text,
-    new_figure,
     png_of,
 )
 from ballbot_ros.analysis.interactive import (
@@ -69,9 +58,6 @@ from ballbot_ros.analysis.run_setup import (
 from ballbot_ros.errors import BallbotError, similar
 from ballbot_ros.recording.messages.topics import MOTOR_DUTY, PLANT_IMU, PLANT_ODOM, Topic
 from ballbot_ros.robot.world.floor_map import FloorMap, OccupancyGrid
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 _FORM = re.compile(
     r'\s*(?P<metric>\w+)\s*(?P<sign>[<>])\s*(?P<amount>\d+\.?\d*|\.\d+)\s*(?P<percent>%?)\s*'
@@ -145,21 +131,12 @@ _DASHES = ('-', '--', '-.', ':')
 NOTHING_CHANGED = 'Nothing was changed: parameters, scenario, seed and versions are the same.'
 
 
-@dataclass(frozen=True)
-class _Source:
-    """A compared quantity and its source."""
-
-    quantity: Quantity
-    title: str
-    topic: Topic
-    table: Callable[[RunData], Table]
-
-
-_SOURCES = (
-    _Source(PITCH, 'Body pitch', PLANT_IMU, pitch_table),
-    _Source(POSITION, 'Position', PLANT_ODOM, position_table),
-    _Source(DUTY, 'Duty', MOTOR_DUTY, duty_table),
-)
+_SOURCES: Mapping[Quantity, tuple[Topic, Callable[[RunData], Table]]] = {
+    PITCH: (PLANT_IMU, pitch_table),
+    POSITION: (PLANT_ODOM, position_table),
+    DUTY: (MOTOR_DUTY, duty_table),
+}
+"""The compared quantities: the topic that has each, and what makes its table."""
 
 
 @dataclass(frozen=True)
@@ -195,7 +172,8 @@ class ComparedRun:
     def from_assessment(cls, letter: str, assessment: Assessment) -> ComparedRun:
         """Return the data of a run that a comparison needs."""
         run = assessment.run
-        tables = {s.quantity.name: s.table(run) for s in _SOURCES if s.topic in run.series}
+        sources = _SOURCES.items()
+        tables = {each.name: make(run) for each, (topic, make) in sources if topic in run.series}
         if PLANT_ODOM in run.series:
             tables['track'] = track_table(run)
         return cls(
@@ -383,27 +361,19 @@ def write_comparison(comparison: Comparison, failed: Sequence[str], folder: Path
 
 
 def _figures(comparison: Comparison) -> Iterable[RenderedFigure]:
-    for source in _SOURCES:
-        if rows := _rows(comparison, source):
-            yield RenderedFigure(
-                source.quantity.name,
-                source.title,
-                f'{source.title} of all runs against time. {_LEFT_OUT}',
-                png_of(draw_rows(rows)),
-                {},
-            )
-    if _lines(comparison, 'track'):
-        yield RenderedFigure(
-            'track',
-            'Track',
-            'The tracks of the ball from above; a dot marks the start, a square the end.',
-            png_of(_draw_tracks(comparison)),
-            {},
-        )
+    for quantity in _SOURCES:
+        if rows := _rows(comparison, quantity):
+            title = quantity.panel.quantity.capitalize()
+            caption = f'{title} of all runs against time. {_LEFT_OUT}'
+            yield RenderedFigure(quantity.name, title, caption, png_of(draw_rows(rows)), {})
+    if tracks := _lines(comparison, 'track'):
+        caption = 'The tracks of the ball from above; a dot marks the start, a square the end.'
+        png = png_of(draw_tracks(tracks, comparison.runs[0].floor))
+        yield RenderedFigure('track', 'Track', caption, png, {})
 
 
 def _interactive(comparison: Comparison) -> InteractiveFigures | None:
-    rows = [row for source in _SOURCES for row in _rows(comparison, source)]
+    rows = [row for quantity in _SOURCES for row in _rows(comparison, quantity)]
     if not rows:
         return None
 
@@ -414,15 +384,15 @@ def _interactive(comparison: Comparison) -> InteractiveFigures | None:
             figures['path'] = track_figure(tracks, comparison.runs[0].floor, (), numbers)
         return figures
 
-    return packed_figures(make, (*(each.quantity.name for each in _SOURCES), 'track'))
+    return packed_figures(make, (*(each.name for each in _SOURCES), 'track'))
 
 
-def _rows(comparison: Comparison, source: _Source) -> list[Row]:
+def _rows(comparison: Comparison, quantity: Quantity) -> list[Row]:
     """Return a row for each plane in which the quantity of a run is not always zero."""
     rows = []
-    tables = _lines(comparison, source.quantity.name)
+    tables = _lines(comparison, quantity.name)
     for plane in 'xy':
-        panel, column = source.quantity.panel_of(plane), source.quantity.column(plane)
+        panel, column = quantity.panel_of(plane), quantity.column(plane)
         if any(table[column].any() for table, _ in tables):
             curves = (
                 DrawnCurve(table['time_s'], table[column], line, f'{panel.quantity}, {line.label}')
@@ -448,13 +418,3 @@ def _lines(comparison: Comparison, name: str) -> list[tuple[Table, Line]]:
         for index, each in enumerate(comparison.runs)
         if name in each.tables
     ]
-
-
-def _draw_tracks(comparison: Comparison) -> Figure:
-    figure = new_figure(WIDTH, 5.0)
-    axes = figure.subplots()
-    draw_floor(axes, comparison.runs[0].floor)
-    for table, line in _lines(comparison, 'track'):
-        draw_track(axes, table, line)
-    legend_above(axes, 2)
-    return figure

@@ -328,6 +328,23 @@ def style_axes(axes: Axes) -> None:
     axes.spines[['top', 'right']].set_visible(False)
 
 
+def draw_tracks(
+    tracks: Iterable[tuple[Table, Line]],
+    floor: FloorMap | OccupancyGrid | None,
+    marks: Iterable[TrackMark] = (),
+) -> Figure:
+    """Draw tracks on the map from above, as `interactive.track_figure` does on a page."""
+    figure = new_figure(WIDTH, 5.0)
+    axes = figure.subplots()
+    draw_floor(axes, floor)
+    for table, line in tracks:
+        draw_track(axes, table, line)
+    draw_marks(axes, marks)
+    # Start, end and two kinds of marks, or the long names of runs.
+    legend_above(axes, 2 if any(line.label for _, line in tracks) else 4)
+    return figure
+
+
 MIN_TRACK_RANGE_CM = 5.0
 """Range of the motion in plane y above which the picture shows the track, too."""
 

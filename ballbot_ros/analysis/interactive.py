@@ -54,6 +54,7 @@ from ballbot_ros.analysis.figure_parts import (
 )
 from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.analysis.run_figures import FigureContent, track_marks
+from ballbot_ros.engine.rows import Column
 from ballbot_ros.robot.arithmetic import Floats
 from ballbot_ros.robot.world.floor_map import FloorMap, OccupancyGrid
 
@@ -99,7 +100,7 @@ class PackedNumbers:
 
     def _append(self, column: NDArray[np.float64]) -> PackedColumn:
         known = np.isfinite(column)
-        low, high = _range(column[known])
+        low, high = _range(column)
         steps = np.full(len(column), STEPS + 1, np.uint16)
         steps[known] = np.rint((column[known] - low) / ((high - low) or 1.0) * STEPS)
         differences = np.diff(steps, prepend=np.uint16(0)).astype('<u2')
@@ -113,8 +114,10 @@ class PackedNumbers:
         return gzip.compress(bytes(self._bytes), mtime=0)
 
 
-def _range(values: NDArray[np.float64]) -> tuple[float, float]:
-    return (float(values.min()), float(values.max())) if values.size else (0.0, 0.0)
+def _range(values: Column) -> tuple[float, float]:
+    """Return the smallest and the largest of the finite values."""
+    known = values[np.isfinite(values)]
+    return (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
 
 
 MAX_ROWS = 6_000
@@ -281,10 +284,12 @@ def merged_rows(contents: Iterable[FigureContent]) -> list[Row]:
 
 def lanes_of(run: RunData) -> dict[str, list[Interval]]:
     """Return the intervals of the run by kind: states, pushes and wall hits."""
-    marked = [each for each in run.marked if each.kind is not IntervalKind.STATE]
-    intervals = [*run.states, *marked]
-    kinds = [kind for kind in IntervalKind if any(each.kind is kind for each in intervals)]
-    return {kind.value: [each for each in intervals if each.kind is kind] for kind in kinds}
+    lanes: dict[str, list[Interval]] = {}
+    for kind in IntervalKind:
+        intervals = run.states if kind is IntervalKind.STATE else run.marked
+        if some := [each for each in intervals if each.kind is kind]:
+            lanes[kind.value] = some
+    return lanes
 
 
 def _domains(lanes: int, rows: int) -> tuple[list[float], list[float]]:
@@ -321,15 +326,11 @@ def _value_axis(row: Row, bottom: float, top: float) -> Json:
     axis = {**GRID, 'domain': [bottom, top], 'nticks': 5}
     if row.panel.bounds:
         return {**axis, 'range': list(row.panel.bounds)}
-    low, high = _span(row)
+    low, high = _range(np.concatenate([each.values for each in row.curves]))
     if high - low < row.panel.min_span:
         middle, half = (low + high) / 2.0, row.panel.min_span / 2.0
         axis['range'] = [middle - half, middle + half]
     return axis
-
-
-def _span(row: Row) -> tuple[float, float]:
-    return _range(np.concatenate([each.values[np.isfinite(each.values)] for each in row.curves]))
 
 
 def note(text: str, y: float, x: float = 0.0, align: str = 'left', color: str = INK) -> Json:

@@ -33,33 +33,13 @@ if TYPE_CHECKING:
 _GAP_S = 1.5 * TICK_S
 
 
-class Balancing(NamedTuple):
-    """The ticks of a run's longest time of balancing; column 0 is plane x, 1 plane y.
-
-    Attributes
-    ----------
-    time : ndarray, shape (n,)
-        Time since the first tick of the run [s].
-    duty : ndarray, shape (n, 2)
-        Duty [%].
-    psi : ndarray, shape (n, 2)
-        True body pitch [rad].
-    """
-
-    time: NDArray[np.float64]
-    duty: NDArray[Any]
-    psi: Floats
-
-    @classmethod
-    def of(cls, run: RunData) -> Balancing:
-        """Return the longest time without a missing tick in which the controller balanced."""
-        trajectory = run.trajectory
-        active = np.flatnonzero(run.balancing(trajectory.time))
-        is_gap = (np.diff(active) > 1) | (np.diff(trajectory.time[active]) >= _GAP_S)
-        parts = np.split(active, np.flatnonzero(is_gap) + 1)
-        ticks = max(parts, key=len)
-        longest = slice(ticks[0], ticks[-1] + 1) if ticks.size else slice(0)
-        return cls(trajectory.time[longest], trajectory.duty[longest], trajectory.psi[longest])
+def balancing_ticks(run: RunData) -> slice:
+    """Return the longest part of the trajectory in which the controller balances without a gap."""
+    time = run.trajectory.time
+    active = np.flatnonzero(run.balancing(time))
+    is_gap = (np.diff(active) > 1) | (np.diff(time[active]) >= _GAP_S)
+    ticks = max(np.split(active, np.flatnonzero(is_gap) + 1), key=len)
+    return slice(int(ticks[0]), int(ticks[-1]) + 1) if ticks.size else slice(0, 0)
 
 
 Samples = NDArray[np.float64]
@@ -123,34 +103,33 @@ def limit_cycles(run: RunData) -> tuple[LimitCycle | None, LimitCycle | None]:
     An oscillation that the controller's reference has as well is no limit cycle: the robot is
     driven to and fro.
     """
-    balancing = Balancing.of(run)
-    settled = slice(_settled(run, balancing), None)
-    duty, pitch = balancing.duty[settled].astype(float), np.degrees(balancing.psi[settled])
-    reference = _reference_rate(run, balancing.time[settled])
+    ticks, trajectory = _settled_ticks(run), run.trajectory
+    duty, pitch = trajectory.duty[ticks].astype(float), np.degrees(trajectory.psi[ticks])
+    reference = _reference_rate(run, trajectory.time[ticks])
     x, y = (_of_plane(duty[:, axis], pitch[:, axis], reference[:, axis]) for axis in range(2))
     return x, y
 
 
 def lowest_hz(run: RunData) -> float:
     """Return the lowest frequency [Hz] that :func:`limit_cycles` can find; infinity if none."""
-    balancing = Balancing.of(run)
-    ticks = len(balancing.time[_settled(run, balancing) :])
+    settled = _settled_ticks(run)
+    ticks = settled.stop - settled.start
     hz = (MIN_CYCLES + 1) / (ticks * TICK_S) if ticks else math.inf
     return hz if hz < 0.5 / TICK_S else math.inf
 
 
-def _settled(run: RunData, balancing: Balancing) -> int:
-    """Return the first of the ticks to look at.
+def _settled_ticks(run: RunData) -> slice:
+    """Return the ticks to look at.
 
     The first quarter of the time is left out, since the robot is caught there, and all up to the
     last push of the scenario.
     """
-    first = max(len(balancing.time) // 4, len(balancing.time) - MAX_TICKS)
-    if run.attached.scenario:
-        for push in run.attached.scenario.pushes:
-            end = push.time + push.duration
-            first = max(first, int(np.searchsorted(balancing.time, end, 'right')))
-    return first
+    ticks = balancing_ticks(run)
+    first = max(ticks.start + (ticks.stop - ticks.start) // 4, ticks.stop - MAX_TICKS)
+    for push in run.attached.scenario.pushes if run.attached.scenario else ():
+        end = push.time + push.duration
+        first = max(first, int(np.searchsorted(run.trajectory.time, end, 'right')))
+    return slice(min(first, ticks.stop), ticks.stop)
 
 
 def _reference_rate(run: RunData, time: Samples) -> Samples:
@@ -301,7 +280,7 @@ _PREDICTED = (
 )
 
 
-def power_density(values: Floats, segment: int) -> tuple[NDArray[Any], NDArray[np.float64]]:
+def power_density(values: NDArray[Any], segment: int) -> tuple[NDArray[Any], NDArray[np.float64]]:
     """Return frequencies [Hz] and one-sided power density of each column, by Welch's method.
 
     The means of segments are removed; the segments overlap by half and have a Hann window. The
@@ -336,13 +315,13 @@ def spectrum_table(run: RunData) -> Table:
 
     It is empty if duty or pitch are not recorded, or the robot did not balance for long enough.
     """
-    balancing = Balancing.of(run)
-    count = len(balancing.time)
+    ticks = balancing_ticks(run)
+    count = ticks.stop - ticks.start
     if count < MIN_SEGMENT or not {MOTOR_DUTY, PLANT_IMU} <= run.series.keys():
         return {}
     segment = min(max(count // _SEGMENTS // 2 * 2, MIN_SEGMENT), MAX_SEGMENT)
-    frequency, duty = power_density(balancing.duty, segment)
-    _, psi = power_density(balancing.psi, segment)
+    frequency, duty = power_density(run.trajectory.duty[ticks], segment)
+    _, psi = power_density(run.trajectory.psi[ticks], segment)
     return {
         'frequency_hz': frequency[1:],
         **plane_columns('duty', 'percent_per_sqrt_hz', np.sqrt(duty[1:])),

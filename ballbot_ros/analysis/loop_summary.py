@@ -50,11 +50,8 @@ def _margins(loop: LoopAnalysis) -> list[tuple[str, str]]:
     margins = loop.margins
     if margins is None:
         return [('not stable', ''), *[('–', '')] * (len(_NAMES) - 1)]
-    gains, phase, peak = (
-        (margins.gain_low, margins.gain_high),
-        margins.phase_deg,
-        margins.sensitivity,
-    )
+    gains = margins.gain_low, margins.gain_high
+    phase, peak = margins.phase_deg, margins.sensitivity
     return [
         (
             ' … '.join(_number(each.value) for each in gains),

@@ -20,7 +20,7 @@ from ballbot_ros.analysis.recorded_controller import (
     identity_of,
     load_attached,
 )
-from ballbot_ros.analysis.recorded_runs import AnnouncedParameters, RecordedRun, RobotRecording
+from ballbot_ros.analysis.recorded_runs import RecordedRun
 from ballbot_ros.analysis.replay import (
     ReplayedTick,
     RunInputs,
@@ -116,11 +116,6 @@ class RunToRepeat(NamedTuple):
         }
         return self._replace(inputs=replace(self.inputs, retunings=retunings))
 
-    def has_begun_before(self, difference: MessageDifference) -> bool:
-        """Return whether the run had begun when a message differed."""
-        run = self.inputs.run
-        return (run.epoch, run.start_ns) <= (difference.epoch, difference.stamp_ns)
-
 
 class RecordingReplay:
     """Replays the runs of a recording, whose attachments go to the folder `scratch`.
@@ -131,8 +126,12 @@ class RecordingReplay:
 
     Attributes
     ----------
+    recording, announced : RobotRecording, AnnouncedParameters
+        The recording, and what the participants of its runs announced.
+    runs : list of RunToRepeat
+        The runs that have a tick with a duty.
     controllers : list of ReplayedController
-        One for each run that has a tick with a duty.
+        One for each of these runs.
     duration : float
         Sim time of these runs [s].
     controller_in_robot : ReplayResult or None
@@ -157,14 +156,14 @@ class RecordingReplay:
         if attached is None and not announced:
             raise RecordingError(_nothing_to_replay_by(reader.path))
         recorded = read_inputs(reader)
-        self._recording, self._announced = recorded.recording, recorded.announced
+        self.recording, self.announced = recorded.recording, recorded.announced
         self._begun = [
             RunToRepeat(inputs, self._parameters(inputs.run, attached, scratch))
             for inputs in recorded.runs
             if inputs.ticks or recorded.has_begun(inputs.run)
         ]
-        self._jobs = [job for job in self._begun if job.inputs.ticks]
-        if not self._jobs:
+        self.runs = [job for job in self._begun if job.inputs.ticks]
+        if not self.runs:
             raise RecordingError(f'{reader.path}: nothing to replay: no tick has a duty')
         for inputs in recorded.runs:
             start_ns, last_ns = inputs.run.start_ns, inputs.last_ns
@@ -180,18 +179,18 @@ class RecordingReplay:
         self._are_functions = True
         self._scratch, self._trusts_code = scratch, trust_attached_code
         chosen = {id(job): self._choose(job, controller) for job in self._begun}
-        self.controllers = [chosen[id(job)] for job in self._jobs]
-        self.duration = sum(job.inputs.ticks for job in self._jobs) * TICK_NS / SECOND_NS
+        self.controllers = [chosen[id(job)] for job in self.runs]
+        self.duration = sum(job.inputs.ticks for job in self.runs) * TICK_NS / SECOND_NS
 
     def _parameters(
         self, run: RecordedRun, attached: ParameterSet | None, scratch: Path
     ) -> ParameterSet:
         """Return the parameters of a run, with its map in the scratch folder."""
-        reader = self._recording.reader
-        if attached is None and not self._announced.has_parameters(run.name):
+        reader = self.recording.reader
+        if attached is None and not self.announced.has_parameters(run.name):
             raise RecordingError(_nothing_to_replay_by(reader.path))
         files = reader.attachments()
-        parameters = self._announced.of(run.name, attached or ParameterSet(), files)
+        parameters = self.announced.of(run.name, attached or ParameterSet(), files)
         name = parameters.of(PlantParameters).map
         if is_file_name(name):
             if name not in files:
@@ -212,7 +211,7 @@ class RecordingReplay:
 
     def _choose_successor(self, job: RunToRepeat, requested: str | None) -> str:
         """Set the controller that takes over during a run; return the name of its class."""
-        reader = self._recording.reader
+        reader = self.recording.reader
         files = reader.attachments()
         identity = decode_controller(files, SUCCESSOR)
         if identity is None:
@@ -229,17 +228,17 @@ class RecordingReplay:
         return identity.class_name
 
     def _choose_first(self, job: RunToRepeat, requested: str | None) -> ReplayedController:
-        participant = self._announced.participant(job.inputs.run.name, CONTROLLER)
+        participant = self.announced.participant(job.inputs.run.name, CONTROLLER)
         if identity := self._identity(job, participant):
             return self._choose_class(job, identity, requested)
         if ':' in job.implementation and not (participant and participant.is_foreign):
             raise RecordingError(
-                f'{self._recording.reader.path}: cannot replay the controller '
+                f'{self.recording.reader.path}: cannot replay the controller '
                 f'{printable(job.implementation)}: {CONTROLLER_INFO} is missing or cannot be read'
             )
         if requested is not None and requested not in DOCUMENTS_PROGRAM:
             raise ControllerError(
-                f'--controller {requested}: {self._recording.reader.path} can be replayed only by '
+                f'--controller {requested}: {self.recording.reader.path} can be replayed only by '
                 f'{", ".join(DOCUMENTS_PROGRAM)}'
             )
         chosen = choose_controller(participant, job.implementation, requested, missing_tool_for)
@@ -254,13 +253,13 @@ class RecordingReplay:
         if job.implementation in DOCUMENTS_PROGRAM or (participant and participant.is_foreign):
             return None
         announced = participant.parameters if participant else {}
-        attached = decode_controller(self._recording.reader.attachments())
+        attached = decode_controller(self.recording.reader.attachments())
         return identity_of(job.implementation, announced, attached)
 
     def _choose_class(
         self, job: RunToRepeat, identity: ControllerIdentity, requested: str | None
     ) -> ReplayedController:
-        reader = self._recording.reader
+        reader = self.recording.reader
         if requested in DOCUMENTS_PROGRAM:
             raise ControllerError(
                 f'--controller {requested}: {reader.path} can be replayed only by {identity}'
@@ -277,24 +276,9 @@ class RecordingReplay:
         replayed = public_reference(loaded.code.reference) if identity.is_of_main else reference
         return ReplayedController(reference, replayed, is_portable=loaded.is_portable)
 
-    @property
-    def runs(self) -> Sequence[RunToRepeat]:
-        """The runs that have a tick with a duty."""
-        return self._jobs
-
-    @property
-    def recording(self) -> RobotRecording:
-        """The recording."""
-        return self._recording
-
-    @property
-    def announced(self) -> AnnouncedParameters:
-        """What the participants of its runs announced."""
-        return self._announced
-
     def _foreign_drivers(self, job: RunToRepeat) -> list[Participant]:
         """Return the drivers of a run that are nodes of other packages."""
-        found = self._announced.foreign(job.inputs.run.name)
+        found = self.announced.foreign(job.inputs.run.name)
         return [each for role, each in found.items() if role in DRIVERS]
 
     @property
@@ -317,7 +301,7 @@ class RecordingReplay:
             return (Engine.INTERPRETED for _ in self._controller_ticks(job, comparator))
 
         comparator = self._comparator(CONTROLLER_TOPICS)
-        return self._compare('controller', self._jobs, comparator, replay, update)
+        return self._compare('controller', self.runs, comparator, replay, update)
 
     def replay_robot(self, update: ReportTime) -> ReplayResult:
         """Run the whole robot; compare all messages.
@@ -335,7 +319,9 @@ class RecordingReplay:
                 self.controller_in_robot = replace(result, subject='controller', messages=messages)
             return result
         # Show the last run that had begun by then; it may have ended before the difference.
-        begun = [job for job in self._begun if job.has_begun_before(result.difference)]
+        moment = result.difference.epoch, result.difference.stamp_ns
+        starts = ((job.inputs.run, job) for job in self._begun)
+        begun = [job for run, job in starts if (run.epoch, run.start_ns) <= moment]
         if not begun:
             return result
         return replace(result, context=self._context(begun[-1], result.difference.stamp_ns))
@@ -348,9 +334,9 @@ class RecordingReplay:
         """
         return (
             self._are_functions
-            and self._recording.reader.complete
-            and len(self._jobs) == len(self._begun)
-            and INPUT_READERS.keys() <= set(self._recording.topics.by_name.values())
+            and self.recording.reader.complete
+            and len(self.runs) == len(self._begun)
+            and INPUT_READERS.keys() <= set(self.recording.topics.by_name.values())
         )
 
     def replay_with(self, assignments: Sequence[str], update: ReportTime) -> list[Divergence]:
@@ -372,7 +358,7 @@ class RecordingReplay:
                 raise ParameterError(
                     f'--set {assignment}: a replay can only change parameters of the {CONTROLLER}'
                 )
-            for job in self._jobs:
+            for job in self.runs:
                 before = job.implementation
                 assign(job.parameters, assignment)
                 after = job.implementation
@@ -381,14 +367,14 @@ class RecordingReplay:
                         f'--set {assignment}: only {public_reference(before)} can replay this run'
                     )
             name = assignment.partition('=')[0].partition('.')[2]
-            self._jobs = [job.without_changes_of(name) for job in self._jobs]
+            self.runs = [job.without_changes_of(name) for job in self.runs]
         self.controllers = [
             replace(each, replayed=public_reference(job.implementation))
-            for each, job in zip(self.controllers, self._jobs, strict=True)
+            for each, job in zip(self.controllers, self.runs, strict=True)
         ]
         done = 0.0
         divergences = []
-        for job in self._jobs:
+        for job in self.runs:
             divergence, comparator = Divergence(), self._comparator([BRICK_TASKS])
             for tick in self._controller_ticks(job, comparator):
                 if tick.stamp_ns in job.inputs.duties:
@@ -396,7 +382,7 @@ class RecordingReplay:
                     divergence.add(tick.stamp_ns, duty, tick.outputs.duty)
                 done += TICK_S
                 update(done)
-            for epoch, topic, raw in self._recording.messages([BRICK_TASKS]):
+            for epoch, topic, raw in self.recording.messages([BRICK_TASKS]):
                 if job.inputs.run.has(epoch, raw.stamp_ns) and raw.stamp_ns <= job.inputs.last_ns:
                     comparator.add_recorded(topic, [raw.stamp_ns], [raw.data], epoch)
             divergence.jobs = comparator.first_difference(complete=False)
@@ -407,15 +393,15 @@ class RecordingReplay:
         self, job: RunToRepeat, comparator: MessageComparator | None = None
     ) -> Iterator[ReplayedTick]:
         comparator = comparator or MessageComparator(())
-        return replay_controller(self._recording, job.inputs, job.parameters, comparator)
+        return replay_controller(self.recording, job.inputs, job.parameters, comparator)
 
     def _robot_ticks(self, job: RunToRepeat, comparator: MessageComparator) -> Iterator[Engine]:
         foreign = [each.role for each in self._foreign_drivers(job)]
         devices = [each for each in DEVICE_MESSAGES if each.sample.publisher in foreign]
-        return replay_run(self._recording, job.inputs, job.parameters, comparator, devices)
+        return replay_run(self.recording, job.inputs, job.parameters, comparator, devices)
 
     def _comparator(self, topics: Iterable[Topic]) -> MessageComparator:
-        recorded = self._recording.topics.by_name.values()
+        recorded = self.recording.topics.by_name.values()
         return MessageComparator([topic for topic in topics if topic in recorded])
 
     def _compare(
@@ -430,8 +416,8 @@ class RecordingReplay:
         for engine in chain.from_iterable(replay(job, comparator) for job in jobs):
             engines[engine] += 1
             update(engines.total() * TICK_NS / SECOND_NS)
-        compare_events(self._recording, [job.inputs for job in jobs], comparator)
-        difference = comparator.first_difference(complete=self._recording.reader.complete)
+        compare_events(self.recording, [job.inputs for job in jobs], comparator)
+        difference = comparator.first_difference(complete=self.recording.reader.complete)
         is_compiled = set(+engines) == {Engine.COMPILED}
         return ReplayResult(
             subject, engines.total(), comparator.compared(), difference,

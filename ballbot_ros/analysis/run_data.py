@@ -289,23 +289,21 @@ def read_run(
 
 
 def _changes(
-    extraction: Extraction, run: RecordedRun, parameters: ParameterSet
+    extraction: Extraction, run: RecordedRun, before: ParameterSet, told: ParameterSet
 ) -> Iterator[ParameterChange]:
-    """Yield what changed in the controller during a run, and the controller that took over."""
+    """Yield what changed in the controller during a run, and the controller that took over.
+
+    Then come the faults that nodes were given during the run: those in the parameters that they
+    `told` and not in those from `before` it.
+    """
     changes = list(_events(extraction.retunings, run))
-    if after := parse_succession(parameters.of(ControllerParameters).changes):
+    if after := parse_succession(told.of(ControllerParameters).changes):
         changes.append((after.time, {IMPLEMENTATION: after.values[IMPLEMENTATION]}))
     for time, values in sorted(changes, key=itemgetter(0)):
         for name, value in values.items():
             yield ParameterChange(time, CONTROLLER, name, value)
-
-
-def _fault_changes(before: ParameterSet, after: ParameterSet) -> Iterator[ParameterChange]:
-    """Yield the faults that nodes were given during a run."""
     known = known_faults(before)
-    for each in known_faults(after):
-        if each not in known:
-            yield ParameterChange.of_fault(each)
+    yield from (ParameterChange.of_fault(each) for each in known_faults(told) if each not in known)
 
 
 def run_data(
@@ -363,10 +361,7 @@ def run_data(
         statuses=_events(extraction.statuses, run),
         pages=_events(extraction.pages, run),
         tones=_events(extraction.tones, run),
-        parameter_changes=(
-            *_changes(extraction, run, attached.parameters),
-            *_fault_changes(before.parameters, attached.parameters),
-        ),
+        parameter_changes=tuple(_changes(extraction, run, before.parameters, attached.parameters)),
         topic_statistics=tuple(extraction.topic_statistics.values()),
         attached=attached,
         damage=damage,

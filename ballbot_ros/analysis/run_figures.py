@@ -16,11 +16,9 @@ from ballbot_ros.analysis.drawing import (
     STATE_COLOURS,
     TRACK_MARKERS,
     TrackMark,
-    draw_floor,
-    draw_marks,
     draw_row,
     draw_rows,
-    draw_track,
+    draw_tracks,
     label_time,
     legend_above,
     set_min_span,
@@ -179,13 +177,7 @@ def _mark(odometry: Series, interval: Interval) -> TrackMark:
 
 
 def _draw_track(run: RunData, table: Table, _panels: Sequence[Panel]) -> Figure:
-    figure = new_figure(WIDTH, 5.0)
-    axes = figure.subplots()
-    draw_floor(axes, run.floor)
-    draw_track(axes, table, Line(BLUE))
-    draw_marks(axes, track_marks(run))
-    legend_above(axes, 4)
-    return figure
+    return draw_tracks([(table, Line(BLUE))], run.floor, track_marks(run))
 
 
 def _draw_by_plane(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
@@ -17,9 +16,6 @@ from ballbot_ros.process import DeferredSignals
 from ballbot_ros.viewer.address import require_viser
 from ballbot_ros.viewer.browser import browser_program
 from ballbot_ros.viewer.views import CHASER_1, VIEWS, FreeView, View
-
-if TYPE_CHECKING:
-    from ballbot_ros.viewer.render import Excerpt
 
 MIN_SIDE, MAX_SIDE = 64, 4096
 """Smallest and largest side of a picture [px]."""
@@ -134,7 +130,7 @@ def command(
     # Imported only here: viser takes a second.
     with importing('film'), DeferredSignals():
         from ballbot_ros.cli.recordings import read_playback_runs
-        from ballbot_ros.viewer.render import Rendering
+        from ballbot_ros.viewer.render import Rendering, frame_times
 
     _check_format(output, fps, size)
     run, *ghosts = read_playback_runs(recording, other)
@@ -145,9 +141,10 @@ def command(
         rendering.write_picture(output, _time_within('--time', moment, run_end, run_end))
         click.echo(f'picture  {output}')
         return
-    excerpt = _excerpt(start, end, run_end, fps or FILM_FPS[output.suffix], rate or 1.0)
+    fps = fps or FILM_FPS[output.suffix]
+    first, last = _excerpt(start, end, run_end)
     with file_progress(output.name, 'frames') as progress:
-        rendering.write_film(output, excerpt, progress)
+        rendering.write_film(output, frame_times(first, last, fps, rate or 1.0), fps, progress)
     click.echo(f'film  {output}')
 
 
@@ -178,16 +175,12 @@ def _check_format(output: Path, fps: int | None, size: tuple[int, int]) -> None:
         )
 
 
-def _excerpt(
-    start: float | None, end: float | None, run_end: float, fps: int, rate: float
-) -> Excerpt:
-    from ballbot_ros.viewer.render import Excerpt
-
+def _excerpt(start: float | None, end: float | None, run_end: float) -> tuple[float, float]:
     first = _time_within('--start', start, run_end, 0.0)
     last = _time_within('--end', end, run_end, run_end)
     if not first < last:
         raise ViewerError(f'--start {first:g}: must be before the end of the film at {last:g} s')
-    return Excerpt(first, last, fps, rate)
+    return first, last
 
 
 def _time_within(option: str, time: float | None, run_end: float, default: float) -> float:

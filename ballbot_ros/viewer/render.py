@@ -186,30 +186,14 @@ class Painter:
         self._thread.join()
 
 
-@dataclass(frozen=True)
-class Excerpt:
-    """The part of a run that a film shows.
+def frame_times(start: float, end: float, fps: int, rate: float = 1.0) -> list[float]:
+    """Return the times of the frames of a film [s]; there is at least one.
 
-    Attributes
-    ----------
-    start, end : float
-        First and last time [s].
-    fps : int
-        Frames per second of the film.
-    rate : float
-        Seconds of the run per second of the film.
+    It shows a run from `start` to `end` [s], `rate` seconds of it per second of the film.
     """
-
-    start: float
-    end: float
-    fps: int
-    rate: float = 1.0
-
-    def times(self) -> list[float]:
-        """Return the time of each frame [s]; there is at least one."""
-        step = self.rate / self.fps
-        number = math.floor((self.end - self.start) / step + 1e-6)
-        return [self.start + step * frame for frame in range(max(1, number))]
+    step = rate / fps
+    number = math.floor((end - start) / step + 1e-6)
+    return [start + step * frame for frame in range(max(1, number))]
 
 
 @dataclass(frozen=True)
@@ -243,10 +227,11 @@ class Rendering:
     def write_film(
         self,
         output: Path,
-        excerpt: Excerpt,
+        times: Sequence[float],
+        fps: int,
         progress: ProgressCallback = lambda done, total: None,
     ) -> None:
-        """Write a film; report its progress in frames.
+        """Write a film of these times [s]; report its progress in frames.
 
         The file appears only when it is complete; an existing one stays unchanged until then.
 
@@ -256,7 +241,7 @@ class Rendering:
             If rendering fails, or the file can't be written.
         """
         with replacing(output, ViewerError) as unfinished:
-            write_film(unfinished, self._images(excerpt.times(), progress), excerpt.fps)
+            write_film(unfinished, self._images(times, progress), fps)
 
     def _images(self, times: Sequence[float], progress: ProgressCallback) -> Iterator[Image]:
         shots = [(self.view, time) for time in times]

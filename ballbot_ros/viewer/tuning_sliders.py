@@ -83,8 +83,10 @@ class TuningSliders:
 
     def show(self, tunables: Sequence[Tunable]) -> None:
         """Show these parameters instead of the present ones."""
-        for handle in self._handles:
-            handle.remove()
+        for slider in (slider for group in self._sliders.values() for slider in group):
+            slider.remove()
+        if self._restore:
+            self._restore.remove()
         self._wanted.clear()
         self._tunables = {each.name: each for each in tunables}
         with self._folder:
@@ -94,11 +96,6 @@ class TuningSliders:
         if self._restore:
             self._restore.on_click(lambda _: self._go_back())
         self._folder.visible = bool(tunables)
-
-    @property
-    def _handles(self) -> list[Any]:
-        sliders = [slider for group in self._sliders.values() for slider in group]
-        return [*sliders, self._restore] if self._restore else sliders
 
     def _add(self, tunable: Tunable) -> list[Any]:
         sliders = []

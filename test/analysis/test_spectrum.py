@@ -9,7 +9,12 @@ from laws import given
 from scipy import signal
 
 from ballbot_ros.analysis.figure_parts import Interval
-from ballbot_ros.analysis.limit_cycle import Balancing, draw_spectrum, power_density, spectrum_table
+from ballbot_ros.analysis.limit_cycle import (
+    balancing_ticks,
+    draw_spectrum,
+    power_density,
+    spectrum_table,
+)
 from ballbot_ros.analysis.loop_summary import PredictedFrequency
 from ballbot_ros.analysis.report import loop_of
 from ballbot_ros.engine.trajectory import Trajectory
@@ -39,20 +44,23 @@ def test_the_integral_of_the_density_is_the_variance(hz):
     assert abs(frequency[power[:, 0].argmax()] - hz) < 1e-9
 
 
+def balancing(run):
+    """Return begin and end of the longest time of balancing [s]; nothing if there is none."""
+    time = run.trajectory.time[balancing_ticks(run)]
+    return (time[0], time[-1]) if len(time) else ()
+
+
 def test_the_longest_time_of_balancing_has_no_gap(short_assessment):
     run = short_assessment.run
-    whole = Balancing.of(run)
-    assert (whole.time[0], whole.time[-1]) == pytest.approx((1.004, 2.996))
+    assert balancing(run) == pytest.approx((1.004, 2.996))
     kept = np.delete(np.arange(len(run.trajectory.time)), 400)
     columns = {name: value for name, value in vars(run.trajectory).items() if len(value)}
     gap = Trajectory(**{name: column[kept] for name, column in columns.items()})
-    part = Balancing.of(replace(run, trajectory=gap))
-    assert (part.time[0], part.time[-1]) == pytest.approx((1.604, 2.996))
+    assert balancing(replace(run, trajectory=gap)) == pytest.approx((1.604, 2.996))
     lost = (Interval(2.0, 3.0, 'out_of_control'),)
-    part = Balancing.of(replace(run, states=lost))
-    assert (part.time[0], part.time[-1]) == pytest.approx((1.0, 1.996))
+    assert balancing(replace(run, states=lost)) == pytest.approx((1.0, 1.996))
     never = (Interval(0.0, 3.0, 'calibration'),)
-    assert len(Balancing.of(replace(run, states=never)).time) == 0
+    assert balancing(replace(run, states=never)) == ()
     assert spectrum_table(replace(run, states=never)) == {}
 
 

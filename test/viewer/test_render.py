@@ -15,8 +15,8 @@ from ballbot_ros.viewer import render
 from ballbot_ros.viewer.playback_run import PlaybackRun
 from ballbot_ros.viewer.render import (
     FORMATS,
-    Excerpt,
     Rendering,
+    frame_times,
     with_time_stamp,
     write_film,
 )
@@ -82,20 +82,20 @@ def test_a_ghost_and_a_camera_of_ones_own_are_seen(run, frames, tmp_path, comman
 
 
 @pytest.mark.parametrize(
-    ('excerpt', 'first', 'last', 'number'),
+    ('start', 'end', 'fps', 'rate', 'last', 'number'),
     [
-        (Excerpt(0.0, 10.0, 10), 0.0, 9.9, 100),
-        (Excerpt(2.0, 5.0, 20), 2.0, 4.95, 60),
-        (Excerpt(1.0, 2.0, 20, rate=0.25), 1.0, 1.9875, 80),
-        (Excerpt(0.0, 9.0, 3, rate=3.0), 0.0, 8.0, 9),
-        (Excerpt(1.0, 1.001, 20), 1.0, 1.0, 1),
+        (0.0, 10.0, 10, 1.0, 9.9, 100),
+        (2.0, 5.0, 20, 1.0, 4.95, 60),
+        (1.0, 2.0, 20, 0.25, 1.9875, 80),
+        (0.0, 9.0, 3, 3.0, 8.0, 9),
+        (1.0, 1.001, 20, 1.0, 1.0, 1),
     ],
 )
-def test_an_excerpt_has_evenly_spaced_times(excerpt, first, last, number):
-    times = excerpt.times()
-    assert (times[0], len(times)) == (first, number)
+def test_the_times_of_a_film_are_evenly_spaced(start, end, fps, rate, last, number):
+    times = frame_times(start, end, fps, rate)
+    assert (times[0], len(times)) == (start, number)
     assert times[-1] == pytest.approx(last)
-    assert np.allclose(np.diff(times), excerpt.rate / excerpt.fps)
+    assert np.allclose(np.diff(times), rate / fps)
 
 
 def test_the_time_stamp_changes_only_its_corner():
@@ -137,7 +137,7 @@ def test_an_interrupted_film_leaves_the_existing_file(run, tmp_path, monkeypatch
     output = tmp_path / 'run.gif'
     output.write_text('another')
     with pytest.raises(KeyboardInterrupt):
-        Rendering(run).write_film(output, Excerpt(0.0, 1.0, 10))
+        Rendering(run).write_film(output, frame_times(0.0, 1.0, 10), 10)
     assert output.read_text() == 'another'
     assert list(tmp_path.iterdir()) == [output]
 

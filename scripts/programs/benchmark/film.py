@@ -14,7 +14,7 @@ from ballbot_ros.viewer.browser import browser_page
 from ballbot_ros.viewer.page import PANEL_WIDTH, UPDATE_S, Page
 from ballbot_ros.viewer.playback_run import PlaybackRun
 from ballbot_ros.viewer.recording_page import RecordingPage
-from ballbot_ros.viewer.render import SIZE, Excerpt, frames
+from ballbot_ros.viewer.render import SIZE, frame_times, frames
 from ballbot_ros.viewer.views import CHASER_1
 from benchmark.figures import RATIO, Figure
 
@@ -59,8 +59,7 @@ def _record(folder: Path) -> Path:
 
 def film_rate(run: PlaybackRun) -> float:
     """Return the frames that a film gets per second, after its first one."""
-    times = Excerpt(FROM_S, TO_S, 10).times()
-    film = frames(run, [(CHASER_1, moment) for moment in times])
+    film = frames(run, [(CHASER_1, moment) for moment in frame_times(FROM_S, TO_S, 10)])
     next(film)
     begun = time.perf_counter()
     return sum(1 for _ in film) / (time.perf_counter() - begun)
