@@ -14,14 +14,12 @@ from numpy.typing import NDArray
 
 from ballbot_ros.analysis.figure_parts import (
     BLUE,
-    EARLIER,
     GRAY,
     GREEN,
     ORANGE,
     POINTS,
     PURPLE,
     SKY,
-    TRUE,
     WIDTH,
     YELLOW,
     Curve,
@@ -29,6 +27,7 @@ from ballbot_ros.analysis.figure_parts import (
     IntervalKind,
     Line,
     Panel,
+    Role,
     Row,
     Table,
     new_figure,
@@ -81,7 +80,7 @@ class Quantity:
     @property
     def panel(self) -> Panel:
         """The true values of both planes."""
-        return panel_of_planes(self.label, [(TRUE, self.column('{}'))])
+        return panel_of_planes(self.label, [(Role.TRUE, self.column('{}'))])
 
     def panel_of(self, plane: str) -> Panel:
         """Return a panel for the values of one plane, which its label names."""
@@ -131,7 +130,7 @@ def draw_line(axes: Axes, x: Floats, y: Floats, line: Line, height: float = _LIN
 def draw_row(axes: Axes, row: Row) -> None:
     """Draw curves against time, plane x in front of plane y, an earlier run behind both."""
     for curve in row.curves:
-        height = _LINES + 0.1 * (curve.plane == 'x') - 0.5 * (curve.role is EARLIER)
+        height = _LINES + 0.1 * (curve.plane == 'x') - 0.5 * (curve.role is Role.EARLIER)
         draw_line(axes, curve.time, curve.values, curve.line, height)
     for limit in row.panel.limits:
         axes.axhline(limit, color=GRAY, linewidth=0.8, linestyle=':')
@@ -377,7 +376,7 @@ def draw_motion(
         draw_floor(track, floor)
         if earlier is not None:
             before = track_columns(earlier.position)
-            line = Line(GRAY, EARLIER.width, EARLIER.dash, EARLIER.name)
+            line = Line(GRAY, Role.EARLIER.width, Role.EARLIER.dash, Role.EARLIER.label)
             draw_line(track, before['map_x_cm'], before['map_y_cm'], line)
         draw_track(track, track_columns(position), Line(BLUE))
         legend_above(track)

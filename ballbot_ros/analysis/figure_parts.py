@@ -7,6 +7,7 @@ import io
 import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from enum import Enum
 from functools import cache
 from io import BytesIO
 from typing import TYPE_CHECKING
@@ -193,33 +194,34 @@ NO_ECHO_CM = 255.0
 """Where a measurement without an echo is drawn [cm]: the number that the sensor then returns."""
 
 
-@dataclass(frozen=True)
-class Role:
-    """What a curve is: its name, and the width and dash of its line.
+class Role(Enum):
+    """What a curve is, in the order of every legend: its label, and the width and dash of its line.
 
-    Only one of several curves is `true`. `select` returns the values to draw of a column.
+    Only one of several curves is `TRUE`. `select` returns the values to draw of a column.
     """
 
-    name: str
-    width: float = 1.4
-    dash: str = '-'
-    select: Callable[[Column], Column] = lambda values: values
+    TRUE = 'true', 2.2
+    COMMANDED = 'commanded', 1.2, ':'
+    REFERENCE = 'reference', 0.9, '--'
+    ESTIMATED = 'estimated', 0.9, '--'
+    READING = 'reading − offset', 0.9, '--'
+    MEASURED = ('',)
+    ECHO = 'echo', 3.0, '.', lambda values: np.where(np.isfinite(values), values, np.nan)
+    NO_ECHO = 'no echo', 4.0, '|', lambda values: np.where(np.isinf(values), NO_ECHO_CM, np.nan)
+    EARLIER = 'earlier run', 1.0, ':'
+
+    def __init__(
+        self,
+        label: str,
+        width: float = 1.4,
+        dash: str = '-',
+        select: Callable[[Column], Column] = lambda values: values,
+    ) -> None:
+        self.label, self.width, self.dash, self.select = label, width, dash, select
 
 
-TRUE = Role('true', 2.2)
-COMMANDED = Role('commanded', 1.2, ':')
-REFERENCE = Role('reference', 0.9, '--')
-ESTIMATED = Role('estimated', 0.9, '--')
-READING = Role('reading − offset', 0.9, '--')
-MEASURED = Role('')
-ECHO = Role('echo', 3.0, '.', lambda values: np.where(np.isfinite(values), values, np.nan))
-NO_ECHO = Role('no echo', 4.0, '|', lambda values: np.where(np.isinf(values), NO_ECHO_CM, np.nan))
 POINTS = ('.', '|')
 """Dashes that are points instead of a line; the width is their size."""
-
-EARLIER = Role('earlier run', 1.0, ':')
-ROLES = (TRUE, COMMANDED, REFERENCE, ESTIMATED, READING, MEASURED, ECHO, NO_ECHO, EARLIER)
-"""The roles in the order of every legend."""
 
 
 @dataclass(frozen=True)
@@ -227,19 +229,20 @@ class Curve:
     """A column of a table, of plane ``x`` or ``y`` or, if it is '', of no plane."""
 
     column: str
-    role: Role = TRUE
+    role: Role = Role.TRUE
     plane: str = ''
 
     def line(self) -> Line:
         """Return its line next to the curves of the same plane only."""
-        color = ORANGE if self.plane == 'y' or self.role is NO_ECHO else BLUE
-        if self.plane and self.role is not TRUE:
+        color = ORANGE if self.plane == 'y' or self.role is Role.NO_ECHO else BLUE
+        if self.plane and self.role is not Role.TRUE:
             color = DARKER[color]
-        return Line(color, self.role.width, self.role.dash, self.role.name)
+        return Line(color, self.role.width, self.role.dash, self.role.label)
 
     def line_of_both(self) -> Line:
         """Return its line next to the curves of the other plane."""
-        return PLANES['xy'.index(self.plane)] if self.plane and self.role is TRUE else self.line()
+        is_main = self.plane and self.role is Role.TRUE
+        return PLANES['xy'.index(self.plane)] if is_main else self.line()
 
 
 @dataclass(frozen=True)
@@ -261,7 +264,7 @@ class DrawnCurve:
     values: Column
     line: Line
     words: str
-    role: Role = TRUE
+    role: Role = Role.TRUE
     plane: str = ''
     is_named: bool = True
 
@@ -317,7 +320,7 @@ class Panel:
 
     def _drawn(self, curve: Curve, table: Table, line: Line) -> DrawnCurve:
         values = curve.role.select(table[curve.column])
-        role = '' if curve.role is TRUE else curve.role.name
+        role = '' if curve.role is Role.TRUE else curve.role.label
         words = ' '.join(filter(None, (self.quantity, curve.plane, role)))
         return DrawnCurve(
             table['time_s'], values, line, words, curve.role, curve.plane, bool(curve.plane)
@@ -344,7 +347,7 @@ def with_earlier(
     for panel in panels:
         curves = list(panel.curves)
         for own in panel.curves:
-            curves.append(replace(own, column=f'earlier_{own.column}', role=EARLIER))
+            curves.append(replace(own, column=f'earlier_{own.column}', role=Role.EARLIER))
             columns[curves[-1].column] = np.interp(
                 table['time_s'], earlier['time_s'], earlier[own.column], right=np.nan
             )

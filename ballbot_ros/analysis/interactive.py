@@ -32,21 +32,18 @@ from ballbot_ros.analysis.drawing import (
 )
 from ballbot_ros.analysis.figure_parts import (
     BLUE,
-    ESTIMATED,
     GRAY,
     INK,
-    NO_ECHO,
     ON_DARK,
     ORANGE,
     PAPER,
     POINTS,
-    READING,
-    ROLES,
     DrawnCurve,
     Interval,
     IntervalKind,
     Line,
     Panel,
+    Role,
     Row,
     Table,
     envelope,
@@ -130,7 +127,7 @@ MISSING = (
 """What a report without Plotly says."""
 
 _ROW_PX, _LANE_PX, _TOP_PX, _GAP_PX = 128, 26, 64, 30
-_HIDDEN_AT_FIRST = (ESTIMATED, READING)
+_HIDDEN_AT_FIRST = (Role.ESTIMATED, Role.READING)
 _DASHES = {'-': 'solid', '--': 'dash', '-.': 'dashdot', ':': 'dot'}
 _SYMBOLS = {'.': 'circle', '|': 'line-ns-open', 'x': 'x-thin-open', '^': 'triangle-up'}
 GRID = {'showgrid': True, 'zeroline': False, 'gridcolor': '#E3E5E7', 'linecolor': '#B0B4B8'}
@@ -385,12 +382,12 @@ def _curve_trace(
     line = curve.line
     reduced = every_nth if line.dash in POINTS else envelope
     few = reduced(curve.time, {'y': curve.values}, MAX_ROWS)
-    value = '' if curve.role is NO_ECHO else f': %{{y:.2~f}} {panel.unit}'
+    value = '' if curve.role is Role.NO_ECHO else f': %{{y:.2~f}} {panel.unit}'
     trace = {
         'type': 'scatter',
         'packed': {'x': numbers.add(few['time_s']), 'y': numbers.add(few['y'])},
         'yaxis': f'y{number}', 'name': line.label, 'legendgroup': line.label,
-        'legendrank': 1000 + ROLES.index(curve.role),
+        'legendrank': 1000 + list(Role).index(curve.role),
         'showlegend': curve.is_named and line.label not in shown,
         'visible': 'legendonly' if curve.role in _HIDDEN_AT_FIRST else True,
         'hovertemplate': f'{curve.words}{value}<extra></extra>',

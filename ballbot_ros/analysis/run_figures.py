@@ -27,15 +27,7 @@ from ballbot_ros.analysis.drawing import (
 )
 from ballbot_ros.analysis.figure_parts import (
     BLUE,
-    COMMANDED,
-    ECHO,
-    ESTIMATED,
     GRAY,
-    MEASURED,
-    NO_ECHO,
-    READING,
-    REFERENCE,
-    TRUE,
     WIDTH,
     Curve,
     Interval,
@@ -357,7 +349,7 @@ def state_table(run: RunData) -> Table:
 
 def _panel(label: str, column: str, *roles: Role) -> Panel:
     """Return a panel of both planes with a column for each role, which it begins with."""
-    names = [f'{"read" if role is READING else role.name}_{column}' for role in roles]
+    names = [f'{"read" if role is Role.READING else role.label}_{column}' for role in roles]
     return panel_of_planes(label, zip(roles, names, strict=True), min_span=MIN_AXIS_SPAN)
 
 
@@ -403,7 +395,7 @@ FIGURES = (
         'The sticks of the gamepad against time; forward and rightward are positive.',
         (GAMEPAD_JOY,),
         sticks_table,
-        (panel_of_planes('sticks [%]', [(TRUE, 'stick_{}_percent')]),),
+        (panel_of_planes('sticks [%]', [(Role.TRUE, 'stick_{}_percent')]),),
     ),
     RunFigure(
         'command',
@@ -413,8 +405,8 @@ FIGURES = (
         (PLANT_ODOM, CONTROLLER_STATE),
         command_table,
         (
-            _panel('speed [cm/s]', 'speed_{}_cm_per_s', TRUE, COMMANDED, REFERENCE),
-            _panel(POSITION.label, 'position_{}_cm', TRUE, REFERENCE),
+            _panel('speed [cm/s]', 'speed_{}_cm_per_s', Role.TRUE, Role.COMMANDED, Role.REFERENCE),
+            _panel(POSITION.label, 'position_{}_cm', Role.TRUE, Role.REFERENCE),
         ),
         _draw_by_plane,
     ),
@@ -426,8 +418,8 @@ FIGURES = (
         (PLANT_IMU, PLANT_ODOM, CONTROLLER_STATE),
         estimate_table,
         (
-            _panel(PITCH.label, 'pitch_{}_deg', TRUE, ESTIMATED),
-            _panel(POSITION.label, 'position_{}_cm', TRUE, ESTIMATED),
+            _panel(PITCH.label, 'pitch_{}_deg', Role.TRUE, Role.ESTIMATED),
+            _panel(POSITION.label, 'position_{}_cm', Role.TRUE, Role.ESTIMATED),
         ),
         _draw_by_plane,
     ),
@@ -439,8 +431,8 @@ FIGURES = (
         (GYRO_IMU, PLANT_IMU, CONTROLLER_STATE),
         gyro_table,
         (
-            _panel('pitch rate [°/s]', 'rate_{}_deg_per_s', TRUE, READING),
-            _panel('gyro offset [°/s]', 'offset_{}_deg_per_s', TRUE, ESTIMATED),
+            _panel('pitch rate [°/s]', 'rate_{}_deg_per_s', Role.TRUE, Role.READING),
+            _panel('gyro offset [°/s]', 'offset_{}_deg_per_s', Role.TRUE, Role.ESTIMATED),
         ),
         # The planes do not share an axis, since their gyros have different offsets.
         partial(_draw_by_plane, share_rows=False),
@@ -454,7 +446,7 @@ FIGURES = (
         (
             Panel(
                 'distance [cm]',
-                (Curve('distance_cm', ECHO), Curve('distance_cm', NO_ECHO)),
+                (Curve('distance_cm', Role.ECHO), Curve('distance_cm', Role.NO_ECHO)),
                 bounds=(0.0, 270.0),
             ),
         ),
@@ -465,7 +457,7 @@ FIGURES = (
         'Terminal voltage of the battery against time.',
         (BATTERY_STATE,),
         battery_table,
-        (Panel('battery [V]', (Curve('voltage_v', MEASURED),), min_span=0.5),),
+        (Panel('battery [V]', (Curve('voltage_v', Role.MEASURED),), min_span=0.5),),
     ),
 )
 """The figures of a report, in order."""
@@ -476,6 +468,6 @@ UTILISATION = RunFigure(
     "The share of the brick's processor that jobs, interrupts and the bus take in each 100 ms.",
     (MOTOR_DUTY,),
     utilisation_table,
-    (Panel('processor [%]', (Curve('utilisation_percent', MEASURED),), bounds=(0.0, 100.0)),),
+    (Panel('processor [%]', (Curve('utilisation_percent', Role.MEASURED),), bounds=(0.0, 100.0)),),
 )
 """The figure of a run whose tasks take time."""

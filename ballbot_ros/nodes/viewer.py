@@ -82,8 +82,8 @@ class Viewer(BallbotNode[ViewerParameters]):
         from ballbot_ros.viewer.live_controls import (
             DragPush,
             FaultChooser,
-            PushButtons,
             ScenarioChooser,
+            add_push_buttons,
         )
         from ballbot_ros.viewer.page import UPDATE_S, Page
         from ballbot_ros.viewer.plots import Plots
@@ -111,7 +111,7 @@ class Viewer(BallbotNode[ViewerParameters]):
         self._scenarios = ScenarioChooser(
             self._page.server.gui, self._requests.start, scenario_names()
         )
-        PushButtons(self._page.server.gui, self._requests.push)
+        add_push_buttons(self._page.server.gui, self._requests.push)
         sliders = TuningSliders(self._page.server.gui)
         self._tuning = TuningRequests(self, self._page.notify, sliders)
         FaultChooser(self._page.server.gui, self._tuning.add_fault)

@@ -23,7 +23,7 @@ from ballbot_ros.robot.arithmetic import Floats
 from ballbot_ros.robot.brick.sensors import sonar_cm_to_metres
 from ballbot_ros.robot.plant.ground_truth import Pair
 from ballbot_ros.run.continued_run import ContinuedRun
-from ballbot_ros.viewer.live_controls import DragPush, FaultChooser, PageSticks, PushButtons
+from ballbot_ros.viewer.live_controls import DragPush, FaultChooser, PageSticks, add_push_buttons
 from ballbot_ros.viewer.overlay import (
     Banner,
     BannerKind,
@@ -96,7 +96,7 @@ class ContinuedPage(RecordingPage):
         self._earlier.hide()
         drag = DragPush(ForceArrow(page.server.scene, 'drag', with_size=True), self._push)
         self.robots.drawn[0].on_drag(drag.on_drag)
-        self._pushes = PushButtons(gui, self._push)
+        self._pushes = add_push_buttons(gui, self._push)
         self._faults = FaultChooser(gui, lambda text: self._do(lambda run: run.add_fault(text)))
         self._sliders = TuningSliders(gui)
         self._show_controls(are_live=False)
@@ -114,7 +114,7 @@ class ContinuedPage(RecordingPage):
         self._do(lambda run: run.push(force))
 
     def _show_controls(self, *, are_live: bool) -> None:
-        self._pushes.folder.visible = self._faults.folder.visible = are_live
+        self._pushes.visible = self._faults.folder.visible = are_live
         self._sliders.show(_tunables(self._run) if self._run else ())
 
     def update(self, seconds: float) -> None:

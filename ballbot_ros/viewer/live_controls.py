@@ -139,30 +139,25 @@ def note(html: str) -> str:
     )
 
 
-class PushButtons:
-    """A folder with buttons that push the robot.
+def add_push_buttons(gui: viser.GuiApi, push: Callable[[Pair], None]) -> viser.GuiFolderHandle:
+    """Add a folder with buttons that push the robot.
 
     Parameters
     ----------
     push : callable
         Pushes the body with a force [N] in plane signs; called from the page's threads.
-
-    Attributes
-    ----------
-    folder : viser.GuiFolderHandle
     """
+    folder = gui.add_folder('Push', order=2.0, expand_by_default=False)
+    with folder:
+        size = gui.add_slider('Force [N]', MIN_FORCE, MAX_FORCE, 0.1, 1.0)
+        directions = gui.add_button_group('Direction', tuple(DIRECTIONS))
 
-    def __init__(self, gui: viser.GuiApi, push: Callable[[Pair], None]) -> None:
-        self.folder = gui.add_folder('Push', order=2.0, expand_by_default=False)
-        with self.folder:
-            size = gui.add_slider('Force [N]', MIN_FORCE, MAX_FORCE, 0.1, 1.0)
-            directions = gui.add_button_group('Direction', tuple(DIRECTIONS))
+        def give(name: str) -> None:
+            x, y = DIRECTIONS[name]
+            push((x * size.value, y * size.value))
 
-            def give(name: str) -> None:
-                x, y = DIRECTIONS[name]
-                push((x * size.value, y * size.value))
-
-            _on_press(directions, give)
+        _on_press(directions, give)
+    return folder
 
 
 class FaultChooser:

@@ -28,7 +28,7 @@ from websockets.sync.client import connect
 from ballbot_ros.errors import ViewerError
 from ballbot_ros.parameters import Dimensions, ParameterSet, ViewerParameters
 from ballbot_ros.viewer import guarded_server
-from ballbot_ros.viewer.live_controls import PushButtons, ScenarioChooser
+from ballbot_ros.viewer.live_controls import ScenarioChooser, add_push_buttons
 from ballbot_ros.viewer.overlay import Banner, OverlayState, Press
 from ballbot_ros.viewer.page import Page
 from ballbot_ros.viewer.scene import ScenePanel
@@ -77,7 +77,7 @@ class Served:
         )
         self.server = self.page.server
         self.controls = ScenarioChooser(self.server.gui, self.robot.start, ['push', 'square'])
-        PushButtons(self.server.gui, self.robot.push)
+        add_push_buttons(self.server.gui, self.robot.push)
         self.controls.offer(offer=True)
         ScenePanel(self.server.gui).show(Snapshot(0.0, (0.0, 0.0), (0.0, 0.0)))
         self.address = self.page.address

@@ -6,7 +6,7 @@ from graph import wait_for
 from parts import DIMENSIONS
 
 from ballbot_ros.robot.brick.faults import parse_faults
-from ballbot_ros.viewer.live_controls import FaultChooser, PushButtons
+from ballbot_ros.viewer.live_controls import FaultChooser, add_push_buttons
 from ballbot_ros.viewer.page import Page
 
 
@@ -19,7 +19,7 @@ def page():
 
 def test_clicks_reach_the_robot_in_their_order(page):
     robot = StubRobot()
-    PushButtons(page.server.gui, robot.push)
+    add_push_buttons(page.server.gui, robot.push)
     inputs = {each.label: each for each in page.server.gui._gui_input_handle_from_uuid.values()}
     clicks = [(inputs['Direction'], name) for name in ('forward', 'left', 'left', 'back')] * 50
     receive(page.server, *clicks)

@@ -37,7 +37,7 @@ from ballbot_ros.robot.world.floor_map import (  # noqa: E402
     LINE,
     load_map,
 )
-from ballbot_ros.viewer.live_controls import PushButtons, ScenarioChooser  # noqa: E402
+from ballbot_ros.viewer.live_controls import ScenarioChooser, add_push_buttons  # noqa: E402
 from ballbot_ros.viewer.markers import Area  # noqa: E402
 from ballbot_ros.viewer.page import Page  # noqa: E402
 from ballbot_ros.viewer.playback_run import PlaybackRun  # noqa: E402
@@ -404,7 +404,7 @@ def test_scenarios_are_offered_where_they_can_be_started(recording):
     page = Page(PlaybackRun(recording).dimensions, 'test', '127.0.0.1', 0)
     robot = StubRobot()
     controls = ScenarioChooser(page.server.gui, robot.start, ['push', 'square', 'stationary'])
-    PushButtons(page.server.gui, robot.push)
+    add_push_buttons(page.server.gui, robot.push)
     ScenePanel(page.server.gui).show(Snapshot(0.0, (0.0, 0.0), (0.0, 0.0)))
     with browsing(page.address) as browser:
         assert browser.page.get_by_role('button', name='Start', exact=True).count() == 0
