@@ -266,40 +266,10 @@ class RunFinder:
         RecordingError
             If a message of ``plant/run`` cannot be decoded.
         """
-        if RUN in rows or self._next or not self._go_on(samples, stamps):
-            return self._process_each(batch, rows, samples, stamps)
-        are_new = self._process_all(samples, stamps)
-        return np.full(len(batch), self.epochs - 1), are_new
-
-    def _go_on(self, samples: Mapping[Topic, Rows], stamps: NDArray[np.int64]) -> bool:
-        """Return whether no sample is older than an earlier one."""
-        for topic, rows in samples.items():
-            epoch, newest_ns = self._newest.get(topic, (self.epochs - 1, -1))
-            if epoch != self.epochs - 1 or (np.diff(stamps[rows], prepend=newest_ns) < 0).any():
-                return False
-        return True
-
-    def _process_all(
-        self, samples: Mapping[Topic, Rows], stamps: NDArray[np.int64]
-    ) -> NDArray[np.bool_]:
-        """Process messages of the current epoch together; return which are new."""
-        are_new = np.zeros(len(stamps), np.bool_)
-        for topic, rows in samples.items():
-            _, newest_ns = self._newest.get(topic, (0, -1))
-            are_new[rows] = np.diff(stamps[rows], prepend=newest_ns) > 0
-            first, last = stamps[rows[[0, -1]]].tolist()
-            self._newest[topic] = self.epochs - 1, last
-            self._epochs[-1].note(first, last)
-        return are_new
-
-    def _process_each(
-        self,
-        batch: Batch,
-        rows: Mapping[Topic, Rows],
-        samples: Mapping[Topic, Rows],
-        stamps: NDArray[np.int64],
-    ) -> Epochs:
-        """Process messages one by one."""
+        if RUN not in rows and not self._next:
+            are_new = self._process_together(samples, stamps)
+            if are_new is not None:
+                return np.full(len(batch), self.epochs - 1), are_new
         topics, sample_topics = _by_row(rows), _by_row(samples)
         epochs, are_new = np.empty(len(batch), np.intp), np.zeros(len(batch), np.bool_)
         for row, stamp_ns in enumerate(stamps.tolist()):
@@ -314,6 +284,26 @@ class RunFinder:
             if self._next and topic and topic.publisher == PLANT:
                 epochs[row] += 1  # it is from the next plant, which has announced its run
         return epochs, are_new
+
+    def _process_together(
+        self, samples: Mapping[Topic, Rows], stamps: NDArray[np.int64]
+    ) -> NDArray[np.bool_] | None:
+        """Process messages of the current epoch, and return which are new.
+
+        None, and nothing is processed, if a sample is older than an earlier one.
+        """
+        are_new = np.zeros(len(stamps), np.bool_)
+        for topic, rows in samples.items():
+            epoch, newest_ns = self._newest.get(topic, (self.epochs - 1, -1))
+            steps = np.diff(stamps[rows], prepend=newest_ns)
+            if epoch != self.epochs - 1 or (steps < 0).any():
+                return None
+            are_new[rows] = steps > 0
+        for topic, rows in samples.items():
+            first, last = stamps[rows[[0, -1]]].tolist()
+            self._newest[topic] = self.epochs - 1, last
+            self._epochs[-1].note(first, last)
+        return are_new
 
     def _announce(self, start_ns: int, name: str) -> None:
         epoch = self._epochs[-1]

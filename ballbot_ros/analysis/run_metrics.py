@@ -39,8 +39,7 @@ def estimated_position(run: RunData, stamps: NDArray[np.int64]) -> Floats:
 
     It is NaN while the controller is not active.
     """
-    state = run.series[CONTROLLER_STATE].at(stamps)
-    return _while_balancing(run, stamps, _position(run, state[:, [0, 2]]))
+    return _position(run, _controller_state(run, stamps, [0, 2]))
 
 
 def reference_position(run: RunData, stamps: NDArray[np.int64]) -> Floats:
@@ -48,15 +47,13 @@ def reference_position(run: RunData, stamps: NDArray[np.int64]) -> Floats:
 
     It is NaN while the controller is not active, and if the controller publishes no reference.
     """
-    state = run.series[CONTROLLER_STATE].at(stamps)
-    return _while_balancing(run, stamps, _position(run, state[:, 6:8]))
+    return _position(run, _controller_state(run, stamps, [6, 7]))
 
 
 def reference_speed(run: RunData, stamps: NDArray[np.int64]) -> Floats:
     """Return the speed [m/s] that goes with :func:`reference_position`."""
     radius = run.attached.parameters.of(ControllerParameters).ball_radius
-    state = run.series[CONTROLLER_STATE].at(stamps)
-    return _while_balancing(run, stamps, radius * state[:, 8:10].astype(float))
+    return np.asarray(radius * _controller_state(run, stamps, [8, 9]).astype(float))
 
 
 def commanded_speed(run: RunData, stamps: NDArray[np.int64]) -> Floats:
@@ -94,13 +91,14 @@ def estimated_pitch(run: RunData, stamps: NDArray[np.int64]) -> Floats:
 
     It is NaN while the controller is not active.
     """
-    state = run.series[CONTROLLER_STATE].at(stamps)
-    return _while_balancing(run, stamps, state[:, [1, 3]].astype(float))
+    return _controller_state(run, stamps, [1, 3]).astype(float)
 
 
-def _while_balancing(run: RunData, stamps: NDArray[np.int64], believed: Floats) -> Floats:
-    believed[~run.balancing(seconds(stamps) - run.start_ns * 1e-9)] = np.nan
-    return believed
+def _controller_state(run: RunData, stamps: NDArray[np.int64], columns: list[int]) -> Floats:
+    """Return columns of ``controller/state`` at `stamps`, NaN while it is not active."""
+    values = run.series[CONTROLLER_STATE].at(stamps)[:, columns]
+    values[~run.balancing(seconds(stamps) - run.start_ns * 1e-9)] = np.nan
+    return values
 
 
 def pitch_error(run: RunData) -> Floats:

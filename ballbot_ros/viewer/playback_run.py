@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 
 from ballbot_ros.analysis.assessment import judge_recorded_properties
-from ballbot_ros.analysis.recorded_scenario import RecordedPush
 from ballbot_ros.analysis.run_data import RunData, Series, read_run
 from ballbot_ros.analysis.signals import signals_of
 from ballbot_ros.analysis.topic_samples import TopicSamples, read_topic, topics_with_signals
@@ -25,7 +24,7 @@ from ballbot_ros.robot.brick.job_times import kernel_constants
 from ballbot_ros.robot.world.floor_map import OccupancyGrid, floor_map_of
 from ballbot_ros.viewer.overlay import Mark, MarkKind
 from ballbot_ros.viewer.robot import TRAIL_STEP, wxyz
-from ballbot_ros.viewer.snapshot import ForceEvent, Snapshot, acting_force
+from ballbot_ros.viewer.snapshot import Snapshot, acting_force
 from ballbot_ros.viewer.views import RolledBall
 
 _MARKS_PER_LINE = 200
@@ -118,7 +117,9 @@ class PlaybackRun:
         x, y = run.trajectory.position[0].tolist()
         self.start = (x, -y)
         self._ball = RolledBall(run.trajectory.position, self.dimensions.ball_radius)
-        self._forces = list(_force_events(run.pushes))
+        starts = ((push.start, str(each), push.force) for each, push in enumerate(run.pushes))
+        ends = ((push.end, str(each), (0.0, 0.0)) for each, push in enumerate(run.pushes))
+        self._forces = [*starts, *ends]
         self.marks = run_marks(run)
         self.jobs = run.jobs
         controller = run.attached.parameters.of(ControllerParameters)
@@ -215,12 +216,6 @@ class PlaybackRun:
     def trail(self, time: float) -> list[tuple[float, float]]:
         """Return the trail from the start to `time`, x and y in ``map`` [m]."""
         return self._trail[: bisect_right(self._trail_ticks, self._tick(time))]
-
-
-def _force_events(pushes: Iterable[RecordedPush]) -> Iterator[ForceEvent]:
-    for number, push in enumerate(pushes):
-        yield push.start, str(number), push.force
-        yield push.end, str(number), (0.0, 0.0)
 
 
 def _trail_ticks(position: Floats) -> list[int]:
