@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
-from typing import NamedTuple
 
 from ballbot_ros.analysis.message_comparison import Divergence, MessageComparator, MessageDifference
 from ballbot_ros.analysis.recorded_controller import (
@@ -23,7 +22,7 @@ from ballbot_ros.analysis.recorded_controller import (
 from ballbot_ros.analysis.recorded_runs import RecordedRun
 from ballbot_ros.analysis.replay import (
     ReplayedTick,
-    RunInputs,
+    RunToRepeat,
     compare_events,
     read_inputs,
     replay_controller,
@@ -97,26 +96,6 @@ class ReplayResult:
     engine: Engine = Engine.INTERPRETED
 
 
-class RunToRepeat(NamedTuple):
-    """A recorded run: its inputs and its parameters."""
-
-    inputs: RunInputs
-    parameters: ParameterSet
-
-    @property
-    def implementation(self) -> str:
-        """Name of the controller."""
-        return str(self.parameters.of(ControllerParameters).implementation)
-
-    def without_changes_of(self, name: str) -> RunToRepeat:
-        """Return the run without the recorded changes of a parameter of the controller."""
-        retunings = {
-            stamp: {each: value for each, value in values.items() if each != name}
-            for stamp, values in self.inputs.retunings.items()
-        }
-        return self._replace(inputs=replace(self.inputs, retunings=retunings))
-
-
 class RecordingReplay:
     """Replays the runs of a recording, whose attachments go to the folder `scratch`.
 
@@ -158,7 +137,7 @@ class RecordingReplay:
         recorded = read_inputs(reader)
         self.recording, self.announced = recorded.recording, recorded.announced
         self._begun = [
-            RunToRepeat(inputs, self._parameters(inputs.run, attached, scratch))
+            RunToRepeat(self.recording, inputs, self._parameters(inputs.run, attached, scratch))
             for inputs in recorded.runs
             if inputs.ticks or recorded.has_begun(inputs.run)
         ]
@@ -298,7 +277,7 @@ class RecordingReplay:
         """Run the controller on the recorded samples; compare its messages."""
 
         def replay(job: RunToRepeat, comparator: MessageComparator) -> Iterator[Engine]:
-            return (Engine.INTERPRETED for _ in self._controller_ticks(job, comparator))
+            return (Engine.INTERPRETED for _ in replay_controller(job, comparator))
 
         comparator = self._comparator(CONTROLLER_TOPICS)
         return self._compare('controller', self.runs, comparator, replay, update)
@@ -376,7 +355,7 @@ class RecordingReplay:
         divergences = []
         for job in self.runs:
             divergence, comparator = Divergence(), self._comparator([BRICK_TASKS])
-            for tick in self._controller_ticks(job, comparator):
+            for tick in replay_controller(job, comparator):
                 if tick.stamp_ns in job.inputs.duties:
                     duty = job.inputs.duties[tick.stamp_ns]
                     divergence.add(tick.stamp_ns, duty, tick.outputs.duty)
@@ -389,16 +368,10 @@ class RecordingReplay:
             divergences.append(divergence)
         return divergences
 
-    def _controller_ticks(
-        self, job: RunToRepeat, comparator: MessageComparator | None = None
-    ) -> Iterator[ReplayedTick]:
-        comparator = comparator or MessageComparator(())
-        return replay_controller(self.recording, job.inputs, job.parameters, comparator)
-
     def _robot_ticks(self, job: RunToRepeat, comparator: MessageComparator) -> Iterator[Engine]:
         foreign = [each.role for each in self._foreign_drivers(job)]
         devices = [each for each in DEVICE_MESSAGES if each.sample.publisher in foreign]
-        return replay_run(self.recording, job.inputs, job.parameters, comparator, devices)
+        return replay_run(job, comparator, devices)
 
     def _comparator(self, topics: Iterable[Topic]) -> MessageComparator:
         recorded = self.recording.topics.by_name.values()
@@ -428,7 +401,7 @@ class RecordingReplay:
         """Return the recorded inputs around a tick, and the controller's outputs for them."""
         margin_ns = CONTEXT_TICKS * TICK_NS
         found = []
-        for tick in self._controller_ticks(job):
+        for tick in replay_controller(job, MessageComparator(())):
             if tick.stamp_ns > stamp_ns + margin_ns:
                 break
             if tick.stamp_ns >= stamp_ns - margin_ns:

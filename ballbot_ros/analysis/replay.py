@@ -35,12 +35,7 @@ from ballbot_ros.parameters import GAMEPAD, ControllerParameters, ParameterSet, 
 from ballbot_ros.parameters.changes import PendingChanges
 from ballbot_ros.parameters.timing import FIRST_TICK_NS, SLOW_PERIOD_NS, TICK_NS
 from ballbot_ros.recording.batch import RawMessage
-from ballbot_ros.recording.messages.conversions import (
-    decode_real_duty,
-    decode_sticks,
-    is_stop,
-    stamp_ns,
-)
+from ballbot_ros.recording.messages.conversions import decode_real_duty, decode_sticks, is_stop
 from ballbot_ros.recording.messages.devices import INPUT_READERS, AnyDeviceMessages, device_inputs
 from ballbot_ros.recording.messages.raw import Messages, Stamps, has_stamp, stamp_of
 from ballbot_ros.recording.messages.run_columns import RunColumns
@@ -142,6 +137,27 @@ class RunInputs:
         ]
 
 
+class RunToRepeat(NamedTuple):
+    """A recorded run: its recording, its inputs and its parameters."""
+
+    recording: RobotRecording
+    inputs: RunInputs
+    parameters: ParameterSet
+
+    @property
+    def implementation(self) -> str:
+        """Name of the controller."""
+        return str(self.parameters.of(ControllerParameters).implementation)
+
+    def without_changes_of(self, name: str) -> RunToRepeat:
+        """Return the run without the recorded changes of a parameter of the controller."""
+        retunings = {
+            stamp: {each: value for each, value in values.items() if each != name}
+            for stamp, values in self.inputs.retunings.items()
+        }
+        return self._replace(inputs=replace(self.inputs, retunings=retunings))
+
+
 @dataclass(frozen=True)
 class RecordedInputs:
     """The data of a recording that are needed to replay its runs, in the order of the file."""
@@ -223,23 +239,20 @@ class _EpochInputs:
     retunings: dict[int, dict[str, Value]] = field(default_factory=dict)
 
     def add(self, reader: RecordingReader, topic: Topic, raw: RawMessage) -> None:
-        if topic is PARAMETER_EVENTS:
-            with _RecordingErrorContext(reader, raw.topic, raw.stamp_ns):
+        if topic is ACCEPTED_PUSH:
+            self.pushes.add(reader.decode(raw))
+            return
+        if topic is GAMEPAD_JOY:
+            self.sources[stamp_of(raw.data)] = reader.decode(raw).header.frame_id
+        with _RecordingErrorContext(reader, raw.topic, raw.stamp_ns):
+            if topic is PARAMETER_EVENTS:
                 values = self.retunings.setdefault(stamp_of(raw.data), {})
                 values.update(decode_parameter_event(raw.data))
-            return
-        if topic is MOTOR_DUTY:
-            with _RecordingErrorContext(reader, raw.topic, raw.stamp_ns):
+            elif topic is MOTOR_DUTY:
                 x, y = decode_real_duty(raw.data)
                 self.duties[stamp_of(raw.data)] = int(x), int(y)
-            return
-        message = reader.decode(raw)
-        if topic is GAMEPAD_JOY:
-            with _RecordingErrorContext(reader, raw.topic, raw.stamp_ns):
-                self.sticks[stamp_ns(message)] = decode_sticks(raw.data)
-            self.sources[stamp_ns(message)] = message.header.frame_id
-        else:
-            self.pushes.add(message)
+            else:
+                self.sticks[stamp_of(raw.data)] = decode_sticks(raw.data)
 
     def of_runs(self, reader: RecordingReader, runs: Sequence[RecordedRun]) -> list[RunInputs]:
         """Return the inputs of each run of the epoch.
@@ -280,17 +293,11 @@ STAMPED_TOPICS = [topic for topic in REPLAYED_TOPICS if topic not in EVENTS]
 class _RetunedProgram(TunedProgram):
     """A controller's program, whose parameters change at the ticks at which they have changed."""
 
-    def __init__(
-        self,
-        recording: RobotRecording,
-        inputs: RunInputs,
-        parameters: ParameterSet,
-        messages: ControllerMessages | RunMessages,
-    ) -> None:
-        self._reader, self._messages = recording.reader, messages
-        start_ns = inputs.run.start_ns
-        changes = sorted(each for each in inputs.retunings.items() if each[0] >= start_ns)
-        implementation = implementation_for(parameters.of(ControllerParameters))
+    def __init__(self, job: RunToRepeat, messages: ControllerMessages | RunMessages) -> None:
+        self._reader, self._messages = job.recording.reader, messages
+        start_ns = job.inputs.run.start_ns
+        changes = sorted(each for each in job.inputs.retunings.items() if each[0] >= start_ns)
+        implementation = implementation_for(job.parameters.of(ControllerParameters))
         super().__init__(implementation, PendingChanges(changes))
 
     def repeat(self, now_ns: int) -> None:
@@ -302,13 +309,8 @@ class _RetunedProgram(TunedProgram):
                 self._messages.retuned(now_ns, values)
 
 
-def replay_controller(
-    recording: RobotRecording,
-    inputs: RunInputs,
-    parameters: ParameterSet,
-    comparator: MessageComparator,
-) -> Iterator[ReplayedTick]:
-    """Feed recorded samples to a controller with these parameters, and compare its messages.
+def replay_controller(job: RunToRepeat, comparator: MessageComparator) -> Iterator[ReplayedTick]:
+    """Feed recorded samples to a controller with the run's parameters, and compare its messages.
 
     Yields
     ------
@@ -320,18 +322,18 @@ def replay_controller(
     RecordingError
         If a sample can't be decoded, or has a value that its device can't send.
     """
-    reader, run = recording.reader, inputs.run
+    reader, inputs, run = job.recording.reader, job.inputs, job.inputs.run
     samples: dict[Topic, dict[int, Any]] = {topic: {} for topic in INPUT_READERS}
 
     def replayed(topic: Topic, stamp_ns: int, data: bytes) -> None:
         comparator.add_replayed(topic, [stamp_ns], [data], run.epoch)
 
     messages = ControllerMessages(lambda topic: partial(replayed, topic))
-    retuned = _RetunedProgram(recording, inputs, parameters, messages)
+    retuned = _RetunedProgram(job, messages)
     program = retuned.program
-    tasks = BrickTasks(parameters.of(ControllerParameters), run.start_ns)
+    tasks = BrickTasks(job.parameters.of(ControllerParameters), run.start_ns)
     now = run.start_ns
-    for topic, raw in _messages(recording, inputs, STAMPED_TOPICS):
+    for topic, raw in _messages(job, STAMPED_TOPICS):
         comparator.add_recorded(topic, [raw.stamp_ns], [raw.data], run.epoch)
         if topic not in INPUT_READERS:
             continue
@@ -350,11 +352,7 @@ def replay_controller(
 
 
 def replay_run(
-    recording: RobotRecording,
-    inputs: RunInputs,
-    parameters: ParameterSet,
-    comparator: MessageComparator,
-    recorded_devices: Iterable[AnyDeviceMessages] = (),
+    job: RunToRepeat, comparator: MessageComparator, recorded_devices: Iterable[AnyDeviceMessages]
 ) -> Iterator[Engine]:
     """Run the whole robot with its parameters, recorded sticks and pushes; compare all messages.
 
@@ -368,14 +366,12 @@ def replay_run(
     Engine
         What has computed a tick of the closed loop; one for each.
     """
-    samples = {
-        each.device.field: _samples(recording, inputs, each.sample) for each in recorded_devices
-    }
-    robot = _Robot(recording, inputs, parameters, comparator, samples)
-    for epoch, topic, stamps_ns, data in recording.blocks(
-        STAMPED_TOPICS, inputs.run.start_ns, inputs.last_ns
-    ):
-        if epoch == inputs.run.epoch:
+    samples = {each.device.field: _samples(job, each.sample) for each in recorded_devices}
+    robot = _Robot(job, comparator, samples)
+    run, last_ns = job.inputs.run, job.inputs.last_ns
+    blocks = job.recording.blocks(STAMPED_TOPICS, run.start_ns, last_ns)
+    for epoch, topic, stamps_ns, data in blocks:
+        if epoch == run.epoch:
             comparator.add_recorded(topic, stamps_ns, data, epoch)
             # Do not run ahead of the recording, so that few messages wait for their counterparts.
             if topic is CLOCK:
@@ -393,16 +389,14 @@ class _Robot:
 
     def __init__(
         self,
-        recording: RobotRecording,
-        inputs: RunInputs,
-        parameters: ParameterSet,
+        job: RunToRepeat,
         comparator: MessageComparator,
         samples: Mapping[str, Mapping[int, object]],
     ) -> None:
-        self._inputs = inputs
+        self._inputs = inputs = job.inputs
+        parameters = ParameterSet()
+        parameters.update(job.parameters)
         # The recorded sticks are those that have passed the gamepad's faults.
-        given, parameters = parameters, ParameterSet()
-        parameters.update(given)
         parameters.set(GAMEPAD, 'faults', '')
         start_ns, epoch = inputs.run.start_ns, inputs.run.epoch
 
@@ -419,7 +413,7 @@ class _Robot:
             return partial(replayed, topic)
 
         self._messages = RunMessages(make, parameters)
-        self._retuned = _RetunedProgram(recording, inputs, parameters, self._messages)
+        self._retuned = _RetunedProgram(job._replace(parameters=parameters), self._messages)
         program = self._retuned.program
         self._loop = ClosedLoop(parameters, inputs, start_ns, program, samples)
         self._messages.begin(start_ns, self._loop.world, self._loop.pushes)
@@ -453,11 +447,11 @@ class _Robot:
             yield Engine.INTERPRETED
 
 
-def _samples(recording: RobotRecording, inputs: RunInputs, topic: Topic) -> dict[int, object]:
+def _samples(job: RunToRepeat, topic: Topic) -> dict[int, object]:
     """Return the readings of a device in a run, by their stamps [ns]."""
     readings = {}
-    for _, raw in _messages(recording, inputs, [topic]):
-        with _RecordingErrorContext(recording.reader, raw.topic, raw.stamp_ns):
+    for _, raw in _messages(job, [topic]):
+        with _RecordingErrorContext(job.recording.reader, raw.topic, raw.stamp_ns):
             readings[raw.stamp_ns] = INPUT_READERS[topic](raw.data)
     return readings
 
@@ -472,10 +466,9 @@ def compare_events(
             comparator.add_recorded(topic, [raw.stamp_ns], [raw.data], epoch)
 
 
-def _messages(
-    recording: RobotRecording, inputs: RunInputs, wanted: Collection[Topic]
-) -> Iterator[tuple[Topic, RawMessage]]:
+def _messages(job: RunToRepeat, wanted: Collection[Topic]) -> Iterator[tuple[Topic, RawMessage]]:
     """Iterate over the messages of some stamped topics in a run."""
-    for epoch, topic, raw in recording.messages(wanted, inputs.run.start_ns):
-        if epoch == inputs.run.epoch and raw.stamp_ns <= inputs.last_ns:
+    run, last_ns = job.inputs.run, job.inputs.last_ns
+    for epoch, topic, raw in job.recording.messages(wanted, run.start_ns):
+        if epoch == run.epoch and raw.stamp_ns <= last_ns:
             yield topic, raw
