@@ -380,8 +380,14 @@ def draw_motion(
             draw_line(track, before['map_x_cm'], before['map_y_cm'], line)
         draw_track(track, track_columns(position), Line(BLUE))
         legend_above(track)
+    panels, table = tuple(each.panel for each in (POSITION, PITCH, DUTY)), _table(trajectory)
+    if earlier is not None:
+        panels, table = with_earlier(panels, table, _table(earlier))
     shaded = _intervals(trajectory, hold_time, segments, marked)
-    _draw_history(history, trajectory, shaded, earlier)
+    lines = _stack(history, [panel.row(table) for panel in panels], shaded, (3, 3, 2))
+    name_intervals(lines[0], shaded)
+    # Below the axes, on the right, next to the axis label.
+    lines[2].legend(loc='upper right', bbox_to_anchor=(1.0, -0.2), ncols=2, frameon=False)
     return figure
 
 
@@ -412,19 +418,3 @@ def _table(trajectory: Trajectory) -> Table:
         **PITCH.columns(np.degrees(trajectory.psi)),
         **DUTY.columns(trajectory.duty),
     }
-
-
-def _draw_history(
-    figure: Figure | SubFigure,
-    trajectory: Trajectory,
-    intervals: Sequence[Interval],
-    earlier: Trajectory | None,
-) -> None:
-    panels, table = tuple(each.panel for each in (POSITION, PITCH, DUTY)), _table(trajectory)
-    if earlier is not None:
-        panels, table = with_earlier(panels, table, _table(earlier))
-    rows = [panel.row(table) for panel in panels]
-    lines = _stack(figure, rows, intervals, (3, 3, 2))
-    name_intervals(lines[0], intervals)
-    # Below the axes, on the right, next to the axis label.
-    lines[2].legend(loc='upper right', bbox_to_anchor=(1.0, -0.2), ncols=2, frameon=False)

@@ -30,7 +30,6 @@ from ballbot_ros.analysis.figure_parts import (
     GRAY,
     WIDTH,
     Curve,
-    Interval,
     Line,
     Panel,
     Role,
@@ -157,15 +156,11 @@ def track_marks(run: RunData) -> list[TrackMark]:
     """Return where the body hit walls, and where pushes began."""
     if PLANT_ODOM not in run.series:
         return []
-    return [
-        _mark(run.series[PLANT_ODOM], each) for each in run.marked if each.kind in TRACK_MARKERS
-    ]
-
-
-def _mark(odometry: Series, interval: Interval) -> TrackMark:
-    row = min(int(np.searchsorted(odometry.time, interval.start)), len(odometry.time) - 1)
-    track = track_columns(odometry.values[row : row + 1])
-    return TrackMark(interval, float(track['map_x_cm'][0]), float(track['map_y_cm'][0]))
+    odometry = run.series[PLANT_ODOM]
+    marked = [each for each in run.marked if each.kind in TRACK_MARKERS]
+    rows = np.searchsorted(odometry.time, [each.start for each in marked])
+    track = track_columns(odometry.values[rows.clip(max=len(odometry.time) - 1)])
+    return list(map(TrackMark, marked, *(column.tolist() for column in track.values())))
 
 
 def _draw_track(run: RunData, table: Table, _panels: Sequence[Panel]) -> Figure:
@@ -246,17 +241,13 @@ def duty_table(run: RunData) -> Table:
 
 def motion_table(run: RunData) -> Table:
     """Return position [cm] and body pitch [°] at ticks that have both."""
-    position, pitch = position_table(run), pitch_table(run)
-    if not np.array_equal(position['time_s'], pitch['time_s']):
-        stamps = np.intersect1d(run.series[PLANT_ODOM].stamps, run.series[PLANT_IMU].stamps)
-        odometry, body = run.series[PLANT_ODOM], run.series[PLANT_IMU]
-        time = odometry.time[np.isin(odometry.stamps, stamps)]
-        return envelope(
-            time,
-            POSITION.columns(odometry.at(stamps) * 100.0)
-            | PITCH.columns(np.degrees(body.at(stamps)[:, :2])),
-        )
-    return {**position, **pitch}
+    odometry, body = run.series[PLANT_ODOM], run.series[PLANT_IMU]
+    if np.array_equal(odometry.stamps, body.stamps):
+        return {**position_table(run), **pitch_table(run)}
+    stamps = np.intersect1d(odometry.stamps, body.stamps)
+    time = odometry.time[np.isin(odometry.stamps, stamps)]
+    position, pitch = odometry.at(stamps) * 100.0, np.degrees(body.at(stamps)[:, :2])
+    return envelope(time, POSITION.columns(position) | PITCH.columns(pitch))
 
 
 def estimate_table(run: RunData) -> Table:

@@ -141,17 +141,14 @@ def _merged(changes: Sequence[SetupChange]) -> list[SetupChange]:
 
     It has the name of the controller's, or else the name without a node, such as ``seed``.
     """
-    groups: dict[tuple[str, tuple[str, ...]], list[SetupChange]] = {}
+    groups: defaultdict[SetupChange, list[SetupChange]] = defaultdict(list)
     for each in changes:
-        groups.setdefault((each.short_name, each.values), []).append(each)
-    return [_one_of(same) for same in groups.values()]
-
-
-def _one_of(same: Sequence[SetupChange]) -> SetupChange:
-    own = [each for each in same if each.name.startswith(f'{CONTROLLER}.')]
-    if own or len(same) == 1:
-        return (own or same)[0]
-    return SetupChange(same[0].short_name, same[0].values)
+        groups[SetupChange(each.short_name, each.values)].append(each)
+    merged = []
+    for common, same in groups.items():
+        own = [each for each in same if each.name.startswith(f'{CONTROLLER}.')]
+        merged.append((own or same)[0] if own or len(same) == 1 else common)
+    return merged
 
 
 def _differences(values: Sequence[Mapping[str, str]]) -> list[SetupChange]:
