@@ -8,12 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from ballbot_ros.analysis.assessment import (
-    Assessment,
-    ExpectationResult,
-    PropertyResult,
-    shown_metrics,
-)
+from ballbot_ros.analysis.assessment import Assessment, shown_metrics
 from ballbot_ros.analysis.figure_parts import csv_text
 from ballbot_ros.analysis.interactive import MISSING, InteractiveFigures, interactive_figures
 from ballbot_ros.analysis.limit_cycle import render_spectrum
@@ -143,8 +138,8 @@ def report_page(
         banner=banner(run),
         facts=_facts(run),
         extent='' if run.complete else f'Only ticks up to {run.end:.3f} s count.',
-        expectations=[_expectation(each) for each in assessment.expectations],
-        properties=[_property(each) for each in assessment.properties],
+        marks=_MARKS,
+        metric_text=metric_text,
         metrics=[
             (metric_text(name, value), MEANINGS[name])
             for name, value in shown_metrics(assessment).items()
@@ -222,29 +217,6 @@ def _facts(run: RunData) -> list[tuple[str, str]]:
         if role != CONTROLLER
     ]
     return facts
-
-
-def _expectation(judged: ExpectationResult) -> dict[str, str]:
-    expectation = judged.judgement.expectation
-    mark = _MARKS[judged.verdict]
-    return {
-        **metric_text(expectation.metric, judged.judgement.value)._asdict(),
-        'window': expectation.window or 'whole run',
-        'bounds': str(expectation).replace('-', '−'),
-        'verdict': f'{mark}{judged.verdict}',
-    }
-
-
-def _property(judged: PropertyResult) -> dict[str, str]:
-    judgement = judged.judgement
-    return {
-        'name': judgement.of.name,
-        'verdict': f'{_MARKS[judged.verdict]}{judged.verdict}',
-        'value': number_text(judgement.robustness),
-        'unit': judgement.of.unit,
-        'outcome': judgement.outcome,
-        'text': judgement.of.text,
-    }
 
 
 def _problems(run: RunData) -> dict[tuple[str, str], float]:

@@ -50,7 +50,7 @@ from ballbot_ros.viewer.address import address_line, network_warning, require_vi
 from ballbot_ros.viewer.live_controls import PageSticks
 from ballbot_ros.viewer.overlay import Hold
 from ballbot_ros.viewer.plots import offered_kinds, plot_data
-from ballbot_ros.viewer.run_activity import REPORT, RealTimeFactor, RunActivity, RunReport
+from ballbot_ros.viewer.run_activity import REPORT, RealTimeFactor, RunActivity, report_of
 from ballbot_ros.viewer.snapshot import LIVE_SIGNALS, History, Snapshot
 
 _DEPTH = 50
@@ -80,10 +80,10 @@ class Viewer(BallbotNode[ViewerParameters]):
         require_viser()
         # Imported only here: viser takes a second.
         from ballbot_ros.viewer.live_controls import (
-            DragPush,
             FaultChooser,
             ScenarioChooser,
             add_push_buttons,
+            drag_push,
         )
         from ballbot_ros.viewer.page import UPDATE_S, Page
         from ballbot_ros.viewer.plots import Plots
@@ -102,10 +102,9 @@ class Viewer(BallbotNode[ViewerParameters]):
         self._start_position: Pair | None = None  # of the run; None if unknown
         self._requests = ViewerRequests(self, self._page.notify)
         self._start = StartRequest(self)
-        self._report = RunReport()
         self._page.server.serve_document(REPORT, self._report_page)
         arrow = ForceArrow(self._page.server.scene, 'drag', with_size=True)
-        self._drag = DragPush(arrow, self._requests.push)
+        self._drag = drag_push(arrow, self._requests.push)
         self._show_robot(self._page.dimensions)
         self._sticks = PageSticks()
         self._scenarios = ScenarioChooser(
@@ -197,7 +196,7 @@ class Viewer(BallbotNode[ViewerParameters]):
     def _report_page(self) -> bytes:
         """Return the report of the run that has ended; runs in a thread of the page."""
         session = self._newest.session
-        return self._report.page(session.recording if session else '')
+        return report_of(session.recording if session else '')
 
     def _show(self, snapshot: Snapshot, changed: Collection[Topic]) -> None:
         if RUN in changed or MAP in changed:
@@ -258,7 +257,7 @@ class Viewer(BallbotNode[ViewerParameters]):
 
     def _show_robot(self, dimensions: Dimensions) -> None:
         self._robot = self._page.show_robot(dimensions)
-        self._robot.on_drag(self._drag.on_drag)
+        self._robot.on_drag(self._drag)
 
     def check(self, parameters: ViewerParameters) -> None:
         """Check that the map exists."""

@@ -23,7 +23,7 @@ from ballbot_ros.robot.arithmetic import Floats
 from ballbot_ros.robot.brick.sensors import sonar_cm_to_metres
 from ballbot_ros.robot.plant.ground_truth import Pair
 from ballbot_ros.run.continued_run import ContinuedRun
-from ballbot_ros.viewer.live_controls import DragPush, FaultChooser, PageSticks, add_push_buttons
+from ballbot_ros.viewer.live_controls import FaultChooser, PageSticks, add_push_buttons, drag_push
 from ballbot_ros.viewer.overlay import (
     Banner,
     BannerKind,
@@ -94,8 +94,8 @@ class ContinuedPage(RecordingPage):
         gui, scene = page.server.gui, page.scene
         self._earlier = scene.add_robot('earlier', runs[0].dimensions, ghost=True)
         self._earlier.hide()
-        drag = DragPush(ForceArrow(page.server.scene, 'drag', with_size=True), self._push)
-        self.robots.drawn[0].on_drag(drag.on_drag)
+        drag = drag_push(ForceArrow(page.server.scene, 'drag', with_size=True), self._push)
+        self.robots.drawn[0].on_drag(drag)
         self._pushes = add_push_buttons(gui, self._push)
         self._faults = FaultChooser(gui, lambda text: self._do(lambda run: run.add_fault(text)))
         self._sliders = TuningSliders(gui)

@@ -253,7 +253,9 @@ class DerivedMessages:
             self.sent_ns = 0 if is_new else stamp_ns
             return
         finally:
-            self._forget(stamp_ns)
+            for waiting in self._waiting.values():
+                for each_ns in [each for each in waiting if each <= stamp_ns]:
+                    del waiting[each_ns]
         if is_new:
             self.describe(stamp_ns)
             self._send_walls(stamp_ns)
@@ -274,12 +276,6 @@ class DerivedMessages:
             ),
         )
         return len(stamps) - 1
-
-    def _forget(self, stamp_ns: int) -> None:
-        """Forget the messages up to a stamp."""
-        for waiting in self._waiting.values():
-            for each_ns in [each for each in waiting if each <= stamp_ns]:
-                del waiting[each_ns]
 
     def send_ticks(
         self, stamps_ns: Stamps, position: Floats, psi: Floats, gyro: Floats, encoders: Floats

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Coroutine, Sequence
 from html import escape
 from typing import Any
 
@@ -49,8 +49,11 @@ def drag_force(eye: Point, grip: Point, pointer: Point) -> Pair:
     return x, -y
 
 
-class DragPush:
-    """Shows the force while a page drags the robot, and applies it at the release.
+DragHandler = Callable[[SceneNodeDragEvent[Any]], Coroutine[Any, Any, None]]
+
+
+def drag_push(arrow: ForceArrow, push: Callable[[Pair], None]) -> DragHandler:
+    """Return what shows the force while a page drags the robot, and applies it at the release.
 
     Parameters
     ----------
@@ -60,20 +63,18 @@ class DragPush:
         Pushes the robot with a force in plane signs [N].
     """
 
-    def __init__(self, arrow: ForceArrow, push: Callable[[Pair], None]) -> None:
-        self._arrow, self._push = arrow, push
-
     # A coroutine, which viser calls in the order of the events.
-    async def on_drag(self, event: SceneNodeDragEvent[Any]) -> None:
-        """Process a drag event of viser."""
+    async def on_drag(event: SceneNodeDragEvent[Any]) -> None:
         grip = event.start_position
         force = drag_force(event.client.camera.position, grip, event.end_position)
         if event.phase != 'end':
-            self._arrow.show(grip, force)
+            arrow.show(grip, force)
             return
-        self._arrow.hide()
+        arrow.hide()
         if math.hypot(*force) >= MIN_FORCE:
-            self._push(force)
+            push(force)
+
+    return on_drag
 
 
 RELEASE_S = 0.3

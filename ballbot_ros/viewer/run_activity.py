@@ -6,6 +6,7 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from html import escape
 from pathlib import Path
 from threading import Lock
@@ -286,24 +287,20 @@ def _value_text(judgement: Judgement) -> str:
     return f'{name} {value}'.rstrip()
 
 
-class RunReport:
-    """Makes the report of a recording when it is first asked for; any thread may ask."""
-
-    def __init__(self) -> None:
-        self._lock = Lock()
-        self._recording = ''
-        self._page = b''
-
-    def page(self, recording: str) -> bytes:
-        """Return the page of a recording, or one that says why there is none."""
-        with self._lock:
-            if recording != self._recording:
-                self._page = _page(recording)
-                self._recording = recording
-            return self._page
+_MAKING = Lock()
 
 
-def _page(recording: str) -> bytes:
+def report_of(recording: str) -> bytes:
+    """Return the report of a recording, or a page that says why there is none.
+
+    It is made when it is first asked for; any thread may ask.
+    """
+    with _MAKING:
+        return _report(recording)
+
+
+@lru_cache(1)
+def _report(recording: str) -> bytes:
     if not recording:
         return _notice('This run has no report: it has not ended, or was not recorded.')
     # Imported only here: it takes half a second.

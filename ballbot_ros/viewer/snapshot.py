@@ -215,8 +215,8 @@ class History:
             ('reference_speed', 'm_per_s', lambda sample: sample.estimates.theta_ref_dot, 0.0),
         ):
             columns |= plane_columns(name, unit, _pairs(samples, of) * ball_radius + offset)
-        columns['distance_m'] = _padded([sample.sonar for sample in samples])
-        columns['battery_v'] = _padded([sample.battery for sample in samples])
+        columns['distance_m'] = np.array([math.nan, *(sample.sonar for sample in samples)])
+        columns['battery_v'] = np.array([math.nan, *(sample.battery for sample in samples)])
         return np.array([first, *times]), columns
 
 
@@ -237,10 +237,6 @@ _SIGNALS: tuple[tuple[str, str, _Of, float], ...] = (
 def _pairs(samples: Sequence[Snapshot], of: _Of) -> Floats:
     """Return a pair of each sample, after a row without values."""
     return np.array([UNKNOWN, *map(of, samples)], np.float64)
-
-
-def _padded(values: Sequence[float]) -> Floats:
-    return np.array([math.nan, *values], np.float64)
 
 
 LIVE_SIGNALS = frozenset(History().columns(0.0, None)[1])

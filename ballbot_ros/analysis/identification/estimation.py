@@ -11,7 +11,7 @@ rounding that is expected at the predicted angle is taken out of them.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -280,10 +280,6 @@ class Estimator:
     def plant(self, fit: ExperimentFit) -> PlantParameters:
         """Return the parameters of an experiment's robot, with the present estimates."""
         return fit.model.segments.experiment.plant.with_values(self.values)
-
-    def keep(self, names: Collection[str]) -> None:
-        """Let the other parameters have the values of the experiments again."""
-        self.values = {name: value for name, value in self.values.items() if name in names}
 
     def improve(self) -> None:
         """Learn from a fit what is known of the readings' errors."""

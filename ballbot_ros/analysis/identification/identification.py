@@ -264,7 +264,7 @@ def _estimate(
             # With what is now known of the readings, fewer may be told apart.
             estimator.improve()
             chosen = choose(information(_projected(estimator, chosen)), chosen)
-            estimator.keep(chosen)
+            estimator.values = {name: estimator.values[name] for name in chosen}
         if not chosen:
             break
         scales = {name: _scale(name, begin[name]) for name in chosen}
