@@ -119,7 +119,7 @@ def assess(run: RunData) -> Assessment:
     judgements = judge(expectations, run.trajectory, run.plant, walls)
     judged = tuple(ExpectationResult(each, _verdict(run, each)) for each in judgements)
     properties = judge_recorded_properties(run, walls)
-    decided = tuple(PropertyResult(each, _verdict_on(run, each)) for each in properties)
+    decided = tuple(PropertyResult(each, _verdict(run, each)) for each in properties)
     outcome, reason = _outcome(run, (*judged, *decided))
     if run.outside_changes and outcome is Verdict.PASSED:
         outcome = Verdict.CHANGED
@@ -138,12 +138,6 @@ def judge_recorded_properties(run: RunData, walls: Walls | None = None) -> list[
     signals = motion_signals(run.trajectory, _walls(run) if walls is None else walls, lambda: run)
     course = Course({**scenario.events, 'push': pushes}, mode)
     return [judge_property(each, signals, run.plant, course) for each in scenario.properties]
-
-
-def _verdict_on(run: RunData, judgement: PropertyJudgement) -> ExpectationVerdict:
-    if not run.complete or judgement.lack:
-        return ExpectationVerdict.NOT_JUDGED
-    return ExpectationVerdict.MET if judgement.holds else ExpectationVerdict.NOT_MET
 
 
 def _walls(run: RunData) -> Walls:
@@ -169,13 +163,16 @@ def shown_metrics(assessment: Assessment) -> dict[str, float]:
     }
 
 
-def _verdict(run: RunData, judgement: Judgement) -> ExpectationVerdict:
-    expectation, value = judgement.expectation, judgement.value
-    to_the_end = run.complete
-    within = run.intact and expectation.end < run.end + HALF_TICK_S
-    # A settling time of NaN means "never settles"; NaN of any other metric means missing data.
-    known = not math.isnan(value) or expectation.metric == 'settling_time_s'
-    if not known or not (to_the_end or within):
+def _verdict(run: RunData, judgement: Judgement | PropertyJudgement) -> ExpectationVerdict:
+    if isinstance(judgement, PropertyJudgement):
+        is_known = run.complete and not judgement.lack
+    else:
+        expectation = judgement.expectation
+        within = run.intact and expectation.end < run.end + HALF_TICK_S
+        # A settling time of NaN means "never settles"; NaN of any other metric means missing data.
+        has_value = not math.isnan(judgement.value) or expectation.metric == 'settling_time_s'
+        is_known = has_value and (run.complete or within)
+    if not is_known:
         return ExpectationVerdict.NOT_JUDGED
     return ExpectationVerdict.MET if judgement.holds else ExpectationVerdict.NOT_MET
 

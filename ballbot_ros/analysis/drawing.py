@@ -229,21 +229,15 @@ class FloorShades:
 
 def floor_shades(floor: FloorMap | OccupancyGrid) -> FloorShades:
     """Return the floor from above: a map with its walls and lines, a grid with its walls."""
-    return _map_shades(floor) if isinstance(floor, FloorMap) else _grid_shades(floor)
-
-
-def _map_shades(floor_map: FloorMap) -> FloorShades:
-    shades = np.full(floor_map.cells.shape, np.nan)
-    shades[floor_map.cells == WALL] = WALL_SHADE
-    shades[floor_map.cells == LINE] = LINE_SHADE
-    right, top = (n * CELL_M * 100.0 / 2.0 for n in (floor_map.columns, floor_map.rows))
-    return FloorShades(shades, (-right, right, -top, top))
-
-
-def _grid_shades(grid: OccupancyGrid) -> FloorShades:
-    shades = np.where(grid.cells[::-1] >= _OCCUPIED_PERCENT, WALL_SHADE, np.nan)
-    left, low = (edge * 100.0 for edge in grid.origin)
-    height, width = (cells * grid.resolution * 100.0 for cells in grid.cells.shape)
+    if isinstance(floor, FloorMap):
+        shades = np.full(floor.cells.shape, np.nan)
+        shades[floor.cells == WALL] = WALL_SHADE
+        shades[floor.cells == LINE] = LINE_SHADE
+        right, top = (n * CELL_M * 100.0 / 2.0 for n in (floor.columns, floor.rows))
+        return FloorShades(shades, (-right, right, -top, top))
+    shades = np.where(floor.cells[::-1] >= _OCCUPIED_PERCENT, WALL_SHADE, np.nan)
+    left, low = (edge * 100.0 for edge in floor.origin)
+    height, width = (cells * floor.resolution * 100.0 for cells in floor.cells.shape)
     return FloorShades(shades, (left, left + width, low, low + height))
 
 

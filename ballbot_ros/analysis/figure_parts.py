@@ -309,10 +309,6 @@ class Panel:
         """The unit."""
         return self.label.partition('[')[2].rstrip(']')
 
-    def of_plane(self, plane: str) -> Panel:
-        """Return the panel with only the curves of a plane."""
-        return replace(self, curves=tuple(each for each in self.curves if each.plane == plane))
-
     def row(self, table: Table, line_of: Callable[[Curve], Line] = Curve.line_of_both) -> Row:
         """Return the panel with the curves that have a value in a table."""
         known = (each for each in self.curves if not np.isnan(table[each.column]).all())

@@ -156,15 +156,13 @@ class _Pairs:
             earlier, text = (recorded, _EXTRA) if is_extra else (replayed, _MISSING)
             return earlier.difference(at, self._topic, text)
         # Compare the content, since padding bytes may differ.
-        what = self._what(recorded.data[at], replayed.data[at])
-        return replayed.difference(at, self._topic, what) if what else None
-
-    def _what(self, recorded: bytes, replayed: bytes) -> str:
         try:
-            message = self._decode(recorded)
+            message = self._decode(recorded.data[at])
         except ValueError as error:
-            return f'the recorded message is not a valid {self._topic.type_name}: {error}'
-        return first_difference(message, self._decode(replayed))
+            what = f'the recorded message is not a valid {self._topic.type_name}: {error}'
+        else:
+            what = first_difference(message, self._decode(replayed.data[at]))
+        return replayed.difference(at, self._topic, what) if what else None
 
 
 def first_difference(recorded: object, replayed: Any, path: str = '') -> str:

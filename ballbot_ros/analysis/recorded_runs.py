@@ -317,7 +317,10 @@ class RunFinder:
         """Return the epoch of a sample, and whether it is newer than earlier ones."""
         epoch, newest_ns = self._newest.get(topic, (self.epochs - 1, -1))
         if epoch == self.epochs - 1:
-            if self._begins(topic, stamp_ns, newest_ns):
+            is_far_back = stamp_ns < newest_ns - HISTORY * topic.period_ns
+            is_earliest = self._epochs[-1].oldest_ns >= stamp_ns < newest_ns
+            if stamp_ns in self._next or is_far_back or is_earliest:
+                # It begins another epoch, rather than being late or a resend.
                 self._epochs.append(_Epoch(self._next))
                 self._next = {}
         elif stamp_ns > max(newest_ns, self._epochs[-1].newest_ns + MAX_AHEAD_NS):
@@ -333,13 +336,6 @@ class RunFinder:
         self._newest[topic] = epoch, stamp_ns
         self._epochs[-1].note(stamp_ns, stamp_ns)
         return epoch, True
-
-    def _begins(self, topic: Topic, stamp_ns: int, newest_ns: int) -> bool:
-        """Return whether a sample begins another epoch, rather than being late or a resend."""
-        if stamp_ns in self._next:
-            return True
-        is_far_back = stamp_ns < newest_ns - HISTORY * topic.period_ns
-        return is_far_back or self._epochs[-1].oldest_ns >= stamp_ns < newest_ns
 
 
 def messages_by_epoch(

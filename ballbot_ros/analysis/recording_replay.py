@@ -54,7 +54,7 @@ from ballbot_ros.parameters import (
 )
 from ballbot_ros.parameters.files import assign, read_parameter_file
 from ballbot_ros.parameters.timing import SECOND_NS, TICK_NS, TICK_S
-from ballbot_ros.recording.messages.devices import DEVICE_MESSAGES, INPUT_READERS
+from ballbot_ros.recording.messages.devices import DEVICE_MESSAGES, INPUT_READERS, AnyDeviceMessages
 from ballbot_ros.recording.messages.topics import (
     BRICK_TASKS,
     CONTROLLER_TOPICS,
@@ -275,12 +275,10 @@ class RecordingReplay:
 
     def replay_controller(self, update: ReportTime) -> ReplayResult:
         """Run the controller on the recorded samples; compare its messages."""
-
-        def replay(job: RunToRepeat, comparator: MessageComparator) -> Iterator[Engine]:
-            return (Engine.INTERPRETED for _ in replay_controller(job, comparator))
-
         comparator = self._comparator(CONTROLLER_TOPICS)
-        return self._compare('controller', self.runs, comparator, replay, update)
+        ticks = chain.from_iterable(replay_controller(job, comparator) for job in self.runs)
+        engines = (Engine.INTERPRETED for _ in ticks)
+        return self._compare('controller', self.runs, comparator, engines, update)
 
     def replay_robot(self, update: ReportTime) -> ReplayResult:
         """Run the whole robot; compare all messages.
@@ -290,7 +288,12 @@ class RecordingReplay:
         foreign = {each.role for job in self._begun for each in self._foreign_drivers(job)}
         ours = (topic for topic in REPLAYED_TOPICS if topic.publisher not in foreign)
         comparator = self._comparator(ours)
-        result = self._compare('robot', self._begun, comparator, self._robot_ticks, update)
+        engines = (
+            engine
+            for job in self._begun
+            for engine in replay_run(job, comparator, self._recorded_devices(job))
+        )
+        result = self._compare('robot', self._begun, comparator, engines, update)
         compile_for_the_next_time()
         if result.difference is None:
             if not foreign and self._robot_shows_controller():
@@ -368,10 +371,10 @@ class RecordingReplay:
             divergences.append(divergence)
         return divergences
 
-    def _robot_ticks(self, job: RunToRepeat, comparator: MessageComparator) -> Iterator[Engine]:
+    def _recorded_devices(self, job: RunToRepeat) -> list[AnyDeviceMessages]:
+        """Return the devices whose drivers are nodes of other packages."""
         foreign = [each.role for each in self._foreign_drivers(job)]
-        devices = [each for each in DEVICE_MESSAGES if each.sample.publisher in foreign]
-        return replay_run(job, comparator, devices)
+        return [each for each in DEVICE_MESSAGES if each.sample.publisher in foreign]
 
     def _comparator(self, topics: Iterable[Topic]) -> MessageComparator:
         recorded = self.recording.topics.by_name.values()
@@ -382,20 +385,19 @@ class RecordingReplay:
         subject: str,
         jobs: Sequence[RunToRepeat],
         comparator: MessageComparator,
-        replay: Callable[[RunToRepeat, MessageComparator], Iterator[Engine]],
+        engines: Iterator[Engine],
         update: ReportTime,
     ) -> ReplayResult:
-        engines = Counter[Engine]()
-        for engine in chain.from_iterable(replay(job, comparator) for job in jobs):
-            engines[engine] += 1
-            update(engines.total() * TICK_NS / SECOND_NS)
+        """Compare messages while `engines` makes the ticks, and says what has made each."""
+        ticks = Counter[Engine]()
+        for engine in engines:
+            ticks[engine] += 1
+            update(ticks.total() * TICK_NS / SECOND_NS)
         compare_events(self.recording, [job.inputs for job in jobs], comparator)
         difference = comparator.first_difference(complete=self.recording.reader.complete)
-        is_compiled = set(+engines) == {Engine.COMPILED}
-        return ReplayResult(
-            subject, engines.total(), comparator.compared(), difference,
-            engine=Engine.COMPILED if is_compiled else Engine.INTERPRETED,
-        )  # fmt: skip
+        engine = Engine.COMPILED if set(ticks) == {Engine.COMPILED} else Engine.INTERPRETED
+        messages = comparator.compared()
+        return ReplayResult(subject, ticks.total(), messages, difference, engine=engine)
 
     def _context(self, job: RunToRepeat, stamp_ns: int) -> list[ReplayedTick]:
         """Return the recorded inputs around a tick, and the controller's outputs for them."""

@@ -175,8 +175,8 @@ def _draw_by_plane(
     grid = figure.subplots(len(panels), 2, sharex=True, sharey='row' if share_rows else 'none')
     for line, panel in zip(grid, panels, strict=True):
         for axes, plane in zip(line, 'xy', strict=True):
-            shown = replace(panel, label='').of_plane(plane)
-            draw_row(axes, shown.row(table, Curve.line))
+            curves = tuple(each for each in panel.curves if each.plane == plane)
+            draw_row(axes, replace(panel, label='', curves=curves).row(table, Curve.line))
             shade_intervals(axes, run.marked)
         for axes in line:  # after all curves of the row: setting the span ends autoscaling
             set_min_span(axes, panel.min_span)

@@ -109,18 +109,14 @@ class PageSticks:
         held = [last for before, last in self._reports.values() if _is_held(before, last)]
         if not held:
             return None
-        return _limited(sum(each.forward for each in held)), _limited(
-            sum(each.rightward for each in held)
-        )
+        total = np.sum([(each.forward, each.rightward) for each in held], axis=0)
+        forward, rightward = total.clip(-MAX_HELD, MAX_HELD).tolist()
+        return forward, rightward
 
 
 def _is_held(before: Hold | None, last: Hold) -> bool:
     is_repeated = before is not None and last.at_s - before.at_s < RELEASE_S
     return is_repeated and (last.forward, last.rightward) != (0.0, 0.0)
-
-
-def _limited(value: float) -> float:
-    return max(-MAX_HELD, min(MAX_HELD, value))
 
 
 DIRECTIONS: dict[str, Pair] = {

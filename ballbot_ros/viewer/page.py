@@ -99,11 +99,8 @@ class Page:
         chooser: Any = client.gui.add_dropdown(
             'View', labels, initial_value=labels[names.index(VISTA)], order=-1.0
         )
-
-        def on_choice(_: object) -> None:
-            self.set_view(client.client_id, names[labels.index(chooser.value)])
-
-        chooser.on_update(on_choice)
+        views = dict(zip(labels, names, strict=True))
+        chooser.on_update(lambda _: self.set_view(client.client_id, views[chooser.value]))
         for number, label in enumerate(labels, 1):
             command = client.gui.add_command(label, hotkey=str(number))  # type: ignore[arg-type]
 

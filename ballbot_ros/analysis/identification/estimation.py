@@ -232,7 +232,8 @@ class ExperimentFit:
         self._counts[channel] = counts
         if channel.is_rounded:
             self._deviations[channel] = max(_LEAST_DEVIATION, deviation)
-            self.noise.setdefault(channel, _noise(deviation))
+            noise = math.sqrt(max(0.0, deviation**2 - ROUNDING_DEVIATION**2))  # before rounding
+            self.noise.setdefault(channel, noise)
             self._rounding[channel] = expected_rounding(predicted, self.noise[channel])
         else:
             self._deviations[channel] = max(channel.noise, deviation)
@@ -249,11 +250,6 @@ class ExperimentFit:
 
 def _rms(errors: Floats) -> float:
     return float(np.sqrt(np.mean(errors**2)))
-
-
-def _noise(deviation: float) -> float:
-    """Return the noise before rounding, from the standard deviation of all errors."""
-    return math.sqrt(max(0.0, deviation**2 - ROUNDING_DEVIATION**2))
 
 
 class Estimator:

@@ -268,7 +268,9 @@ def recorded_experiment(
     stamps = _tick_stamps(run)
     time = run.series[MOTOR_DUTY].time[0] + np.arange(len(stamps)) * TICK_S
     recorded = run.plant if run.attached.has_parameters else None
-    plant = _with_mean_delay(run.plant.with_values(known))
+    plant = run.plant.with_values(known)
+    delay = mean_delay(plant.actuator_delay, plant.actuator_delay_jitter, STEPS_PER_TICK)
+    plant = replace(plant, actuator_delay=round(delay), actuator_delay_jitter=0)
     notes = []
     duty, delays = np.split(_values(run, MOTOR_DUTY, stamps), [2], axis=1)
     battery = _values(run, BATTERY_STATE, stamps)[:, 0]
@@ -347,11 +349,6 @@ def _not_recorded(run: RunData, topic: Topic) -> IdentificationError:
 def _age(device: DeviceParameters) -> int:
     """Return the mean dead time of a device [physics steps]."""
     return round(mean_delay(device.delay, device.delay_jitter, STEPS_PER_TICK))
-
-
-def _with_mean_delay(plant: PlantParameters) -> PlantParameters:
-    delay = mean_delay(plant.actuator_delay, plant.actuator_delay_jitter, STEPS_PER_TICK)
-    return replace(plant, actuator_delay=round(delay), actuator_delay_jitter=0)
 
 
 NO_DUTIES = (
