@@ -18,18 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.analysis.drawing import (
-    LINE_SHADE,
-    SHADES,
-    STATE_COLOURS,
-    TRACK_MARKERS,
-    WALL_SHADE,
-    X_LABEL,
-    Y_LABEL,
-    FloorShades,
-    TrackMark,
-    floor_shades,
-)
+from ballbot_ros.analysis import drawing
 from ballbot_ros.analysis.figure_parts import (
     BLUE,
     GRAY,
@@ -346,7 +335,7 @@ def _limit(value: float, number: int) -> Json:
 
 
 def _shade(interval: Interval) -> Json:
-    color, alpha, edge = SHADES[interval.kind]
+    color, alpha, edge = drawing.SHADES[interval.kind]
     return {
         'type': 'rect', 'xref': 'x', 'x0': interval.start, 'x1': interval.end, 'yref': 'paper',
         'y0': 0, 'y1': 1, 'fillcolor': color, 'opacity': alpha, 'layer': 'below',
@@ -367,8 +356,8 @@ def _lane_trace(lanes: Mapping[str, Sequence[Interval]]) -> Json:
 
 def _color(interval: Interval) -> str:
     if interval.kind is IntervalKind.STATE:
-        return STATE_COLOURS.get(interval.name, GRAY)
-    return SHADES[interval.kind].color
+        return drawing.STATE_COLOURS.get(interval.name, GRAY)
+    return drawing.SHADES[interval.kind].color
 
 
 def _words(interval: Interval) -> str:
@@ -413,7 +402,7 @@ def stroke(line: Line) -> Json:
 def track_figure(
     tracks: Sequence[tuple[Table, Line]],
     floor: FloorMap | OccupancyGrid | None,
-    marks: Sequence[TrackMark],
+    marks: Sequence[drawing.TrackMark],
     numbers: PackedNumbers,
 ) -> Json:
     """Return tracks on the map from above, with their ends, pushes and wall hits.
@@ -425,12 +414,13 @@ def track_figure(
     constrained = 'range' if floor is None else 'domain'
     layout = {
         **chart_layout(),
-        'xaxis': {**GRID, 'title': {'text': X_LABEL}, 'constrain': constrained},
+        'xaxis': {**GRID, 'title': {'text': drawing.X_LABEL}, 'constrain': constrained},
         'yaxis': {
-            **GRID, 'title': {'text': Y_LABEL}, 'scaleanchor': 'x', 'constrain': constrained,
+            **GRID, 'title': {'text': drawing.Y_LABEL}, 'scaleanchor': 'x',
+            'constrain': constrained,
         },
     }  # fmt: skip
-    traces = [_floor_trace(floor_shades(floor))] if floor is not None else []
+    traces = [_floor_trace(drawing.floor_shades(floor))] if floor is not None else []
     for table, line in tracks:
         traces += _track_traces(table, line, numbers)
     traces += _mark_traces(marks)
@@ -467,12 +457,12 @@ def _point(name: str, x: float, y: float, color: str, symbol: str, size: float) 
     }  # fmt: skip
 
 
-def _mark_traces(marks: Sequence[TrackMark]) -> list[Json]:
+def _mark_traces(marks: Sequence[drawing.TrackMark]) -> list[Json]:
     traces = []
-    for kind, marker in TRACK_MARKERS.items():
+    for kind, marker in drawing.TRACK_MARKERS.items():
         some = [each for each in marks if each.interval.kind is kind]
         if some:
-            color = SHADES[kind].color
+            color = drawing.SHADES[kind].color
             traces.append({
                 'type': 'scatter', 'mode': 'markers', 'name': kind.value,
                 'x': [each.x for each in some], 'y': [each.y for each in some],
@@ -486,7 +476,7 @@ def _mark_traces(marks: Sequence[TrackMark]) -> list[Json]:
     return traces
 
 
-def _floor_trace(floor: FloorShades) -> Json:
+def _floor_trace(floor: drawing.FloorShades) -> Json:
     """Return walls and lines as an image."""
     rows, columns = floor.shades.shape
     left, right, low, high = floor.extent
@@ -495,7 +485,7 @@ def _floor_trace(floor: FloorShades) -> Json:
         [None if math.isnan(cell) else cell for cell in row] for row in floor.shades[::-1].tolist()
     ]
     return {
-        'type': 'heatmap', 'z': cells, 'zmin': WALL_SHADE, 'zmax': LINE_SHADE,
+        'type': 'heatmap', 'z': cells, 'zmin': drawing.WALL_SHADE, 'zmax': drawing.LINE_SHADE,
         'x0': left + step_x / 2.0,
         'dx': step_x, 'y0': low + step_y / 2.0, 'dy': step_y, 'showscale': False,
         'colorscale': [[0, '#999999'], [1, '#CCCCCC']], 'hoverinfo': 'skip',

@@ -420,8 +420,11 @@ def _trajectory(
     position = series[PLANT_ODOM].at(stamps) if PLANT_ODOM in series else absent
     duties: NDArray[Any] = absent
     if duty is not None:
-        newest = np.searchsorted(duty.stamps, stamps, side='right') - 1
-        duties = duty.values[newest.clip(min=0), :2]
+        held = stamps
+        if MOTOR_DUTY not in sources:
+            indices = np.searchsorted(duty.stamps, stamps, side='right') - 1
+            held = duty.stamps[indices.clip(min=0)]
+        duties = duty.at(held)[:, :2]
     missing = 0
     if len(stamps):
         missing = int((stamps[-1] - start) // TICK_NS + 1 - len(stamps))

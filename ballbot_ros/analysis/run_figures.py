@@ -9,22 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ballbot_ros.analysis.drawing import (
-    DUTY,
-    PITCH,
-    POSITION,
-    STATE_COLOURS,
-    TRACK_MARKERS,
-    TrackMark,
-    draw_row,
-    draw_rows,
-    draw_tracks,
-    label_time,
-    legend_above,
-    set_min_span,
-    shade_intervals,
-    style_axes,
-)
+from ballbot_ros.analysis import drawing
 from ballbot_ros.analysis.figure_parts import (
     BLUE,
     GRAY,
@@ -132,7 +117,7 @@ def draw_figures(run: RunData, contents: Iterable[FigureContent]) -> list[Render
 
 def _draw_stacked(run: RunData, table: Table, panels: Sequence[Panel]) -> Figure:
     """Draw panels of both planes, one above the other."""
-    return draw_rows([each.row(table) for each in panels], run.marked)
+    return drawing.draw_rows([each.row(table) for each in panels], run.marked)
 
 
 @dataclass(frozen=True)
@@ -152,19 +137,19 @@ class RunFigure:
     draw: Callable[[RunData, Table, Sequence[Panel]], Figure] = _draw_stacked
 
 
-def track_marks(run: RunData) -> list[TrackMark]:
+def track_marks(run: RunData) -> list[drawing.TrackMark]:
     """Return where the body hit walls, and where pushes began."""
     if PLANT_ODOM not in run.series:
         return []
     odometry = run.series[PLANT_ODOM]
-    marked = [each for each in run.marked if each.kind in TRACK_MARKERS]
+    marked = [each for each in run.marked if each.kind in drawing.TRACK_MARKERS]
     rows = np.searchsorted(odometry.time, [each.start for each in marked])
     track = track_columns(odometry.values[rows.clip(max=len(odometry.time) - 1)])
-    return list(map(TrackMark, marked, *(column.tolist() for column in track.values())))
+    return list(map(drawing.TrackMark, marked, *(column.tolist() for column in track.values())))
 
 
 def _draw_track(run: RunData, table: Table, _panels: Sequence[Panel]) -> Figure:
-    return draw_tracks([(table, Line(BLUE))], run.floor, track_marks(run))
+    return drawing.draw_tracks([(table, Line(BLUE))], run.floor, track_marks(run))
 
 
 def _draw_by_plane(
@@ -176,16 +161,16 @@ def _draw_by_plane(
     for line, panel in zip(grid, panels, strict=True):
         for axes, plane in zip(line, 'xy', strict=True):
             curves = tuple(each for each in panel.curves if each.plane == plane)
-            draw_row(axes, replace(panel, label='', curves=curves).row(table, Curve.line))
-            shade_intervals(axes, run.marked)
+            drawing.draw_row(axes, replace(panel, label='', curves=curves).row(table, Curve.line))
+            drawing.shade_intervals(axes, run.marked)
         for axes in line:  # after all curves of the row: setting the span ends autoscaling
-            set_min_span(axes, panel.min_span)
+            drawing.set_min_span(axes, panel.min_span)
         line[0].set_ylabel(panel.label)
-        legend_above(line[1])
+        drawing.legend_above(line[1])
     for axes, plane in zip(grid[0], 'xy', strict=True):
         axes.set_title(f'plane {plane}', loc='left')
     for axes in grid[1]:
-        label_time(axes)
+        drawing.label_time(axes)
     return figure
 
 
@@ -200,14 +185,15 @@ def _draw_states(run: RunData, table: Table, _panels: Sequence[Panel]) -> Figure
         # One band per state, with its name next to it, so that colour is not needed.
         axes.barh(
             present.index(each.name), each.end - each.start, left=each.start, height=0.7,
-            color=STATE_COLOURS.get(each.name, GRAY), hatch=hatch, edgecolor='white', linewidth=0.0,
+            color=drawing.STATE_COLOURS.get(each.name, GRAY), hatch=hatch, edgecolor='white',
+            linewidth=0.0,
         )  # fmt: skip
     axes.set_yticks(range(len(present)), [state.replace('_', ' ') for state in present])
     axes.invert_yaxis()
     axes.set_xlim(0.0, max(run.end, float(table['end_s'][-1])))
     axes.set_ylabel('operating state')
-    label_time(axes)
-    style_axes(axes)
+    drawing.label_time(axes)
+    drawing.style_axes(axes)
     return figure
 
 
@@ -218,13 +204,13 @@ def _table(series: Series, name: str, unit: str, values: Floats) -> Table:
 def position_table(run: RunData) -> Table:
     """Return the true position [cm]."""
     series = run.series[PLANT_ODOM]
-    return envelope(series.time, POSITION.columns(series.values * 100.0))
+    return envelope(series.time, drawing.POSITION.columns(series.values * 100.0))
 
 
 def pitch_table(run: RunData) -> Table:
     """Return the true body pitch [°]."""
     series = run.series[PLANT_IMU]
-    return envelope(series.time, PITCH.columns(np.degrees(series.values[:, :2])))
+    return envelope(series.time, drawing.PITCH.columns(np.degrees(series.values[:, :2])))
 
 
 def track_table(run: RunData) -> Table:
@@ -236,7 +222,7 @@ def track_table(run: RunData) -> Table:
 def duty_table(run: RunData) -> Table:
     """Return the duties [%]."""
     series = run.series[MOTOR_DUTY]
-    return envelope(series.time, DUTY.columns(series.values[:, :2]))
+    return envelope(series.time, drawing.DUTY.columns(series.values[:, :2]))
 
 
 def motion_table(run: RunData) -> Table:
@@ -247,7 +233,7 @@ def motion_table(run: RunData) -> Table:
     stamps = np.intersect1d(odometry.stamps, body.stamps)
     time = odometry.time[np.isin(odometry.stamps, stamps)]
     position, pitch = odometry.at(stamps) * 100.0, np.degrees(body.at(stamps)[:, :2])
-    return envelope(time, POSITION.columns(position) | PITCH.columns(pitch))
+    return envelope(time, drawing.POSITION.columns(position) | drawing.PITCH.columns(pitch))
 
 
 def estimate_table(run: RunData) -> Table:
@@ -353,7 +339,7 @@ FIGURES = (
         'pushes and wall hits are shaded.',
         (PLANT_ODOM, PLANT_IMU),
         motion_table,
-        (POSITION.panel, PITCH.panel),
+        (drawing.POSITION.panel, drawing.PITCH.panel),
     ),
     RunFigure(
         'track',
@@ -378,7 +364,7 @@ FIGURES = (
         'The duties of both motors against time; the dotted lines are the saturation limits.',
         (MOTOR_DUTY,),
         duty_table,
-        (replace(DUTY.panel, limits=(-100.0, 100.0)),),
+        (replace(drawing.DUTY.panel, limits=(-100.0, 100.0)),),
     ),
     RunFigure(
         'sticks',
@@ -397,7 +383,7 @@ FIGURES = (
         command_table,
         (
             _panel('speed [cm/s]', 'speed_{}_cm_per_s', Role.TRUE, Role.COMMANDED, Role.REFERENCE),
-            _panel(POSITION.label, 'position_{}_cm', Role.TRUE, Role.REFERENCE),
+            _panel(drawing.POSITION.label, 'position_{}_cm', Role.TRUE, Role.REFERENCE),
         ),
         _draw_by_plane,
     ),
@@ -409,8 +395,8 @@ FIGURES = (
         (PLANT_IMU, PLANT_ODOM, CONTROLLER_STATE),
         estimate_table,
         (
-            _panel(PITCH.label, 'pitch_{}_deg', Role.TRUE, Role.ESTIMATED),
-            _panel(POSITION.label, 'position_{}_cm', Role.TRUE, Role.ESTIMATED),
+            _panel(drawing.PITCH.label, 'pitch_{}_deg', Role.TRUE, Role.ESTIMATED),
+            _panel(drawing.POSITION.label, 'position_{}_cm', Role.TRUE, Role.ESTIMATED),
         ),
         _draw_by_plane,
     ),
