@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ballbot_ros.analysis import interactive
 from ballbot_ros.analysis.assessment import Assessment
 from ballbot_ros.analysis.drawing import DUTY, PITCH, POSITION, Quantity, draw_rows, draw_tracks
 from ballbot_ros.analysis.figure_parts import (
@@ -26,16 +27,6 @@ from ballbot_ros.analysis.figure_parts import (
     Table,
     csv_text,
     png_of,
-)
-from ballbot_ros.analysis.interactive import (
-    MISSING,
-    Events,
-    InteractiveFigures,
-    Json,
-    PackedNumbers,
-    history_figure,
-    packed_figures,
-    track_figure,
 )
 from ballbot_ros.analysis.metrics import Verdict, number
 from ballbot_ros.analysis.page import number_text, render_template, write_folder
@@ -348,7 +339,7 @@ def write_comparison(comparison: Comparison, failed: Sequence[str], folder: Path
         figures=figures,
         interactive=_interactive(comparison),
         left_out=_LEFT_OUT,
-        missing=MISSING,
+        missing=interactive.MISSING,
     )
     metrics = csv_text(
         ('metric', *(each.letter for each in runs)),
@@ -372,19 +363,20 @@ def _figures(comparison: Comparison) -> Iterable[RenderedFigure]:
         yield RenderedFigure('track', 'Track', caption, png, {})
 
 
-def _interactive(comparison: Comparison) -> InteractiveFigures | None:
+def _interactive(comparison: Comparison) -> interactive.InteractiveFigures | None:
     rows = [row for quantity in _SOURCES for row in _rows(comparison, quantity)]
     if not rows:
         return None
 
-    def make(numbers: PackedNumbers) -> dict[str, Json]:
+    def make(numbers: interactive.PackedNumbers) -> dict[str, interactive.Json]:
         end = max(float(each.time[-1]) for row in rows for each in row.curves)
-        figures = {'history': history_figure(rows, Events(end), numbers)}
+        figures = {'history': interactive.history_figure(rows, interactive.Events(end), numbers)}
         if tracks := _lines(comparison, 'track'):
-            figures['path'] = track_figure(tracks, comparison.runs[0].floor, (), numbers)
+            floor = comparison.runs[0].floor
+            figures['path'] = interactive.track_figure(tracks, floor, (), numbers)
         return figures
 
-    return packed_figures(make, (*(each.name for each in _SOURCES), 'track'))
+    return interactive.packed_figures(make, (*(each.name for each in _SOURCES), 'track'))
 
 
 def _rows(comparison: Comparison, quantity: Quantity) -> list[Row]:

@@ -40,9 +40,16 @@ def write_data_log(reader: RecordingReader, output: Path) -> DataLogFiles:
             f'{reader.path}: topic {BLUETOOTH_TX.name!r} not found; the file has {names}'
         )
     packets, runs = BLUETOOTH_TX.resolved(namespace), RUN.resolved(namespace)
-    log = CsvLog(output)
+    log, malformed = CsvLog(output), 0
     try:
-        malformed = _write(reader, log, packets, runs)
+        for topic, _, message in reader.messages({packets, runs} & reader.topics().keys()):
+            if topic == runs:
+                log.begin_run(time_ns(message.stamp) // MILLISECOND_NS)
+                continue
+            try:
+                log.write(log_packet(message))
+            except PacketError:
+                malformed += 1
     except RecordingError:
         log.close()
         for path in log.paths:
@@ -50,17 +57,3 @@ def write_data_log(reader: RecordingReader, output: Path) -> DataLogFiles:
         raise
     log.close()
     return DataLogFiles(log.paths, packets, malformed)
-
-
-def _write(reader: RecordingReader, log: CsvLog, packets: str, runs: str) -> int:
-    """Write the packets; return the number of malformed ones."""
-    malformed = 0
-    for topic, _, message in reader.messages({packets, runs} & reader.topics().keys()):
-        if topic == runs:
-            log.begin_run(time_ns(message.stamp) // MILLISECOND_NS)
-            continue
-        try:
-            log.write(log_packet(message))
-        except PacketError:
-            malformed += 1
-    return malformed

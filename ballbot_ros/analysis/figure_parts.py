@@ -311,16 +311,15 @@ class Panel:
 
     def row(self, table: Table, line_of: Callable[[Curve], Line] = Curve.line_of_both) -> Row:
         """Return the panel with the curves that have a value in a table."""
-        known = (each for each in self.curves if not np.isnan(table[each.column]).all())
-        return Row(self, tuple(self._drawn(each, table, line_of(each)) for each in known))
-
-    def _drawn(self, curve: Curve, table: Table, line: Line) -> DrawnCurve:
-        values = curve.role.select(table[curve.column])
-        role = '' if curve.role is Role.TRUE else curve.role.label
-        words = ' '.join(filter(None, (self.quantity, curve.plane, role)))
-        return DrawnCurve(
-            table['time_s'], values, line, words, curve.role, curve.plane, bool(curve.plane)
-        )
+        curves, time = [], table['time_s']
+        for each in self.curves:
+            values, role, plane = table[each.column], each.role, each.plane
+            if not np.isnan(values).all():
+                label = '' if role is Role.TRUE else role.label
+                words = ' '.join(filter(None, (self.quantity, plane, label)))
+                drawn = role.select(values), line_of(each), words, role, plane, bool(plane)
+                curves.append(DrawnCurve(time, *drawn))
+        return Row(self, tuple(curves))
 
 
 def panel_of_planes(

@@ -8,13 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.analysis.drawing import (
-    draw_line,
-    frame_curves,
-    label_time,
-    legend_above,
-    style_axes,
-)
+from ballbot_ros.analysis import drawing
 from ballbot_ros.analysis.figure_parts import (
     BLUE,
     GRAY,
@@ -106,14 +100,14 @@ def draw_loop(parameters: ParameterSet, analysis: LoopAnalysis, table: Table) ->
 
 def _draw_gain(axes: Axes, table: Table) -> None:
     for name, line in (('ideal', _IDEAL), ('sampled', _SAMPLED)):
-        draw_line(axes, table['frequency_hz'], table[f'{name}_gain'], line)
+        drawing.draw_line(axes, table['frequency_hz'], table[f'{name}_gain'], line)
     axes.axhline(1.0, color=GRAY, linewidth=0.8)
     axes.set_yscale('log')
     axes.set_ylim(0.1, 10.0)
     axes.set_yticks(_DECADES[:3], map(str, _DECADES[:3]))
-    frame_curves(axes, 'gain of the open loop')
+    drawing.frame_curves(axes, 'gain of the open loop')
     _scale_frequency(axes, table)
-    legend_above(axes, 1)
+    drawing.legend_above(axes, 1)
 
 
 def _draw_phase(axes: Axes, table: Table) -> None:
@@ -121,11 +115,11 @@ def _draw_phase(axes: Axes, table: Table) -> None:
         degrees = table[f'{name}_phase_deg']
         crossover = int(np.argmin(abs(table[f'{name}_gain'] - 1.0)))
         turns = math.floor(degrees[crossover] / 360.0) + 1
-        draw_line(axes, table['frequency_hz'], degrees - 360.0 * turns, line)
+        drawing.draw_line(axes, table['frequency_hz'], degrees - 360.0 * turns, line)
     axes.axhline(-180.0, color=GRAY, linewidth=0.8)
     axes.set_ylim(-400.0, 60.0)
     axes.set_yticks(range(-360, 1, 90))
-    frame_curves(axes, 'phase [°]')
+    drawing.frame_curves(axes, 'phase [°]')
     _scale_frequency(axes, table)
 
 
@@ -163,7 +157,7 @@ def _draw_diagram(axes: Axes, table: Table, analysis: LoopAnalysis) -> None:
     for name, line in (('ideal', _IDEAL), ('sampled', _SAMPLED)):
         angle = np.radians(table[f'{name}_phase_deg'])
         values = table[f'{name}_gain'] * np.exp(1j * angle)
-        draw_line(axes, values.real, values.imag, line)
+        drawing.draw_line(axes, values.real, values.imag, line)
     axes.plot(-1.0, 0.0, '+', color='black', markersize=9.0)
     axes.plot(_CIRCLE.real, _CIRCLE.imag, color=GRAY, linewidth=0.8)
     axes.set_xlim(-2.5, 2.0)
@@ -171,7 +165,7 @@ def _draw_diagram(axes: Axes, table: Table, analysis: LoopAnalysis) -> None:
     axes.set_aspect('equal')
     axes.set_xlabel('real part of the open loop')
     axes.set_ylabel('imaginary part')
-    style_axes(axes)
+    drawing.style_axes(axes)
 
 
 def _draw_poles(axes: Axes, parameters: ParameterSet, loop: SampledLoop) -> None:
@@ -186,8 +180,8 @@ def _draw_poles(axes: Axes, parameters: ParameterSet, loop: SampledLoop) -> None
     axes.set_aspect('equal')
     axes.set_xlabel('real part of the pole z')
     axes.set_ylabel('imaginary part')
-    style_axes(axes)
-    legend_above(axes, 1)
+    drawing.style_axes(axes)
+    drawing.legend_above(axes, 1)
 
 
 def _draw_step(axes: Axes, parameters: ParameterSet, loop: SampledLoop) -> None:
@@ -197,9 +191,9 @@ def _draw_step(axes: Axes, parameters: ParameterSet, loop: SampledLoop) -> None:
     speed = states[:, loop.states.index('theta_dot')] * plant.ball_radius
     target = math.radians(own.k_thetadot) * plant.ball_radius
     axes.axhline(target, color=GRAY, linewidth=0.8)
-    draw_line(axes, time, speed, _SAMPLED)
-    frame_curves(axes, 'speed after a full stick [m/s]')
-    label_time(axes)
+    drawing.draw_line(axes, time, speed, _SAMPLED)
+    drawing.frame_curves(axes, 'speed after a full stick [m/s]')
+    drawing.label_time(axes)
 
 
 def _draw_push(axes: Axes, parameters: ParameterSet, loop: SampledLoop) -> None:
@@ -208,13 +202,13 @@ def _draw_push(axes: Axes, parameters: ParameterSet, loop: SampledLoop) -> None:
     force = np.zeros(_ticks(_PUSH_S))
     force[: _ticks(length)] = _PUSH_N
     time, states, duty = _respond(loop, FORCE, force)
-    draw_line(
+    drawing.draw_line(
         axes, time, np.degrees(states[:, loop.states.index('psi')]), Line(BLUE, label='pitch [°]')
     )
-    draw_line(axes, time, duty / 10.0, Line(ORANGE, 0.9, label='duty [10 %]'))
-    frame_curves(axes, f'after {_PUSH_N:g} N for {length:g} s')
-    label_time(axes)
-    legend_above(axes)
+    drawing.draw_line(axes, time, duty / 10.0, Line(ORANGE, 0.9, label='duty [10 %]'))
+    drawing.frame_curves(axes, f'after {_PUSH_N:g} N for {length:g} s')
+    drawing.label_time(axes)
+    drawing.legend_above(axes)
 
 
 def _ticks(time: float) -> int:

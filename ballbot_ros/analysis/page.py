@@ -54,14 +54,10 @@ def number_text(value: float, missing: str = '–') -> str:
         return missing
     if math.isinf(value):
         return '∞' if value > 0 else '−∞'
-    digits = 3 if abs(value) < 1000.0 else 0
-    text = f'{value:.{digits}f}'
-    small = value != 0.0 and abs(value) < 0.1
-    if small:
-        text = f'{value:.3g}'
-    elif float(value).is_integer():
-        text = f'{value:.0f}'
-    return text.replace('-', '−')
+    form = '.3g' if 0.0 < abs(value) < 0.1 else '.3f'
+    if abs(value) >= 1000.0 or float(value).is_integer():
+        form = '.0f'
+    return format(value, form).replace('-', '−')
 
 
 def check_folder(folder: Path) -> None:

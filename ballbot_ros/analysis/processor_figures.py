@@ -56,12 +56,12 @@ class Timeline:
     """Intervals in lanes: who has the processor, what the link does, when duties act.
 
     `rows` has, by start, the lane of each interval, its start and end, and release and end of its
-    job, in µs since the first tick. The `window`, of which here is the begin, is shown at first.
+    job, in µs since the first tick. The `window` is shown at first: its begin and its end.
     """
 
     lanes: list[str]
     rows: dict[str, Integers]
-    window: int
+    window: tuple[int, int]
 
     @classmethod
     def of(cls, run: RunData, jobs: Jobs, acts: Integers) -> Timeline:
@@ -94,20 +94,16 @@ class Timeline:
         order = order[np.abs(times[0][order] + first - window) < REACH_US]
         names = ('lane', 'start', 'end', 'release', 'job_end')
         rows = {name: each[order] for name, each in zip(names, (lane, *times), strict=True)}
-        return cls(list(lanes), rows, window - first)
+        return cls(list(lanes), rows, (window - first, window - first + WINDOW_US))
 
     @property
     def colors(self) -> list[str]:
         """The colour of each lane."""
         return [_COLORS.get(each, BLUE) for each in self.lanes]
 
-    @property
-    def _range(self) -> list[float]:
-        return [self.window * 1e-6, (self.window + WINDOW_US) * 1e-6]
-
     def table(self) -> Table:
         """Return the intervals of the picture."""
-        low, high = self.window, self.window + WINDOW_US
+        low, high = self.window
         seen = (self.rows['job_end'] >= low) & (self.rows['start'] < high)
         table = {f'{name}_s': each[seen] * 1e-6 for name, each in self.rows.items()}
         return {**table, 'lane': np.array(self.lanes)[self.rows['lane'][seen]]}
@@ -124,7 +120,7 @@ class Timeline:
                 linewidth=0.6,
             )  # fmt: skip
         axes.set_yticks(range(len(self.lanes)), self.lanes)
-        axes.set(ylim=(len(self.lanes) - 0.5, -0.5), xlim=self._range)
+        axes.set(ylim=(len(self.lanes) - 0.5, -0.5), xlim=[each * 1e-6 for each in self.window])
         label_time(axes)
         style_axes(axes)
         return figure
@@ -132,10 +128,11 @@ class Timeline:
     def description(self, numbers: PackedNumbers) -> Json:
         """Return the figure of the page, which draws the intervals that are visible."""
         count, start = len(self.lanes), self.rows['start']
+        range_s = [each * 1e-6 for each in self.window]
         layout = {
             **chart_layout(), 'height': _LANE_PX * count + 80, 'barmode': 'overlay',
             'margin': {'l': 56, 'r': 12, 't': 34, 'b': 46}, 'showlegend': False, 'uirevision': None,
-            'xaxis': {**GRID, 'title': {'text': 'time [s]'}, 'range': self._range},
+            'xaxis': {**GRID, 'title': {'text': 'time [s]'}, 'range': range_s},
             'yaxis': {
                 'range': [count - 0.5, -0.5], 'tickvals': list(range(count)), 'fixedrange': True,
                 'ticktext': self.lanes, 'showgrid': False, 'zeroline': False, 'automargin': True,

@@ -42,13 +42,9 @@ def browser_page(width: int, height: int) -> Iterator[Page]:
             browser = playwright.chromium.launch(executable_path=program, args=list(FLAGS))
             page = browser.new_page(viewport={'width': width, 'height': height})
         except Error as error:
-            raise ViewerError(f'{program} does not start: {_reason(error)}') from None
+            # The browser's first line on its standard error, or that of Playwright's message.
+            said = re.search(r'\[err\] (.+)', str(error))
+            reason = one_line(said[1] if said else str(error).partition('\n')[0])
+            raise ViewerError(f'{program} does not start: {reason}') from None
         yield page
         browser.close()
-
-
-def _reason(error: Exception) -> str:
-    """Return the browser's first line on its standard error, or that of Playwright's message."""
-    message = str(error)
-    said = re.search(r'\[err\] (.+)', message)
-    return one_line(said[1] if said else message.partition('\n')[0])

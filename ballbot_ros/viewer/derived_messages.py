@@ -265,16 +265,10 @@ class DerivedMessages:
         """Process all samples up to a stamp; return the row of this tick among them."""
         gyro, encoders = (self._waiting[topic] for topic in _SENSORS)
         stamps = [each for each in gyro if self._odometry.now_ns < each <= stamp_ns]
-        self._odometry.add(
-            np.array(stamps),
-            np.array([decode_gyro(gyro[each]) for each in stamps]),
-            np.array(
-                [
-                    decode_encoders(encoders[each]) if each in encoders else (math.nan, math.nan)
-                    for each in stamps
-                ]
-            ),
-        )
+        rates = [decode_gyro(gyro[each]) for each in stamps]
+        none = math.nan, math.nan
+        angles = [decode_encoders(encoders[each]) if each in encoders else none for each in stamps]
+        self._odometry.add(np.array(stamps), np.array(rates), np.array(angles))
         return len(stamps) - 1
 
     def send_ticks(

@@ -280,21 +280,16 @@ class Estimator:
     def improve(self) -> None:
         """Learn from a fit what is known of the readings' errors."""
         for fit in self.fits:
-            fit.improve(self.plant(fit), self._battery_error(fit))
+            fit.improve(self.plant(fit), self.battery_error(fit))
 
-    def _battery_error(self, fit: ExperimentFit) -> float:
+    def battery_error(self, fit: ExperimentFit) -> float:
+        """Return the present estimate of the error of an experiment's battery reading [V]."""
         return self.battery_sigmas * fit.model.segments.experiment.battery_offset
-
-    def settled_residuals(self, fit: ExperimentFit) -> Floats:
-        """Return the residuals of an experiment whose unknowns have followed the parameters."""
-        plant, error = self.plant(fit), self._battery_error(fit)
-        fit.settle_all(plant, error)
-        return np.asarray(fit.residuals([plant], fit.unknowns[np.newaxis], error)[0])
 
     def linearised(self, scales: Mapping[str, float]) -> list[Residuals]:
         """Return the residuals of each experiment, with their derivatives by some parameters."""
         return [
-            fit.linearised(self.plant(fit), scales, self._battery_error(fit)) for fit in self.fits
+            fit.linearised(self.plant(fit), scales, self.battery_error(fit)) for fit in self.fits
         ]
 
     def solve(self, scales: Mapping[str, float], bounds: Mapping[str, tuple[float, float]]) -> None:
@@ -347,12 +342,14 @@ class _Projected:
             (name, value * scale)
             for value, (name, scale) in zip(values, self._scales.items(), strict=True)
         )
-        change = variables - self._origin
+        change, parts = variables - self._origin, []
         for fit, unknowns, answer in zip(
             estimator.fits, self._unknowns, self._answers, strict=True
         ):
             fit.unknowns = unknowns + answer @ change
-        parts = [estimator.settled_residuals(fit).ravel() for fit in estimator.fits]
+            plant, error = estimator.plant(fit), estimator.battery_error(fit)
+            fit.settle_all(plant, error)
+            parts.append(fit.residuals([plant], fit.unknowns[np.newaxis], error).ravel())
         return np.concatenate([*parts, [sigmas]])
 
     def jacobian(self, variables: Floats) -> Floats:

@@ -7,7 +7,7 @@ once, the same code runs on arrays, element by element.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum, auto
 from pathlib import Path
@@ -40,7 +40,6 @@ from ballbot_ros.recording.messages.topics import (
 )
 from ballbot_ros.robot import arithmetic
 from ballbot_ros.robot.arithmetic import Floats
-from ballbot_ros.robot.brick.bluetooth import LogPacket
 from ballbot_ros.robot.brick.link import analog_age, link_of
 from ballbot_ros.robot.brick.sensors import COUNT_V, battery_mv, count_of, mean_delay
 
@@ -389,7 +388,10 @@ def logged_experiment(path: Path, known: Mapping[str, Value]) -> Experiment:
     packets = read_csv_log(path)
     if len(packets) < 2:
         raise IdentificationError(f'{path}: has {len(packets)} records; at least 2 are needed')
-    period, gaps = _steps(packets)
+    intervals = np.diff([each.time_ms for each in packets]) % CLOCK_PERIOD_MS
+    period = int(np.median(intervals))
+    # The numbers of the records after gaps.
+    gaps = np.flatnonzero(np.abs(intervals - period) > _JITTER * period) + 1
     if period > LONGEST_PERIOD_MS:
         raise IdentificationError(
             f'{path}: its records are {period} ms apart; those of a brick are at most '
@@ -406,7 +408,8 @@ def logged_experiment(path: Path, known: Mapping[str, Value]) -> Experiment:
         gaps = np.searchsorted(chosen, gaps)
         period *= every
     plant = PlantParameters().with_values(known)
-    pitch, shaft = _readings(packets)
+    pitch = np.array([(each.adc1, each.adc2) for each in packets]) * ControllerParameters().lsb
+    shaft = np.array([(each.rev_b, each.rev_c) for each in packets], np.float64)
     # In a gap, one missing record separates those before from those after.
     usable = np.insert(_usable(pitch, shaft), gaps, False)
     pitch, shaft = (np.insert(each, gaps, np.nan, axis=0) for each in (pitch, shaft))
@@ -428,21 +431,6 @@ def logged_experiment(path: Path, known: Mapping[str, Value]) -> Experiment:
         steps_per_reading=steps,
         step_s=period * 1e-3 / steps,
     )
-
-
-def _steps(packets: Sequence[LogPacket]) -> tuple[int, NDArray[np.intp]]:
-    """Return the usual time between records [ms], and the numbers of the records after gaps."""
-    times = np.array([each.time_ms for each in packets])
-    intervals = np.diff(times) % CLOCK_PERIOD_MS
-    period = int(np.median(intervals))
-    return period, np.flatnonzero(np.abs(intervals - period) > _JITTER * period) + 1
-
-
-def _readings(packets: Sequence[LogPacket]) -> tuple[Floats, Floats]:
-    """Return pitch and shaft angle [deg] of both planes, shape (n, 2)."""
-    lsb = ControllerParameters().lsb
-    pitch = np.array([(each.adc1, each.adc2) for each in packets]) * lsb
-    return pitch, np.array([(each.rev_b, each.rev_c) for each in packets], np.float64)
 
 
 def _wheel(shaft: Floats, half_play: float) -> Floats:
