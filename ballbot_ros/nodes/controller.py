@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
@@ -30,7 +29,7 @@ from ballbot_ros.lockstep.lockstep import (
     SampleReaction,
 )
 from ballbot_ros.lockstep.participants import SOURCE_HASH, TUNABLE, Objection
-from ballbot_ros.nodes.base import NO_SAMPLE, BallbotNode, run_node
+from ballbot_ros.nodes.base import NO_SAMPLE, BallbotNode
 from ballbot_ros.nodes.participation import Participation
 from ballbot_ros.parameters import (
     CONTROLLER,
@@ -382,8 +381,3 @@ class ControllerNode(BallbotNode[ControllerParameters]):
         if self.now_ns:
             self._messages.stop_motors(self.now_ns)
         self.flush(MOTOR_DUTY, PARTICIPANTS)
-
-
-def main() -> None:
-    """Run the node."""
-    sys.exit(run_node(ControllerNode))

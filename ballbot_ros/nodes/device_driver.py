@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import sys
 from functools import partial
 
 from ballbot_ros.engine.devices import P
 from ballbot_ros.lockstep.lockstep import GivenAnswers
-from ballbot_ros.nodes.base import NO_SAMPLE, BallbotNode, run_node
+from ballbot_ros.nodes.base import NO_SAMPLE, BallbotNode
 from ballbot_ros.nodes.participation import Participation
 from ballbot_ros.parameters import DeviceParameters
 from ballbot_ros.parameters.timing import FIRST_TICK_NS
@@ -80,8 +79,3 @@ class DeviceDriver(BallbotNode[P]):
 def messages_of(cls: type[DeviceParameters]) -> AnyDeviceMessages:
     """Return the messages of the device whose driver has parameters of this class."""
     return next(each for each in DEVICE_MESSAGES if each.device.parameters is cls)
-
-
-def main(cls: type[DeviceParameters]) -> None:
-    """Run the driver of the device that the class of its parameters identifies."""
-    sys.exit(run_node(partial(DeviceDriver, cls)))

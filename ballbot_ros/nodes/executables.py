@@ -26,7 +26,7 @@ def start(node: str | None) -> None:
         main = REGISTRY[node].main
         if not stop.signal:
             try:
-                main()
+                sys.exit(main())
             finally:
                 # Leave all objects to the system: collecting those of the modules takes 0.3 s.
                 gc.freeze()

@@ -407,13 +407,13 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
                 self._give_up_log(error)
 
 
-def main() -> None:
-    """Run the node, or list the gamepads."""
-    if LIST_DEVICES in sys.argv[1:]:
-        try:
-            list_devices()
-        except BallbotError as error:
-            print(f'error: {error}', file=sys.stderr)
-            sys.exit(2)
-        return
-    sys.exit(run_node(GamepadTeleop))
+def main() -> int:
+    """Run the node, or list the gamepads; return the exit status."""
+    if LIST_DEVICES not in sys.argv[1:]:
+        return run_node(GamepadTeleop)
+    try:
+        list_devices()
+    except BallbotError as error:
+        print(f'error: {error}', file=sys.stderr)
+        return 2
+    return 0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -24,7 +23,7 @@ from ballbot_ros.lockstep.lockstep_master import LockstepMaster
 from ballbot_ros.lockstep.participants import Announcement
 from ballbot_ros.lockstep.run_actions import Actions, RunSetup
 from ballbot_ros.lockstep.run_master import RunMaster
-from ballbot_ros.nodes.base import BallbotNode, run_node
+from ballbot_ros.nodes.base import BallbotNode
 from ballbot_ros.nodes.middleware import DomainLock
 from ballbot_ros.nodes.participation import GraphObserver, participant_of, with_parameters
 from ballbot_ros.nodes.processes import (
@@ -405,8 +404,3 @@ class PlantSim(BallbotNode[PlantParameters]):
             RUN_STATUS, DIAGNOSTICS,
         )  # fmt: skip
         self._lock.release()
-
-
-def main() -> None:
-    """Run the node."""
-    sys.exit(run_node(PlantSim))

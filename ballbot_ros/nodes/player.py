@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 import time
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -20,7 +19,7 @@ from rclpy.qos import (
 from std_msgs.msg import Float64
 from std_srvs.srv import SetBool
 
-from ballbot_ros.nodes.base import BallbotNode, run_node
+from ballbot_ros.nodes.base import BallbotNode
 from ballbot_ros.nodes.endpoints import TopicPublisher, flush, reliable_qos
 from ballbot_ros.nodes.middleware import DomainLock
 from ballbot_ros.parameters import PLANT, PlayerParameters
@@ -168,8 +167,3 @@ def _qos(offers: Sequence[QosProfile]) -> QoSProfile:
         liveliness=LivelinessPolicy[offer.liveliness.upper()],
         liveliness_lease_duration=Duration(nanoseconds=offer.liveliness_lease_duration),
     )
-
-
-def main() -> None:
-    """Run the node."""
-    sys.exit(run_node(Player))

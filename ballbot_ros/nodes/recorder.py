@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 import time
 from collections.abc import Iterator, Mapping
 from datetime import datetime
@@ -19,7 +18,7 @@ from ballbot_ros.lockstep.lockstep import RunIdentity
 from ballbot_ros.lockstep.participants import Objection
 from ballbot_ros.lockstep.recording_order import Arrival, ArrivalOrder, Stream
 from ballbot_ros.lockstep.run_recording import RunRecording
-from ballbot_ros.nodes.base import BallbotNode, run_node
+from ballbot_ros.nodes.base import BallbotNode
 from ballbot_ros.nodes.endpoints import (
     Inbox,
     drain,
@@ -416,8 +415,3 @@ def _read_folder(folder: str) -> dict[str, bytes]:
         return {path.name: path.read_bytes() for path in sorted(Path(folder).iterdir())}
     except OSError as error:
         raise RecordingError(f'{folder}: {error.strerror}') from None
-
-
-def main() -> None:
-    """Run the node."""
-    sys.exit(run_node(Recorder))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ballbot_ros.parameters import (
     DEVICES,
@@ -34,10 +34,10 @@ class NodeEntry:
     parameters : type
         Class of the node's parameters, which holds the node's name.
     module : str
-        The module in :mod:`ballbot_ros.nodes` with its ``main``.
+        The module in :mod:`ballbot_ros.nodes`, which may have a ``main`` of its own.
     serves_several : bool
-        Whether class and ``main`` serve several nodes; their first argument is then the class of
-        the node's parameters.
+        Whether the class serves several nodes; its first argument is then the class of the node's
+        parameters.
     """
 
     parameters: type[NodeParameters]
@@ -46,22 +46,24 @@ class NodeEntry:
     serves_several: bool = False
 
     @property
-    def maker(self) -> Callable[[NodeParameters | None], AnyNode]:
+    def maker(self) -> Callable[..., AnyNode]:
         """Function that creates the node, with given parameter values or those from ROS."""
-        return self._get(self.class_name)
+        found = getattr(self.load(), self.class_name)
+        return partial(found, self.parameters) if self.serves_several else found
 
     @property
-    def main(self) -> Callable[[], None]:
-        """Function that runs the node as a program."""
-        return self._get('main')
+    def main(self) -> Callable[[], int]:
+        """Function that runs the node as a program, and returns its exit status."""
+        own: Callable[[], int] | None = getattr(self.load(), 'main', None)
+        if own:
+            return own
+        from ballbot_ros.nodes.base import run_node  # needs rclpy
+
+        return partial(run_node, self.maker)
 
     def load(self) -> ModuleType:
         """Import the module."""
         return import_module(f'ballbot_ros.nodes.{self.module}')
-
-    def _get(self, name: str) -> Callable[..., Any]:
-        found = getattr(self.load(), name)
-        return partial(found, self.parameters) if self.serves_several else found
 
 
 _ENTRIES = (

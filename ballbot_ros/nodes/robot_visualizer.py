@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-import sys
 import time
 from contextlib import suppress
 
-from ballbot_ros.nodes.base import BallbotNode, run_node
+from ballbot_ros.nodes.base import BallbotNode
 from ballbot_ros.nodes.endpoints import drain, raw_subscription, requested_qos
 from ballbot_ros.nodes.latest_messages import LatestMessages
 from ballbot_ros.parameters import Dimensions, VisualizerParameters
@@ -116,8 +115,3 @@ class RobotVisualizer(BallbotNode[VisualizerParameters]):
     def close(self) -> None:
         """Remove the subscriptions."""
         self._newest.close()
-
-
-def main() -> None:
-    """Run the node."""
-    sys.exit(run_node(RobotVisualizer))

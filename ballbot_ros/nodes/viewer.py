@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Collection, Iterator
 from contextlib import suppress
@@ -13,7 +12,7 @@ from rclpy.qos import QoSProfile
 
 from ballbot_ros.engine.scenario.reader import scenario_names
 from ballbot_ros.errors import WorldError
-from ballbot_ros.nodes.base import BallbotNode, run_node
+from ballbot_ros.nodes.base import BallbotNode
 from ballbot_ros.nodes.endpoints import drain, raw_subscription
 from ballbot_ros.nodes.latest_messages import LatestMessages, snapshot_of
 from ballbot_ros.nodes.supervisor import StartRequest
@@ -306,8 +305,3 @@ class Viewer(BallbotNode[ViewerParameters]):
 def _start(snapshot: Snapshot) -> tuple[float, float]:
     """Return the ball's x and y in ``map`` [m]; plane y has the opposite sign."""
     return snapshot.position[0], -snapshot.position[1]
-
-
-def main() -> None:
-    """Run the node."""
-    sys.exit(run_node(Viewer))

@@ -32,16 +32,14 @@ def test_class_and_main_of_each_node_are_where_the_registry_says():
         assert callable(REGISTRY[name].main), name
 
 
-def test_a_program_of_several_nodes_knows_which_one_it_is(monkeypatch):
+def test_a_class_of_several_nodes_knows_which_one_it_is(monkeypatch):
     def module(entry):
-        return SimpleNamespace(
-            **{name: lambda *given: given for name in ('main', entry.class_name)}
-        )
+        return SimpleNamespace(**{entry.class_name: lambda *given: given})
 
     monkeypatch.setattr(NodeEntry, 'load', module)
     for name, cls in ((GYRO, GyroParameters), (PLANT, PlantParameters)):
         several = (cls,) if name == GYRO else ()
-        assert REGISTRY[name].main() == several
+        assert REGISTRY[name].maker() == several
         values = cls()
         assert make_node(values) == (*several, values)
 
