@@ -43,6 +43,15 @@ def printable(text: str) -> str:
     return ''.join(each if each.isprintable() else ' ' for each in text)
 
 
+@contextmanager
+def os_errors(kind: type[BallbotError], path: object) -> Iterator[None]:
+    """Turn an error of the operating system into one of a kind, about this file or folder."""
+    try:
+        yield
+    except OSError as error:
+        raise kind(f'{path}: {error.strerror}') from None
+
+
 class CodegenError(BallbotError):
     """A folder can't be written or read, a tool is missing, or the C does not build or run."""
 

@@ -85,7 +85,8 @@ def _check_settings(loaded: LoadedController) -> None:
 def _user_rows(loaded: LoadedController) -> Iterator[Parameter]:
     cls = loaded.cls.parameters_class
     name = getattr(cls, '__name__', short_repr(cls))
-    if not (isinstance(cls, type) and is_dataclass(cls)) or not _is_frozen(cls):
+    is_class = isinstance(cls, type) and is_dataclass(cls)
+    if not is_class or not cls.__dataclass_params__.frozen:  # type: ignore[attr-defined]
         raise ControllerError(f'{name} is not a dataclass with frozen=True')
     for each in fields(cls):
         if not each.metadata or each.default is MISSING:
@@ -105,10 +106,6 @@ def _user_rows(loaded: LoadedController) -> Iterator[Parameter]:
             yield replace(row, default=row.check(row.default, 'default of '))
         except ParameterError as error:
             raise ControllerError(str(error)) from None
-
-
-def _is_frozen(cls: type) -> bool:
-    return bool(cls.__dataclass_params__.frozen)  # type: ignore[attr-defined]
 
 
 def _model_rows() -> Iterator[Parameter]:

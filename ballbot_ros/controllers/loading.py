@@ -30,6 +30,7 @@ from ballbot_ros.errors import (
     TickTimeoutError,
     did_you_mean,
     one_line,
+    os_errors,
     short_repr,
 )
 from ballbot_ros.files import OUR_PACKAGE, read_bytes, shown_path
@@ -203,10 +204,8 @@ def find_code(reference: str) -> ControllerCode:
         raise ControllerError(f'{reference}: {name!r} is not the name of a class')
     if is_file_reference(reference):
         path = Path(place).absolute()
-        try:
+        with os_errors(ControllerError, shown_path(path)):
             return ControllerCode(reference, '', name, Source.of_file(path), path)
-        except OSError as error:
-            raise ControllerError(f'{shown_path(path)}: {error.strerror}') from None
     return _find_module(reference, place, name)
 
 

@@ -172,23 +172,19 @@ class MPC(LQG):
 
     portable = False
     parameters_class = MPCParameters
+    parameters: MPCParameters
 
     def start(self) -> None:
         """Start both planes at rest."""
         super().start()
-        self._regulators = LimitedRegulator(self._own), LimitedRegulator(self._own)
+        self._regulators = LimitedRegulator(self.parameters), LimitedRegulator(self.parameters)
         self._law = driving_law(self._balance)
-
-    @property
-    def _own(self) -> MPCParameters:
-        assert isinstance(self.parameters, MPCParameters)
-        return self.parameters
 
     def retune(self, parameters: LQGParameters, settings: ControllerParameters) -> None:
         """Use other gains, limits and thresholds."""
         super().retune(parameters, settings)
         for each in self._regulators:
-            each.retune(self._own)
+            each.retune(self.parameters)
 
     def tick(self, readings: Readings) -> Duty:
         """Return the duty for the readings of a tick."""

@@ -14,7 +14,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from ballbot_ros.errors import BallbotError, one_line
+from ballbot_ros.errors import BallbotError, one_line, os_errors
 from ballbot_ros.files import make_folder, share_directory
 from ballbot_ros.lockstep.participants import LocalNode
 from ballbot_ros.nodes.processes import END_WITH_PARENT
@@ -274,10 +274,8 @@ def _profiles(reach: str) -> str:
 def _require_peers() -> None:
     """Raise BallbotError if a host in :data:`STATIC_PEERS` is unknown: no node would start."""
     for peer in filter(None, os.environ.get(STATIC_PEERS, '').split(';')):
-        try:
+        with os_errors(BallbotError, f'{STATIC_PEERS}: {peer}'):
             socket.getaddrinfo(peer, None)
-        except OSError as error:
-            raise BallbotError(f'{STATIC_PEERS}: {peer}: {error.strerror}') from None
 
 
 def _require_loopback() -> None:

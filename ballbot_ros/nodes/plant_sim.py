@@ -15,7 +15,7 @@ from std_srvs.srv import SetBool, Trigger
 from ballbot_ros.engine.plant import Plant
 from ballbot_ros.engine.scenario.reader import scenario_of
 from ballbot_ros.engine.trajectory import TrajectoryLog, save_trajectory
-from ballbot_ros.errors import BallbotError
+from ballbot_ros.errors import BallbotError, os_errors
 from ballbot_ros.lockstep import run_actions as do
 from ballbot_ros.lockstep.free_running import FreeRunningMaster
 from ballbot_ros.lockstep.lockstep import DEPTH
@@ -394,10 +394,8 @@ class PlantSim(BallbotNode[PlantParameters]):
         self.stop()
         self._send_heartbeat()
         if path := self.parameters.trajectory_file:
-            try:
+            with os_errors(BallbotError, path):
                 save_trajectory(Path(path), self.log.trajectory(), self.summary)
-            except OSError as error:
-                raise BallbotError(f'{path}: {error.strerror}') from None
         # Flush the status of the run, too: it holds the outcome, which the recorder notes.
         self.flush(
             CLOCK, PLANT_IMU, PLANT_JOINT_STATES, PLANT_ODOM, *UNRECORDED, WALL_HIT, MOTOR_DUTY,

@@ -13,7 +13,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
-from ballbot_ros.errors import RecordingError
+from ballbot_ros.errors import RecordingError, os_errors
 from ballbot_ros.lockstep.lockstep import RunIdentity
 from ballbot_ros.lockstep.participants import Objection
 from ballbot_ros.lockstep.recording_order import Arrival, ArrivalOrder, Stream
@@ -223,10 +223,8 @@ class Recorder(BallbotNode[RecorderParameters]):
         super().__init__(RecorderParameters, parameters)
         path = Path(self.parameters.output or _new_path())
         attachments = _read_folder(self.parameters.attachments)
-        try:
+        with os_errors(RecordingError, path):
             path.parent.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise RecordingError(f'{path}: {error.strerror}') from None
         self._writer = RecordingWriter(path)
         for name, data in attachments.items():
             self._writer.add_attachment(name, media_type(name), data)
@@ -411,7 +409,5 @@ def _new_path() -> Path:
 def _read_folder(folder: str) -> dict[str, bytes]:
     if not folder:
         return {}
-    try:
+    with os_errors(RecordingError, folder):
         return {path.name: path.read_bytes() for path in sorted(Path(folder).iterdir())}
-    except OSError as error:
-        raise RecordingError(f'{folder}: {error.strerror}') from None

@@ -33,7 +33,7 @@ from rosbags.serde import SerdeError
 from rosbags.typesys.store import Typestore
 from zstandard import ZstdError
 
-from ballbot_ros.errors import RecordingError, did_you_mean, printable
+from ballbot_ros.errors import RecordingError, did_you_mean, os_errors, printable
 from ballbot_ros.files import open_regular
 from ballbot_ros.recording.batch import Batch, BatchLayout, RawMessage, Rows
 from ballbot_ros.recording.mcap_records import MESSAGE, LimitedReader, LimitError
@@ -125,11 +125,9 @@ class RecordingReader:
         self._channels: dict[int, Channel] = {}
         self._attachments: dict[str, AttachedFile] = {}
         self._metadata: dict[str, dict[str, str]] = {}
-        try:
+        with os_errors(RecordingError, self.path):
             self._file = open_regular(self.path)
             magic = self._file.read(len(MCAP0_MAGIC))
-        except OSError as error:
-            raise RecordingError(f'{self.path}: {error.strerror}') from None
         try:
             if magic != MCAP0_MAGIC:
                 raise RecordingError(f'{self.path}: {"not an MCAP" if magic else "empty"} file')

@@ -124,15 +124,13 @@ def state_bytes(program: ControlProgram) -> bytes:
         for plane in (program.x, program.y)
         for variable in PLANE_VARIABLES
     ]
-    rest = [_value(program, variable.name) for variable in PROGRAM_VARIABLES]
-    return _MEMBERS.pack(*planes, *rest)
-
-
-def _value(program: ControlProgram, name: str) -> object:
     state = program.state
-    if name == 'bluetooth_rx':
-        return struct.pack('bb', state.vertical, state.horizontal)  # the rest is 0
-    return getattr(state, name)
+    packet = struct.pack('bb', state.vertical, state.horizontal)  # the rest is 0
+    rest = [
+        packet if each.name == 'bluetooth_rx' else getattr(state, each.name)
+        for each in PROGRAM_VARIABLES
+    ]
+    return _MEMBERS.pack(*planes, *rest)
 
 
 def members(state: bytes) -> bytes:
@@ -171,7 +169,10 @@ def c_parameters(parameters: ControllerParameters) -> list[CVariable]:
             continue
         value = getattr(typed, field.name)
         if field.name == 'autonomous':
-            constants.append(_mode(value, rows['mode']))
+            row, text = rows['mode'], '0 remote, 1 autonomous'
+            constants.append(
+                CVariable(field.name, 'U8', f'{value:d}U', '', text, row.description, row.source)
+            )
         else:
             constants.append(_constant(rows[field.name], value))
     return constants
@@ -190,13 +191,6 @@ def _c_float(value: Single) -> str:
     return f'{text}f' if any(mark in text for mark in '.e') else f'{text}.0f'
 
 
-def _mode(autonomous: bool, row: Parameter) -> CVariable:
-    return CVariable(
-        'autonomous', 'U8', f'{int(autonomous)}U', '', '0 remote, 1 autonomous',
-        row.description, row.source,
-    )  # fmt: skip
-
-
 def _constant(row: Parameter, value: Single | int | tuple[Single, ...]) -> CVariable:
     c_type, length = 'float', 1
     if isinstance(value, tuple):
@@ -204,19 +198,17 @@ def _constant(row: Parameter, value: Single | int | tuple[Single, ...]) -> CVari
     elif isinstance(value, np.floating):
         c_value = _c_float(value)
     else:
-        c_type = _integer_type(row)
+        assert row.bounds is not None
+        low, high = row.bounds
+        # The smallest type for all values of the parameter.
+        c_type = next(
+            name for name, (least, most) in _INTEGERS.items() if least <= low and high <= most
+        )
         c_value = f'{value}U' if c_type.startswith('U') else str(value)
     return CVariable(
         _NAMES.get(row.name, row.name), c_type, c_value, row.unit, '1',
         row.description, row.source, length,
     )  # fmt: skip
-
-
-def _integer_type(row: Parameter) -> str:
-    """Return the smallest type for all values of the parameter."""
-    assert row.bounds is not None
-    low, high = row.bounds
-    return next(name for name, (least, most) in _INTEGERS.items() if least <= low and high <= most)
 
 
 PARAMETER_FILE = 'parameters.yaml'

@@ -115,13 +115,11 @@ class BrickProcess:
         data = self._from.read(size)
         if len(data) < size:
             status = self._process.wait()
-            raise CodegenError(f'the compiled controller ended with status {status}{self._why()}')
+            self._errors.seek(0)
+            text = ' '.join(self._errors.read().decode(errors='replace').split())
+            why = f': {text[:_MAX_REASON_LENGTH]}' if text else ''
+            raise CodegenError(f'the compiled controller ended with status {status}{why}')
         return data
-
-    def _why(self) -> str:
-        self._errors.seek(0)
-        text = ' '.join(self._errors.read().decode(errors='replace').split())
-        return f': {text[:_MAX_REASON_LENGTH]}' if text else ''
 
 
 def _decode_answer(data: bytes) -> Answer:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import re
 import shutil
 import subprocess
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
 from ballbot_ros.controllers.codegen.application import C_SOURCES, STACK_BYTES, read_tasks
-from ballbot_ros.errors import CodegenError
+from ballbot_ros.errors import CodegenError, os_errors
 from ballbot_ros.files import read_bytes, write_temporary
 
 TARGET_FOLDER = Path(__file__).parent / 'target'
@@ -126,10 +126,8 @@ def build(
     write_temporary(scratch / 'kernel_id.h', kernel_id.encode())
     includes = [f'-I{path}' for path in (scratch.resolve(), folder.resolve(), TARGET_FOLDER)]
     for name in C_SOURCES:
-        try:
+        with os_errors(CodegenError, folder / name):
             source = read_bytes(folder / name)
-        except OSError as error:
-            raise CodegenError(f'{folder / name}: {error.strerror}') from None
         # Compile a copy, without the kernel_id.h that a build with the platform may have left.
         write_temporary(scratch / name, source)
         _run_tool(
@@ -240,7 +238,10 @@ def count_instructions(
     symbols = _symbols(executable)
     entries = {symbols[f'TaskMain_{name}'][0] for name in tasks}
     leave = symbols['task_returned'][0]
-    device_functions = _addresses(symbols, _symbols(executable.with_name('brick.o')))
+    # The brick's stand-in, and the functions that only it calls.
+    others = (*_symbols(executable.with_name('brick.o')), *_STAND_IN_FUNCTIONS)
+    ranges = [symbols[name] for name in others if name in symbols]
+    device_functions = {at for start, size in ranges for at in range(start, start + size, 2)}
     counts: list[int] = []
     lengths: dict[int, int] = {}
     block, in_task = -1, False
@@ -279,9 +280,3 @@ def _symbols(path: Path) -> dict[str, tuple[int, int]]:
         name: (int(address, 16) & ~1, int(size or '0', 16))
         for address, size, name in _SYMBOL.findall(listing)
     }
-
-
-def _addresses(symbols: Mapping[str, tuple[int, int]], names: Iterable[str]) -> set[int]:
-    """Return every address of the brick's stand-in and of the functions that only it calls."""
-    ranges = [symbols[name] for name in (*names, *_STAND_IN_FUNCTIONS) if name in symbols]
-    return {address for start, size in ranges for address in range(start, start + size, 2)}
