@@ -14,7 +14,7 @@ from PIL import Image
 from ballbot_ros import __version__
 from ballbot_ros.analysis.figure_parts import csv_of
 from ballbot_ros.analysis.run_figures import RenderedFigure
-from ballbot_ros.errors import BallbotError
+from ballbot_ros.errors import BallbotError, os_errors
 
 _PACKAGE = 'ballbot_ros.analysis'
 _COLOURS = 256
@@ -87,9 +87,7 @@ def write_folder(
         content[f'{figure.name}.png'] = figure.png
         if figure.table:
             content[f'{figure.name}.csv'] = csv_of(figure.table)
-    try:
+    with os_errors(ReportError, folder):
         folder.mkdir(parents=True, exist_ok=True)
         for name, data in content.items():
             (folder / name).write_bytes(data)
-    except OSError as error:
-        raise ReportError(f'{folder}: {error.strerror}') from None

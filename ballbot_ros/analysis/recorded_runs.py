@@ -31,7 +31,7 @@ from ballbot_ros.parameters import (
 )
 from ballbot_ros.recording.batch import Batch, RawMessage, Rows
 from ballbot_ros.recording.messages.conversions import are_stops, time_ns
-from ballbot_ros.recording.messages.participation import decode_announcement, decode_run_status
+from ballbot_ros.recording.messages.run_reports import decode_announcement, decode_run_status
 from ballbot_ros.recording.messages.topics import (
     HISTORY,
     MOTOR_DUTY,
@@ -471,8 +471,7 @@ class AnnouncedParameters:
         The attached parameters apply where no value was announced; the attached files include the
         map if it was a file.
         """
-        parameters = ParameterSet()
-        parameters.update(attached)
+        parameters = ParameterSet(attached)
         told = self._of_run(run)
         for role, values in told.items():
             for name, value in values.items():

@@ -38,8 +38,12 @@ from ballbot_ros.recording.batch import RawMessage
 from ballbot_ros.recording.messages.conversions import decode_real_duty, decode_sticks, is_stop
 from ballbot_ros.recording.messages.devices import INPUT_READERS, AnyDeviceMessages, device_inputs
 from ballbot_ros.recording.messages.raw import Messages, Stamps, has_stamp, stamp_of
-from ballbot_ros.recording.messages.run_columns import RunColumns
-from ballbot_ros.recording.messages.run_messages import ControllerMessages, RunMessages, Send
+from ballbot_ros.recording.messages.run_messages import (
+    ControllerMessages,
+    RunColumns,
+    RunMessages,
+    Send,
+)
 from ballbot_ros.recording.messages.run_reports import decode_parameter_event
 from ballbot_ros.recording.messages.topics import (
     ACCEPTED_PUSH,
@@ -293,7 +297,7 @@ STAMPED_TOPICS = [topic for topic in REPLAYED_TOPICS if topic not in EVENTS]
 class _RetunedProgram(TunedProgram):
     """A controller's program, whose parameters change at the ticks at which they have changed."""
 
-    def __init__(self, job: RunToRepeat, messages: ControllerMessages | RunMessages) -> None:
+    def __init__(self, job: RunToRepeat, messages: ControllerMessages) -> None:
         self._reader, self._messages = job.recording.reader, messages
         start_ns = job.inputs.run.start_ns
         changes = sorted(each for each in job.inputs.retunings.items() if each[0] >= start_ns)
@@ -413,7 +417,9 @@ class _Robot:
             return partial(replayed, topic)
 
         self._messages = RunMessages(make, parameters)
-        self._retuned = _RetunedProgram(job._replace(parameters=parameters), self._messages)
+        self._retuned = _RetunedProgram(
+            job._replace(parameters=parameters), self._messages.controller
+        )
         program = self._retuned.program
         self._loop = ClosedLoop(parameters, inputs, start_ns, program, samples)
         self._messages.begin(start_ns, self._loop.world, self._loop.pushes)

@@ -19,7 +19,7 @@ from ballbot_ros.analysis.run_data import RunData, read_run
 from ballbot_ros.analysis.signals import frame_of
 from ballbot_ros.engine.scenario.metrics import METRICS
 from ballbot_ros.engine.trajectory import Trajectory
-from ballbot_ros.errors import BallbotError
+from ballbot_ros.errors import BallbotError, os_errors
 from ballbot_ros.files import replacing
 from ballbot_ros.parameters import DOCUMENTS_PROGRAM
 
@@ -191,10 +191,8 @@ class Run:
             raise BallbotError(f'{target}: the name of a recording ends in {_SUFFIX}')
         content = self._recording
         if isinstance(content, Path):
-            try:
+            with os_errors(BallbotError, content):
                 content = content.read_bytes()
-            except OSError as error:
-                raise BallbotError(f'{self._recording!s}: {error.strerror}') from None
         with replacing(target) as unfinished:
             unfinished.write_bytes(content)
         return target

@@ -16,7 +16,13 @@ from ballbot_ros.errors import RecordingError
 from ballbot_ros.parameters.timing import SECOND_NS
 from ballbot_ros.process import ProgressCallback
 from ballbot_ros.recording.batch import Batch, Rows
-from ballbot_ros.recording.columns import Column, ColumnHints, TopicColumns, has_signals
+from ballbot_ros.recording.columns import (
+    OWN_STAMP,
+    Column,
+    ColumnHints,
+    TopicColumns,
+    has_signals,
+)
 from ballbot_ros.recording.messages.column_hints import column_hints
 from ballbot_ros.recording.messages.topics import RUN
 from ballbot_ros.recording.reader import RecordingReader
@@ -178,4 +184,5 @@ class _RunSamples:
 
 
 def _signals(columns: TopicColumns) -> list[Column]:
-    return [column for column in columns.columns if column.is_signal]
+    """Return the columns with numbers other than the messages' own stamps."""
+    return [each for each in columns.columns if each.kind is not str and each.name != OWN_STAMP]

@@ -66,8 +66,7 @@ def _warn_of_dead_time(parameters: ParameterSet) -> None:
         f'of a brick take {needed:.1f} ms on average: the robot will rattle',
     ]
     for file in sorted((share_directory() / 'config' / 'gains').glob('*.yaml')):
-        gains = ParameterSet()
-        gains.update(parameters)
+        gains = ParameterSet(parameters)
         gains.update(read_parameter_file(file))
         borne, needed = brick_dead_time(gains)
         if borne > needed:

@@ -13,7 +13,7 @@ import click
 from click.core import ParameterSource
 
 from ballbot_ros.cli.web_page import PageOptions
-from ballbot_ros.errors import BallbotError, did_you_mean, printable
+from ballbot_ros.errors import BallbotError, did_you_mean, os_errors, printable
 from ballbot_ros.run.requirements import Processes
 
 if TYPE_CHECKING:
@@ -184,10 +184,8 @@ def write_file(option: str, path: Path, content: bytes) -> None:
     BallbotError
         If it can't be written.
     """
-    try:
+    with os_errors(BallbotError, f'{option} {path}'):
         path.write_bytes(content)
-    except OSError as error:
-        raise BallbotError(f'{option} {path}: {error.strerror}') from None
 
 
 def heading(command: str) -> str:

@@ -43,8 +43,7 @@ def check_sequences(parameters: ParameterSet) -> list[InputSequence]:
     sequences = []
     for name in scenario_names():
         scenario = load_scenario(name)
-        together = ParameterSet()
-        together.update(scenario.parameters)
+        together = ParameterSet(scenario.parameters)
         together.update(parameters)
         sequences.append(InputSequence(name, list(scenario_steps(together, scenario))))
     controller = parameters.of(ControllerParameters)

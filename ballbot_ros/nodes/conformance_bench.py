@@ -11,7 +11,6 @@ from contextlib import suppress
 
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
-from rclpy.subscription import Subscription
 
 from ballbot_ros.errors import BallbotError, one_line
 from ballbot_ros.nodes.conformance.contract import CONTRACTS, Offer
@@ -56,16 +55,13 @@ class ConformanceBench:
         topics = (PARTICIPANTS, *contract.topics)
         self._received: dict[Topic, list[bytes]] = {topic: [] for topic in topics}
         self._subscriptions = [
-            (topic, self._subscribe(topic, is_latched=is_latched))
+            (topic, raw_subscription(self._inbox, topic, reliable_qos(HISTORY, latched=is_latched)))
             for topic in topics
             # The node may answer a roll call before its publisher is discovered, so also get what
             # it keeps; but one that wrongly keeps nothing must be heard, too.
             for is_latched in ((True, False) if topic is PARTICIPANTS else (False,))
         ]
         self._announced: set[tuple[int, bytes]] = set()
-
-    def _subscribe(self, topic: Topic, *, is_latched: bool) -> Subscription:
-        return raw_subscription(self._inbox, topic, reliable_qos(HISTORY, latched=is_latched))
 
     @property
     def can_start(self) -> bool:

@@ -211,18 +211,16 @@ class TopicPublisher:
         return bool(self.publishers[-1].get_subscription_count())
 
 
-def hidden_node(name: str, owner: Node | None = None) -> Node:
+def hidden_node(name: str, owner: Node) -> Node:
     """Create a node for subscriptions that its owner drains; no executor spins it.
 
-    Its name begins with an underscore, which hides it. If it has an owner, it is in the owner's
-    namespace, and its name contains the owner's name.
+    Its name begins with an underscore, which hides it, and contains the name of its owner, in whose
+    namespace it is.
     """
-    if owner is not None:
-        name = f'{owner.get_name()}_{name}'
     return Node(
-        f'_{name}',
-        context=owner.context if owner else None,
-        namespace=owner.get_namespace() if owner else '',
+        f'_{owner.get_name()}_{name}',
+        context=owner.context,
+        namespace=owner.get_namespace(),
         use_global_arguments=False,
         start_parameter_services=False,
         enable_rosout=False,

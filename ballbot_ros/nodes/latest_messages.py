@@ -147,7 +147,8 @@ class LatestMessages:
         message = self._messages[topic] = self._decoders[topic](data)
         self._changed.add(topic)
         if topic is ACCEPTED_PUSH:
-            self._forces.append(_force(message))
+            at_s, (force, _) = stamp_ns(message) / SECOND_NS, push_forces(message)
+            self._forces.append((at_s, message.header.frame_id, force))
 
     def __getitem__(self, topic: Topic) -> Any:
         """Return the newest message of a topic; None if there is none."""
@@ -156,11 +157,6 @@ class LatestMessages:
     def close(self) -> None:
         """Remove the subscriptions."""
         self.inbox.destroy_node()
-
-
-def _force(message: Any) -> ForceEvent:
-    force, _ = push_forces(message)
-    return stamp_ns(message) / SECOND_NS, message.header.frame_id, force
 
 
 def snapshot_of(newest: LatestMessages) -> Snapshot | None:

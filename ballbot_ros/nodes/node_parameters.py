@@ -198,7 +198,9 @@ class ParameterNode(Node, Generic[P]):
             if live != self.parameters:
                 self.parameters = live
                 self.on_parameters_changed()
-            waits = any(self._waits(each.name) for each in changes)
+            now = self.parameters.values()
+            names = [each.name for each in changes if each.name in self._rows]
+            waits = any(now[name] != values[name] for name in names)
             result.reason = NEXT_RUN if waits else ''
         return result
 
@@ -214,12 +216,6 @@ class ParameterNode(Node, Generic[P]):
         values = requested.values()
         live = [name for name in names if (row := self._rows.get(name)) and self.is_live(row)]
         return self.parameters.with_values({name: values[name] for name in live})
-
-    def _waits(self, name: str) -> bool:
-        """Return whether a parameter will have another value in the next run."""
-        if name not in self._rows:
-            return False
-        return bool(self.parameters.values()[name] != self._requested.values()[name])
 
     def is_live(self, row: Parameter) -> bool:
         """Return whether a new value of a parameter takes effect immediately."""

@@ -37,8 +37,8 @@ from ballbot_ros.nodes.middleware import Presence, is_local, living_participants
 from ballbot_ros.parameters import PATHS, NodeParameters, Value
 from ballbot_ros.recording.messages.conversions import time_ns
 from ballbot_ros.recording.messages.message_types import Header
-from ballbot_ros.recording.messages.participation import encode_announcement
 from ballbot_ros.recording.messages.raw import stamp_of
+from ballbot_ros.recording.messages.run_reports import encode_announcement
 from ballbot_ros.recording.messages.topics import PARTICIPANTS, ROLL_CALL, Topic, periodic_topics
 from ballbot_ros.robot.brick.fault_effects import change_faults
 from ballbot_ros.robot.world.floor_map import read_map_file
@@ -114,18 +114,16 @@ class GraphObserver:
         """
         found = []
         for name in names:
+            if self._inbox is None:
+                self._inbox = hidden_node('look', self._node)
             if name not in self._subscriptions:
-                self._subscriptions[name] = self._listen(name)
+                qos = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+                topic = self._topics[name]
+                self._subscriptions[name] = raw_subscription(self._inbox, topic, qos)
             for data, _ in drain(self._subscriptions[name]):
                 with suppress(ValueError):  # too short for a stamp: from a stranger
                     found.append((name, stamp_of(data)))
         return found
-
-    def _listen(self, name: str) -> Subscription:
-        if self._inbox is None:
-            self._inbox = hidden_node('look', self._node)
-        qos = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-        return raw_subscription(self._inbox, self._topics[name], qos)
 
     def stop_listening(self) -> None:
         """Remove all subscriptions."""

@@ -43,15 +43,13 @@ from ballbot_ros.recording.messages.conversions import (
     time_ns,
 )
 from ballbot_ros.recording.messages.message_types import Header, WrenchStamped
-from ballbot_ros.recording.messages.participation import (
-    decode_announcement,
-    encode_announcement,
-    encode_run_status,
-)
 from ballbot_ros.recording.messages.raw import stamp_of
 from ballbot_ros.recording.messages.run_messages import PlantMessages
 from ballbot_ros.recording.messages.run_reports import (
+    decode_announcement,
     decode_parameter_event,
+    encode_announcement,
+    encode_run_status,
     run_status,
     summary_json,
     summary_words,
@@ -289,7 +287,8 @@ class PlantSim(BallbotNode[PlantParameters]):
         self._scenario = scenario_of(self.parameters.scenario)
         self._world = World.of(self.parameters)
         self._own = participant_of(self)
-        self._actions = PlantActions(self, OneShotTimer(self, self._on_wake))
+        wake = OneShotTimer(self, lambda: self.dispatch(self.master.on_wake))
+        self._actions = PlantActions(self, wake)
         master = LockstepMaster if self.parameters.lockstep else FreeRunningMaster
         self.master: RunMaster = master(
             GraphObserver(self, tuple(LOCKSTEP_PUBLISHERS)),
@@ -321,9 +320,6 @@ class PlantSim(BallbotNode[PlantParameters]):
         master = self.master
         now_ns = master.time_ns if master.has_begun else 0
         self._heartbeats.send(Heartbeat(now_ns, has_ended=master.summary is not None))
-
-    def _on_wake(self) -> None:
-        self.dispatch(self.master.on_wake)
 
     def check(self, parameters: PlantParameters) -> None:
         """Check that the scenario and the map exist, and that the robot can start there."""

@@ -95,7 +95,9 @@ class Player(BallbotNode[PlayerParameters]):
             return
         self.playback.rate = self.parameters.rate
         for topic, stamp_ns, _, data in self.playback.due(now):
-            if topic in self._outputs and not self._is_derived_elsewhere(topic):
+            # Another node may publish what is derived in the recording.
+            is_elsewhere = topic in self._derived and self.count_publishers(topic) > 1
+            if topic in self._outputs and not is_elsewhere:
                 self._outputs[topic].publish(data)
             self.count_sample(stamp_ns)
         if self._made_clock and self.playback.now_ns != self._clock_ns:
@@ -103,10 +105,6 @@ class Player(BallbotNode[PlayerParameters]):
             self._made_clock.publish(encode_clock(self._clock_ns))
         if self.playback.finished:
             self.finish()
-
-    def _is_derived_elsewhere(self, topic: str) -> bool:
-        """Return whether another node publishes a topic that is derived in the recording."""
-        return topic in self._derived and self.count_publishers(topic) > 1
 
     def _watch(self) -> None:
         """End if a plant or another player appears in the domain."""

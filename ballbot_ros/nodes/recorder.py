@@ -31,8 +31,8 @@ from ballbot_ros.nodes.participation import Participation, full_name
 from ballbot_ros.parameters import PLANT, PlantParameters, RecorderParameters
 from ballbot_ros.parameters.timing import SECOND_NS
 from ballbot_ros.recording.messages.conversions import encode_header, is_stop
-from ballbot_ros.recording.messages.participation import decode_run_status
 from ballbot_ros.recording.messages.raw import decoder, has_stamp, same_content, stamp_of
+from ballbot_ros.recording.messages.run_reports import decode_run_status
 from ballbot_ros.recording.messages.topics import (
     CLOCK,
     HISTORY,
@@ -221,7 +221,8 @@ class Recorder(BallbotNode[RecorderParameters]):
 
     def __init__(self, parameters: RecorderParameters | None = None) -> None:
         super().__init__(RecorderParameters, parameters)
-        path = Path(self.parameters.output or _new_path())
+        new = f'runs/{datetime.now():%Y-%m-%d_%H-%M-%S}/ballbot.mcap'
+        path = Path(self.parameters.output or new)
         attachments = _read_folder(self.parameters.attachments)
         with os_errors(RecordingError, path):
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -400,10 +401,6 @@ class Recorder(BallbotNode[RecorderParameters]):
         if self._lost:
             gaps = '1 gap' if self._lost == 1 else f'{self._lost} gaps'
             self._writer.mark_incomplete(f'{gaps} in the sequence of messages')
-
-
-def _new_path() -> Path:
-    return Path('runs') / f'{datetime.now():%Y-%m-%d_%H-%M-%S}' / 'ballbot.mcap'
 
 
 def _read_folder(folder: str) -> dict[str, bytes]:

@@ -23,8 +23,7 @@ from ballbot_ros.nodes.supervisor import BACK as EARLIER
 from ballbot_ros.parameters import CONTROLLER, PLANT, SUPERVISOR, PlantParameters, parameters_of
 from ballbot_ros.parameters.timing import FIRST_TICK_NS, SECOND_NS
 from ballbot_ros.recording.messages.conversions import encode_push
-from ballbot_ros.recording.messages.participation import decode_announcement
-from ballbot_ros.recording.messages.run_reports import decode_parameter_event
+from ballbot_ros.recording.messages.run_reports import decode_announcement, decode_parameter_event
 from ballbot_ros.recording.messages.topics import HISTORY, PARAMETER_EVENTS, PARTICIPANTS, PUSH, RUN
 from ballbot_ros.robot.brick.faults import parse_fault, performer_of
 from ballbot_ros.robot.plant.ground_truth import Pair

@@ -134,13 +134,20 @@ class ParameterSet:
 
     The controller's own parameters (:data:`~ballbot_ros.parameters.controller.OWN_PREFIXES`) depend
     on its class. They are kept as given until :meth:`declare_own`, which checks them.
+
+    Parameters
+    ----------
+    other : ParameterSet, optional
+        What to begin with.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, other: ParameterSet | None = None) -> None:
         self._values: dict[tuple[str, str], Value] = {}
         self._given_own: dict[str, tuple[object, str]] = {}
         self._own: dict[str, Parameter] | None = None
         self._class = ''
+        if other is not None:
+            self.update(other)
 
     def __iter__(self) -> Iterator[tuple[str, str, Value]]:
         """Yield node, name and value of all parameters that were set."""

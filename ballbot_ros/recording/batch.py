@@ -221,8 +221,7 @@ class BatchLayout:
     def of(cls, data: bytes, store: Typestore, type_name: str) -> BatchLayout:
         """Return the layout of a message, which must be valid for its type in `store`."""
         walk = _Walk(data, store)
-        fields = walk.message(type_name)
-        dtype = _structure(fields, 0, len(data))
+        dtype = walk.message(type_name, 0)
         offsets = np.array(walk.fixed_offsets, np.intp)
         return cls(dtype, offsets, np.frombuffer(data, np.uint8)[offsets])
 
@@ -240,15 +239,6 @@ class BatchLayout:
         return fits, records.view(np.recarray)
 
 
-@dataclass(frozen=True)
-class _Field:
-    """A field: its position in the message [byte], and its type or the fields of its message."""
-
-    name: str
-    offset: int
-    content: Any
-
-
 class _Walk:
     """Parses a message once and notes everything that determines its form."""
 
@@ -258,20 +248,26 @@ class _Walk:
         self._offset = _HEADER_SIZE
         self.fixed_offsets = list(range(_HEADER_SIZE))
 
-    def message(self, type_name: str) -> list[_Field]:
-        """Return the fields of the message at this offset, except texts and lists of messages."""
-        _, descriptions = self._store.fielddefs[type_name]
-        fields = []
-        for name, description in descriptions:
-            item = self._item(description)
-            if item is not None:
-                fields.append(_Field(name, *item))
-        return fields
+    def message(self, type_name: str, begin: int) -> np.dtype[Any]:
+        """Return the structure of a message, from its begin to the end of the data.
 
-    def _item(self, description: Any) -> tuple[int, Any] | None:
+        It has the fields at this offset, except texts and lists of messages.
+        """
+        _, descriptions = self._store.fielddefs[type_name]
+        items = [(name, self._item(description)) for name, description in descriptions]
+        fields = [(name, *item) for name, item in items if item]
+        return np.dtype({
+            'names': [name for name, _, _ in fields],
+            'formats': [dtype for _, _, dtype in fields],
+            'offsets': [offset - begin for _, offset, _ in fields],
+            'itemsize': len(self._data) - begin,
+        })  # fmt: skip
+
+    def _item(self, description: Any) -> tuple[int, np.dtype[Any]] | None:
+        """Return the position of a field [byte] and its type, unless it is left out."""
         node, detail = description
         if node == Nodetype.NAME:
-            return self._offset, self.message(detail)
+            return self._offset, self.message(detail, self._offset)
         if node == Nodetype.BASE:
             if detail[0] == 'string':
                 self._text()
@@ -286,11 +282,11 @@ class _Walk:
             self._item(element)
         return None
 
-    def _numbers(self, name: str, shape: tuple[int, ...]) -> tuple[int, Any]:
+    def _numbers(self, name: str, shape: tuple[int, ...]) -> tuple[int, np.dtype[Any]]:
         dtype = np.dtype(_NUMPY_NAMES.get(name, name)).newbyteorder(self._order)
         whole = np.dtype((dtype, shape))
         if whole.itemsize:
-            self._align(dtype.itemsize)
+            self._offset += -(self._offset - _HEADER_SIZE) % dtype.itemsize
         offset = self._offset
         self._offset += whole.itemsize
         return offset, whole
@@ -304,24 +300,3 @@ class _Walk:
         offset, dtype = self._numbers('uint32', ())
         self.fixed_offsets += range(offset, self._offset)
         return int(np.frombuffer(self._data, dtype, 1, offset)[0])
-
-    def _align(self, size: int) -> None:
-        self._offset += -(self._offset - _HEADER_SIZE) % size
-
-
-def _structure(fields: list[_Field], begin: int, end: int) -> np.dtype[Any]:
-    """Return the structure of fields in a message from `begin` to `end`."""
-    dtypes = [
-        _structure(each.content, each.offset, end)
-        if isinstance(each.content, list)
-        else each.content
-        for each in fields
-    ]
-    return np.dtype(
-        {
-            'names': [each.name for each in fields],
-            'formats': dtypes,
-            'offsets': [each.offset - begin for each in fields],
-            'itemsize': end - begin,
-        }
-    )

@@ -77,11 +77,6 @@ class Column(NamedTuple):
     kind: type
     read: Read
 
-    @property
-    def is_signal(self) -> bool:
-        """Whether it has numbers other than the message's own stamp."""
-        return self.kind is not str and self.name != OWN_STAMP
-
 
 class ComputedColumn(NamedTuple):
     """A column that is computed from others.
@@ -186,15 +181,12 @@ def has_signals(type_name: str, store: Typestore) -> bool:
     if type_name in (_HEADER, *_LISTS, *_TIMES):
         return type_name != _HEADER
     _, fields_of_type = store.fielddefs[type_name]
-    return any(_may_be_signal(description, store) for _, description in fields_of_type)
-
-
-def _may_be_signal(description: Any, store: Typestore) -> bool:
-    """Return whether a field of this description can have numbers; lists are text."""
-    node, detail = description
-    if node == Nodetype.NAME:
-        return has_signals(detail, store)
-    return bool(node == Nodetype.BASE and detail[0] != 'string')
+    return any(
+        has_signals(str(detail), store)
+        if node == Nodetype.NAME
+        else node == Nodetype.BASE and detail[0] != 'string'  # lists are text
+        for _, (node, detail) in fields_of_type
+    )
 
 
 def _computed(column: ComputedColumn, reads: Mapping[str, Read]) -> Read:

@@ -114,7 +114,7 @@ class McapWriter:
         """Add a schema, and return its number."""
         schema = Schema(id=len(self._schemas) + 1, data=data, encoding=encoding, name=name)
         self._schemas.append(schema)
-        self._add_record(schema)
+        self._add_part(_encode(schema))
         return schema.id
 
     def add_channel(self, topic: str, encoding: str, schema: int, metadata: dict[str, str]) -> int:
@@ -127,11 +127,8 @@ class McapWriter:
             metadata=metadata,
         )
         self._channels.append(channel)
-        self._add_record(channel)
+        self._add_part(_encode(channel))
         return channel.id
-
-    def _add_record(self, record: McapRecord) -> None:
-        self._add_part(_encode(record))
 
     def _add_part(self, data: bytes | memoryview) -> None:
         self._parts.append(data)

@@ -165,6 +165,7 @@ def new_message(type_name: str) -> Any:
     )
 
 
+@cache
 def encoder(type_name: str) -> Callable[[Any], bytes]:
     """Return the function that encodes a rosbags message of `type_name` as little-endian CDR.
 

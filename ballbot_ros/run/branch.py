@@ -185,8 +185,7 @@ def branch_spec(
     push_name, fault_name, value_name, _ = future.names
     if not 0.0 <= future.at <= past.end:
         raise BallbotError(f'at {future.at:g} s: not within the recorded run, 0 … {past.end:.3f} s')
-    parameters = ParameterSet()
-    parameters.update(past.parameters)
+    parameters = ParameterSet(past.parameters)
     for node, values in _OF_A_RUN.items():
         for name, value in values.items():
             parameters.set(node, name, value)

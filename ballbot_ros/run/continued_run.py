@@ -353,8 +353,7 @@ class ContinuedRun:
             sticks = {at: each for at, each in sticks.items() if at < self._begun_ns}
             sticks |= live.received
             faults = tuple(each for each in faults if each.component != 'gamepad')
-        parameters = ParameterSet()
-        parameters.update(past.parameters)
+        parameters = ParameterSet(past.parameters)
         parameters.set(PLANT, 'duration', (end_ns - FIRST_TICK_NS) / SECOND_NS)
         lived = past._replace(
             inputs=replace(

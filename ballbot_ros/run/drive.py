@@ -71,9 +71,7 @@ def drive_spec(
     output : Path or None
         Folder for the recording; None for a new one under ``runs/``.
     """
-    parameters = ParameterSet()
-    if profile is not None:
-        parameters.update(load_profile(profile))
+    parameters = ParameterSet() if profile is None else load_profile(profile)
     parameters.set(PLANT, 'real_time_factor', 1.0)
     parameters.set(PLANT, 'on_wall_hit', 'report')
     if map_name is not None:

@@ -64,8 +64,7 @@ def public_parameters(spec: RunSpec, attached: Container[str]) -> ParameterSet:
 
     The content of the files is attached instead, under the names `attached`.
     """
-    parameters = ParameterSet()
-    parameters.update(spec.parameters)
+    parameters = ParameterSet(spec.parameters)
     parameters.set(GAMEPAD, 'scenario', '')
     if is_file_name(spec.plant.map):
         parameters.set(PLANT, 'map', next(name for name in MAPS if name in attached))
@@ -111,8 +110,7 @@ def graph_parameters(spec: RunSpec, recording: Path | None, scratch: Path) -> Pa
     scratch : Path
         Folder for files that only the nodes read.
     """
-    parameters = ParameterSet()
-    parameters.update(spec.parameters)
+    parameters = ParameterSet(spec.parameters)
     if recording:
         parameters.set(RECORDER, 'output', str(recording.resolve()))
     if RECORDER in spec.nodes:

@@ -42,15 +42,9 @@ MIN_FREE_BYTES = 200e6
 GOLDEN_SCENARIOS = ('stationary', 'hardware_autonomous')
 
 
-class FailedCheckError(BallbotError):
-    """A failed check, and what to do about it."""
-
-
 def _python() -> str:
     if sys.version_info < MIN_PYTHON:
-        raise FailedCheckError(
-            f'{platform.python_version()} is too old: install Python 3.10 or later'
-        )
+        raise BallbotError(f'{platform.python_version()} is too old: install Python 3.10 or later')
     return platform.python_version()
 
 
@@ -58,13 +52,13 @@ def _files() -> str:
     try:
         return str(share_directory())
     except BallbotError as error:
-        raise FailedCheckError(f'{error}: reinstall the package') from None
+        raise BallbotError(f'{error}: reinstall the package') from None
 
 
 def _rclpy() -> str:
     found = find_spec('rclpy')
     if found is None or found.origin is None:
-        raise FailedCheckError(
+        raise BallbotError(
             'rclpy not found: source ROS 2 Jazzy, or run `pip install "ballbot_ros[ros]"`'
         )
     return str(Path(found.origin).parent)
@@ -81,7 +75,7 @@ def _rmw() -> str:
     except Exception as error:
         wanted = os.environ.get(RMW, '')
         hint = f'unset {RMW} ({wanted})' if wanted else 'install rmw_fastrtps_cpp'
-        raise FailedCheckError(
+        raise BallbotError(
             f'no middleware loads: {hint} ({" ".join(str(error).split())})'
         ) from None
 
@@ -100,9 +94,7 @@ def _ports() -> str:
         try:
             probe.bind(('', port))
         except OSError as error:
-            raise FailedCheckError(
-                f'UDP {port}: {error.strerror}: use another ROS_DOMAIN_ID'
-            ) from None
+            raise BallbotError(f'UDP {port}: {error.strerror}: use another ROS_DOMAIN_ID') from None
     return f'UDP {port} and above are free for discovery'
 
 
@@ -122,11 +114,11 @@ def _discovery() -> str:
         process.kill()
         process.wait()
     if process.returncode == -signal.SIGALRM:
-        raise FailedCheckError(
+        raise BallbotError(
             f'the middleware did not respond within {LIMIT_S} s: try another {DOMAIN}'
         )
     if process.returncode:
-        raise FailedCheckError(' '.join(output.split()) or f'ended with {process.returncode}')
+        raise BallbotError(' '.join(output.split()) or f'ended with {process.returncode}')
     # The middleware may have logged something before, such as a port that is taken.
     return output.strip().rpartition('\n')[2]
 
@@ -140,7 +132,7 @@ def _arithmetic() -> str:
         results.append((f'the scenario {name}', wanted, duty_sha256(load_scenario(name))))
     for what, wanted, got in results:
         if got != wanted:
-            raise FailedCheckError(
+            raise BallbotError(
                 f'{what} has the hash {got[:8]}… here, but {wanted[:8]}… on other machines: '
                 'their recordings will not replay as identical. Unless you edited config/, '
                 'report this with your processor and your versions of Python and numpy'
@@ -151,10 +143,10 @@ def _arithmetic() -> str:
 def _disk() -> str:
     folder = Path('runs') if Path('runs').is_dir() else Path()
     if not os.access(folder, os.W_OK):
-        raise FailedCheckError(f'{folder.resolve()} is not writable: use --output DIR')
+        raise BallbotError(f'{folder.resolve()} is not writable: use --output DIR')
     free = shutil.disk_usage(folder).free
     if free < MIN_FREE_BYTES:
-        raise FailedCheckError(f'{free / 1e6:.0f} MB free: a minute of recording takes about 6 MB')
+        raise BallbotError(f'{free / 1e6:.0f} MB free: a minute of recording takes about 6 MB')
     return f'{free / 1e9:.1f} GB free in {folder.resolve()}'
 
 

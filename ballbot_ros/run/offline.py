@@ -168,7 +168,7 @@ class _OfflineRun:
         self._await_tick()
         now_ns = self._loop.plant.time_ns
         if (values := self._tuned.advance(now_ns)) and self._writer:
-            self._writer.retuned(now_ns, values)
+            self._writer.controller.retuned(now_ns, values)
         tick = self._loop.tick()
         self.log.add(tick.truth, *tick.outputs.duty, tick.outputs)
         if self._writer:

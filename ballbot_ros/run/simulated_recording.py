@@ -13,11 +13,10 @@ from ballbot_ros.controllers.interface import Program
 from ballbot_ros.engine.closed_loop import Tick
 from ballbot_ros.engine.compiled_loop import TickColumns
 from ballbot_ros.lockstep.run_actions import RunSummary
-from ballbot_ros.parameters import ParameterSet, PlantParameters, Value
+from ballbot_ros.parameters import ParameterSet, PlantParameters
 from ballbot_ros.parameters.timing import SECOND_NS
 from ballbot_ros.recording.messages.raw import Messages, Stamps
-from ballbot_ros.recording.messages.run_columns import RunColumns
-from ballbot_ros.recording.messages.run_messages import RunMessages, Send
+from ballbot_ros.recording.messages.run_messages import RunColumns, RunMessages, Send
 from ballbot_ros.recording.messages.topics import JOINT_STATES, MAP, RUN, TOPICS, Topic
 from ballbot_ros.recording.rosbag2 import OUTCOME_KEYS, RecordedTopic, media_type
 from ballbot_ros.recording.writer import RecordedMessages, RecordingWriter
@@ -135,7 +134,7 @@ class SimulatedRecording:
             self._messages, make, lambda topic: topics[topic].add_all, parameters
         )
         self._ticks: list[tuple[Any, ...]] = []  # from which messages will be derived
-        self.plant = self._messages.plant
+        self.plant, self.controller = self._messages.plant, self._messages.controller
         self._flushed_ns = 0
 
     def begin(self, start_ns: int, world: World | None, pushes: Iterable[Push]) -> None:
@@ -150,10 +149,6 @@ class SimulatedRecording:
             self.plant.push(push, number)
             self._write_out()  # in advance, whatever their stamps
         self._flushed_ns = start_ns
-
-    def retuned(self, now_ns: int, values: Mapping[str, Value]) -> None:
-        """Write that parameters of the controller have other values from a tick on."""
-        self._messages.retuned(now_ns, values)
 
     def add(self, tick: Tick, program: Program) -> None:
         """Write the messages of a tick."""

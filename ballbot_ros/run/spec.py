@@ -177,8 +177,7 @@ class RunSpec:
             scenario = Scenario(parameters=load_profile(profile))
         else:
             scenario = load_scenario(reference, options.profile)
-        parameters = ParameterSet()
-        parameters.update(scenario.parameters)
+        parameters = ParameterSet(scenario.parameters)
         _apply(options, parameters)
         if reference is not None:
             _follow_scenario(reference, options, parameters)

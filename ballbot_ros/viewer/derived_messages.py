@@ -28,9 +28,9 @@ from ballbot_ros.recording.messages.conversions import (
     pitches,
 )
 from ballbot_ros.recording.messages.devices import decode_encoders, decode_gyro
-from ballbot_ros.recording.messages.participation import decode_announcement
 from ballbot_ros.recording.messages.raw import Messages, Stamps, decoder, stamp_of
 from ballbot_ros.recording.messages.run_messages import MakeSend, Send
+from ballbot_ros.recording.messages.run_reports import decode_announcement
 from ballbot_ros.recording.messages.tool_messages import (
     TransformsLayout,
     encode_imu_data,

@@ -9,7 +9,7 @@ from ballbot_ros.analysis.recorded_runs import AnnouncedParameters
 from ballbot_ros.lockstep.participants import MAP_HASH, Announcement, Membership, Participant
 from ballbot_ros.lockstep.run_recording import RunStatus
 from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, SONAR, ParameterSet
-from ballbot_ros.recording.messages.participation import (
+from ballbot_ros.recording.messages.run_reports import (
     encode_announcement,
     encode_run_status,
     membership_text,

@@ -16,7 +16,7 @@ from ballbot_ros.nodes.endpoints import reliable_qos  # noqa: E402
 from ballbot_ros.parameters import GYRO, NODES, RECORDER  # noqa: E402
 from ballbot_ros.parameters.timing import TICK_NS  # noqa: E402
 from ballbot_ros.recording.messages.conversions import time_ns  # noqa: E402
-from ballbot_ros.recording.messages.participation import encode_announcement  # noqa: E402
+from ballbot_ros.recording.messages.run_reports import encode_announcement  # noqa: E402
 from ballbot_ros.recording.messages.topics import (  # noqa: E402
     GYRO_IMU,
     HISTORY,

@@ -27,7 +27,7 @@ from ballbot_ros.parameters import (  # noqa: E402
     SONAR,
 )
 from ballbot_ros.recording.messages.conversions import time_ns  # noqa: E402
-from ballbot_ros.recording.messages.participation import encode_announcement  # noqa: E402
+from ballbot_ros.recording.messages.run_reports import encode_announcement  # noqa: E402
 from ballbot_ros.recording.messages.topics import (  # noqa: E402
     DIAGNOSTICS,
     GYRO_IMU,

@@ -17,7 +17,7 @@ from ballbot_ros.nodes import participation
 from ballbot_ros.nodes.participation import Participation
 from ballbot_ros.parameters import GYRO, ControllerParameters, GyroParameters, SonarParameters
 from ballbot_ros.parameters.timing import FIRST_TICK_NS
-from ballbot_ros.recording.messages.participation import decode_announcement
+from ballbot_ros.recording.messages.run_reports import decode_announcement
 from ballbot_ros.recording.messages.topics import GYRO_IMU, PARTICIPANTS
 from ballbot_ros.robot.world.floor_map import read_map_file
 

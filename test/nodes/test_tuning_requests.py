@@ -15,8 +15,7 @@ from ballbot_ros.lockstep.participants import Announcement, Participant
 from ballbot_ros.nodes.base import BallbotNode
 from ballbot_ros.nodes.endpoints import reliable_qos
 from ballbot_ros.nodes.viewer_requests import TuningRequests
-from ballbot_ros.recording.messages.participation import encode_announcement
-from ballbot_ros.recording.messages.run_reports import encode_parameter_event
+from ballbot_ros.recording.messages.run_reports import encode_announcement, encode_parameter_event
 from ballbot_ros.recording.messages.topics import HISTORY, PARAMETER_EVENTS, PARTICIPANTS
 from ballbot_ros.viewer.tuning_sliders import Tunable
 

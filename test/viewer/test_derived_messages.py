@@ -24,8 +24,8 @@ from ballbot_ros.recording.messages.conversions import (
     encode_odometry,
 )
 from ballbot_ros.recording.messages.devices import encode_encoders, encode_gyro
-from ballbot_ros.recording.messages.participation import encode_announcement
 from ballbot_ros.recording.messages.raw import decoder
+from ballbot_ros.recording.messages.run_reports import encode_announcement
 from ballbot_ros.recording.messages.tool_messages import (
     DELETE_ALL,
     EXACT,

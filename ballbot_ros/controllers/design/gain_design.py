@@ -261,8 +261,7 @@ class Cost(NamedTuple):
 
 def _with_gains(parameters: ParameterSet, gains: Sequence[float]) -> ParameterSet:
     """Return a copy of parameters with other gains."""
-    copy = ParameterSet()
-    copy.update(parameters)
+    copy = ParameterSet(parameters)
     set_gains(copy, gains)
     return copy
 

@@ -394,9 +394,8 @@ def brick_dead_time(parameters: ParameterSet) -> tuple[float, float]:
     The first is that of the motors, 0 if the loop is not stable; the second is the sum of the mean
     ages of gyro readings and duties, which does not depend on the phase of the link.
     """
-    ideal, brick = ParameterSet(), ParameterSet()
+    ideal, brick = ParameterSet(parameters), ParameterSet(parameters)
     for each, is_brick in ((ideal, False), (brick, True)):
-        each.update(parameters)
         each.set(CONTROLLER, 'implementation', 'python')
         for name in ('kernel', 'link'):
             each.set(CONTROLLER, name, is_brick)

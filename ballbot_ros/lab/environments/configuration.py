@@ -218,8 +218,7 @@ def parameters_of_environment(profile: str | None, given: Parameters | None) -> 
     BallbotError
         If a profile, file or value is not valid, or a value has no effect.
     """
-    parameters = ParameterSet()
-    parameters.update(load_profile(IDEAL if profile is None else profile))
+    parameters = ParameterSet(load_profile(IDEAL if profile is None else profile))
     if isinstance(given, Mapping):
         values = plain_values(given)
         _check_effect(values)

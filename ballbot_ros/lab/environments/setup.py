@@ -269,8 +269,7 @@ class Setup:
 
     def parameters_at(self, start: Start) -> ParameterSet:
         """Return the parameters of an episode."""
-        values = ParameterSet()
-        values.update(self.parameters)
+        values = ParameterSet(self.parameters)
         values.set(GYRO, 'seed', start.seed)
         values.set(PLANT, 'start_pitch_x', start.pitch[0])
         values.set(PLANT, 'start_pitch_y', start.pitch[1])

@@ -17,7 +17,7 @@ from ballbot_ros.controllers.loading import find_code, is_file_reference
 from ballbot_ros.engine.scenario.properties import Property
 from ballbot_ros.engine.scenario.scenario import Expectation, Measure
 from ballbot_ros.engine.scenario.writer import scenario_data
-from ballbot_ros.errors import StudyError
+from ballbot_ros.errors import StudyError, os_errors
 from ballbot_ros.lab.studies.columns import ColumnKind, ResultColumn
 from ballbot_ros.lab.studies.manifest import PartSummary, StudyRecord
 from ballbot_ros.lab.studies.part_file import EncodedPart, PartRows, encode_part, store_part
@@ -207,12 +207,10 @@ class PackedFile(NamedTuple):
             return path
         # Other threads may do the same, and read the file as soon as it has its name.
         temporary = path.with_name(f'.{uuid4().hex}')
-        try:
+        with os_errors(StudyError, path):
             path.parent.mkdir(parents=True, exist_ok=True)
             temporary.write_bytes(self.data)
             temporary.replace(path)
-        except OSError as error:
-            raise StudyError(f'{path}: {error.strerror}') from None
         return path
 
 
@@ -260,8 +258,7 @@ class PackedJob:
         BallbotError
             If a file can't be written, or an installed controller has other code here.
         """
-        parameters = ParameterSet()
-        parameters.update(self.job.spec.parameters)
+        parameters = ParameterSet(self.job.spec.parameters)
         if self.map:
             parameters.set(PLANT, 'map', str(self.map.unpack(folder)))
         reference = _controller_of(self.job)

@@ -249,8 +249,7 @@ def why_not_compiled(spec: RunSpec) -> str:
 
 def with_values(parameters: ParameterSet, values: Mapping[str, object]) -> ParameterSet:
     """Return parameters with other values for some, by ``node.param`` or element of it."""
-    changed = ParameterSet()
-    changed.update(parameters)
+    changed = ParameterSet(parameters)
     if any(map(is_own, values)):
         changed.drop_designed()  # so that it is designed from them
     assign_values(changed, whole_values(changed, plain_values(values)))

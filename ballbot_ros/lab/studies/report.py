@@ -26,7 +26,7 @@ from ballbot_ros.analysis.page import (
 )
 from ballbot_ros.analysis.run_figures import RenderedFigure
 from ballbot_ros.engine.scenario.scenario import bounds_text
-from ballbot_ros.errors import BallbotError, StudyError, one_line
+from ballbot_ros.errors import BallbotError, StudyError, one_line, os_errors
 from ballbot_ros.files import own_command
 from ballbot_ros.lab.studies.charts import (
     Histogram,
@@ -111,10 +111,8 @@ def _is_report(folder: Path) -> bool:
 
 def _remove_report(folder: Path) -> None:
     if _is_report(folder):
-        try:
+        with os_errors(ReportError, folder):
             shutil.rmtree(folder)
-        except OSError as error:
-            raise ReportError(f'{folder}: {error.strerror}') from None
 
 
 FAILED_SHOWN = 10

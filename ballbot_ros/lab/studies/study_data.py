@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.engine.rows import Column
-from ballbot_ros.errors import StudyError, importing
+from ballbot_ros.errors import StudyError, importing, os_errors
 from ballbot_ros.lab.studies.columns import (
     DUTY_SHA256,
     FALLEN,
@@ -205,10 +205,8 @@ class StudyData:
         load_pyarrow()
         manifest = read_manifest(path)
         study = manifest.study
-        try:
+        with os_errors(StudyError, path / PARTS):
             names = {each.name for each in (path / PARTS).iterdir()}
-        except OSError as error:
-            raise StudyError(f'{path / PARTS}: {error.strerror}') from None
         present = tuple(part for part in range(study.parts) if study.part_name(part) in names)
         if manifest.finished and len(present) < study.parts:
             missing = next(part for part in range(study.parts) if part not in present)

@@ -24,7 +24,6 @@ from ballbot_ros.recording.messages.run_messages import RunMessages, Send
 from ballbot_ros.recording.messages.topics import (
     BATTERY_STATE,
     MOTOR_DUTY,
-    PARTICIPANTS,
     RECORDER_ACK,
     RUN,
     TOPICS,
@@ -66,11 +65,6 @@ class Contract:
     def repetitions(self) -> int:
         """The number of answers when asked again: a controller may answer each repeated input."""
         return len(INPUT_READERS) if self.role == CONTROLLER else 1
-
-    @property
-    def required(self) -> tuple[Topic, ...]:
-        """The topics that it must publish."""
-        return (PARTICIPANTS, self.answer)
 
 
 def _read_duty(data: bytes) -> tuple[int, int]:

@@ -28,6 +28,7 @@ from ballbot_ros.recording.messages.topics import (
     CLOCK,
     GYRO_IMU,
     JOINT_STATES,
+    PARTICIPANTS,
     TOPICS,
     Topic,
     periodic_topics,
@@ -99,21 +100,16 @@ def examine(role: str, bench: Bench, token: str) -> Iterator[RequirementResult]:
         If another node has the role already.
     """
     node = NodeUnderTest(role, bench, token)
-    if bench.can_start:
-        _require_absence(node)
-    for each in REQUIREMENTS:
-        if role in each.roles:
-            yield RequirementResult(each.name, each.text, *_verdict(each, node))
-
-
-def _require_absence(node: NodeUnderTest) -> None:
-    """Check that no other node would answer in the place of the one under test."""
     topic = node.contract.answer
-    if node.bench.wait(lambda: bool(node.bench.offers(topic)), DISCOVERY_S):
+    if bench.can_start and bench.wait(lambda: bool(bench.offers(topic)), DISCOVERY_S):
+        # The other node would answer in the place of the one under test.
         raise BallbotError(
             f'a node that publishes on {topic.name!r} is running already: end it, or omit COMMAND '
             'to test it'
         )
+    for each in REQUIREMENTS:
+        if role in each.roles:
+            yield RequirementResult(each.name, each.text, *_verdict(each, node))
 
 
 def _verdict(requirement: Requirement, node: NodeUnderTest) -> tuple[RequirementVerdict, str]:
@@ -165,7 +161,7 @@ def _check_announcement(node: NodeUnderTest) -> None:
 
 def _check_publishers(node: NodeUnderTest) -> None:
     node.begin_run(1)
-    required = node.contract.required
+    required = (PARTICIPANTS, node.contract.answer)
     for topic in dict.fromkeys((*required, *node.contract.topics)):
         offers = node.bench.offers(topic)
         if topic in required and not offers:
@@ -174,10 +170,6 @@ def _check_publishers(node: NodeUnderTest) -> None:
         for offer in offers:
             if offer != due:
                 raise BreachError(f'{topic.name!r} is {offer}, not {due}')
-
-
-def _check_every_stamp(node: NodeUnderTest) -> None:
-    node.begin_run(SERIES)
 
 
 def _check_values(node: NodeUnderTest) -> None:
@@ -192,28 +184,24 @@ def _check_repetition(node: NodeUnderTest) -> None:
     first = node.tick
     node.drive(FEW - 1)
     if node.contract.acknowledges:
-        _check_repeated_acknowledgement(node)
+        before = len(node.answers())
+        node.call_roll()
+        if not node.bench.wait(lambda: len(node.answers()) > before, ANSWER_S):
+            raise BreachError('a roll call does not make it repeat its acknowledgement')
         return
     is_same = same_content(node.contract.answer.type_name)
     # The recorder may lack an earlier sample of a driver; a controller repeats only its newest.
     for tick in (node.tick,) if node.contract.role == CONTROLLER else (node.tick, first):
-        before, at = node.answers_to(tick.stamp_ns), seconds_text(tick.stamp_ns)
+        answers, at = node.answers_to(tick.stamp_ns), seconds_text(tick.stamp_ns)
         for count in range(2):
             node.send_again(tick)
-            if not node.await_answers(tick.stamp_ns, len(before) + count + 1):
+            if not node.await_answers(tick.stamp_ns, len(answers) + count + 1):
                 raise BreachError(f'asked again at {at}, it does not answer')
         for data in node.answers_to(tick.stamp_ns):
-            if not is_same(before[0], data):
+            if not is_same(answers[0], data):
                 raise BreachError(f'asked again at {at}, it gives another answer')
     node.settle()
     node.judge()
-
-
-def _check_repeated_acknowledgement(node: NodeUnderTest) -> None:
-    before = len(node.answers())
-    node.call_roll()
-    if not node.bench.wait(lambda: len(node.answers()) > before, ANSWER_S):
-        raise BreachError('a roll call does not make it repeat its acknowledgement')
 
 
 def _check_inputs(node: NodeUnderTest) -> None:
@@ -348,7 +336,11 @@ REQUIREMENTS = (
         'publishes with the types and the quality of service of its topics',
         _check_publishers,
     ),
-    Requirement('every stamp', 'answers each due stamp once, and no other', _check_every_stamp),
+    Requirement(
+        'every stamp',
+        'answers each due stamp once, and no other',
+        lambda node: node.begin_run(SERIES),
+    ),
     Requirement('values', 'sends values that its readers can use', _check_values),
     Requirement('asked again', 'repeats its answer when asked again', _check_repetition),
     Requirement(

@@ -12,8 +12,8 @@ from ballbot_ros.nodes.conformance.contract import CONTRACTS, Bench, TickMessage
 from ballbot_ros.parameters import NODES
 from ballbot_ros.parameters.timing import FIRST_TICK_NS, RESEND_S, SECOND_NS, next_start_ns
 from ballbot_ros.recording.messages.conversions import encode_header
-from ballbot_ros.recording.messages.participation import decode_announcement, encode_run_status
 from ballbot_ros.recording.messages.raw import stamp_of
+from ballbot_ros.recording.messages.run_reports import decode_announcement, encode_run_status
 from ballbot_ros.recording.messages.topics import (
     PARTICIPANTS,
     ROLL_CALL,

@@ -77,8 +77,6 @@ NOT_PROVIDED = -1.0
 
 _UNKNOWN = ('temperature', 'current', 'charge', 'capacity', 'design_capacity', 'percentage')
 
-_encoder = cache(encoder)
-
 _CLOCK = MessageLayout(CLOCK.type_name)
 _MOTORS = MessageLayout(
     PLANT_JOINT_STATES.type_name,
@@ -152,7 +150,7 @@ def encode_header(stamp_ns: int, frame_id: str = '') -> bytes:
     """Return ``std_msgs/Header``."""
     message = new_message(RUN.type_name)
     fill_header(message, stamp_ns, frame_id)
-    return _encoder(RUN.type_name)(message)
+    return encoder(RUN.type_name)(message)
 
 
 def encode_clock(now_ns: int) -> bytes:
@@ -275,7 +273,7 @@ def encode_map(stamp_ns: int, grid: OccupancyGrid) -> bytes:
     corner = message.info.origin.position
     corner.x, corner.y = grid.origin
     message.data = grid.cells.ravel()
-    return _encoder(MAP.type_name)(message)
+    return encoder(MAP.type_name)(message)
 
 
 def map_grid(message: OccupancyGridMessage) -> OccupancyGrid:
@@ -439,7 +437,7 @@ def _encode_push(stamp_ns: int, frame_id: str, force: Pair, torque: Pair) -> byt
     wrench = message.wrench
     wrench.force.x, wrench.force.y = force[0], -force[1]
     wrench.torque.y, wrench.torque.x = torque
-    return _encoder(PUSH.type_name)(message)
+    return encoder(PUSH.type_name)(message)
 
 
 def push_forces(message: WrenchStamped) -> tuple[Pair, Pair]:
@@ -453,14 +451,14 @@ def encode_joy(stamp_ns: int, sticks: Pair) -> bytes:
     message = new_message(GAMEPAD_JOY.type_name)
     fill_header(message.header, stamp_ns, '')
     message.axes = [0.0, sticks[0], -sticks[1], 0.0]
-    return _encoder(GAMEPAD_JOY.type_name)(message)
+    return encoder(GAMEPAD_JOY.type_name)(message)
 
 
 def _encode_data(type_name: str, data: object) -> bytes:
     """Return a message of ``std_msgs`` whose content is its field ``data``."""
     message = new_message(type_name)
     message.data = data
-    return _encoder(type_name)(message)
+    return encoder(type_name)(message)
 
 
 FRAME_ID = 'stop'

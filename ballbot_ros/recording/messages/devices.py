@@ -62,9 +62,6 @@ STEP_FIELDS = ('motor_x', 'motor_y', 'angular_velocity_y', 'angular_velocity_x',
 _FIELD = 'sensor_msgs/msg/PointField'
 _POINT = 8 * STEP_VALUES
 
-# Only a graph with dead time needs them.
-_encoder, _decoder = cache(encoder), cache(decoder)
-
 
 def encode_steps(truth: GroundTruth) -> bytes:
     """Return ``plant/steps``: a point for each step, the oldest first, that of the stamp last."""
@@ -103,7 +100,7 @@ def _numbers_of_steps(data: bytes) -> bytes:
         is_known = data.startswith(before[:4]) and data.startswith(before[12:], 12)
         if is_known and data.startswith(after, end):
             return data[len(before) : end]
-    message = _decoder(PLANT_STEPS.type_name)(data)
+    message = decoder(PLANT_STEPS.type_name)(data)
     if _layout(message.fields) != _layout(_fields()) or message.point_step != _POINT:
         raise ValueError(f'the fields are not {", ".join(STEP_FIELDS)}')
     return bytes(message.data)
@@ -118,7 +115,7 @@ def _around_steps(size: int) -> tuple[bytes, bytes]:
     message.height, message.width = 1, size // _POINT
     message.point_step, message.row_step = _POINT, size
     message.data, message.is_dense = bytes(size), True
-    data = _encoder(PLANT_STEPS.type_name)(message)
+    data = encoder(PLANT_STEPS.type_name)(message)
     return data[: -1 - size], data[-1:]
 
 

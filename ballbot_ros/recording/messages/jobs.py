@@ -6,7 +6,6 @@ Docs/protocol.md describes the layout of the message.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,8 +16,6 @@ from ballbot_ros.recording.schemas import encoder, new_message
 from ballbot_ros.robot.brick.kernel import Job
 
 COLUMNS = ('task', 'release_us', 'start_us', 'end_us', 'preempted_us', 'is_lost')
-
-_encoder = cache(encoder)
 
 
 class Jobs(NamedTuple):
@@ -57,7 +54,7 @@ def encode_jobs(jobs: Sequence[Job], tasks: Sequence[str]) -> bytes:
         _dimension(COLUMNS, width, width),
     ]
     message.data = [number for job in jobs for number in (tasks.index(job.task), *job[1:])]
-    return _encoder(BRICK_TASKS.type_name)(message)
+    return encoder(BRICK_TASKS.type_name)(message)
 
 
 def _dimension(names: Sequence[str], size: int, stride: int) -> Any:

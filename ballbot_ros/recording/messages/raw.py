@@ -12,6 +12,7 @@ from __future__ import annotations
 import re
 import struct
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import cache
 from operator import attrgetter, itemgetter
 from typing import Any, overload
 
@@ -67,6 +68,7 @@ def same_content(type_name: str) -> Callable[[bytes, bytes], bool]:
     return is_same
 
 
+@cache
 def decoder(type_name: str) -> Callable[[bytes], Any]:
     """Return a function that decodes serialised messages of a type.
 

@@ -1,24 +1,201 @@
-"""What plant and controller report of a run: its state, its summary, changed parameters."""
+"""What the nodes report of a run: announcements, status, summary, changed parameters.
+
+Announcements of participants and the plant's status are ``diagnostic_msgs/DiagnosticStatus``, whose
+keys and values any tool can show.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import json
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
-from ballbot_ros.lockstep.run_actions import PublishStatus, RunSummary
+from ballbot_ros.lockstep.participants import Announcement, Membership, Objection, Participant
+from ballbot_ros.lockstep.run_actions import Outcome, PublishStatus, RunSummary
 from ballbot_ros.lockstep.run_recording import RunStatus
 from ballbot_ros.parameters import CONTROLLER, PLANT, Value
 from ballbot_ros.parameters.timing import SECOND_NS
 from ballbot_ros.recording.messages.conversions import fill_time
-from ballbot_ros.recording.messages.message_types import ParameterEvent, ParameterMessage
-from ballbot_ros.recording.messages.participation import OK, membership_json, membership_text
+from ballbot_ros.recording.messages.message_types import (
+    DiagnosticStatus,
+    ParameterEvent,
+    ParameterMessage,
+)
 from ballbot_ros.recording.messages.raw import decoder
-from ballbot_ros.recording.messages.topics import DIAGNOSTICS, PARAMETER_EVENTS
+from ballbot_ros.recording.messages.topics import DIAGNOSTICS, PARAMETER_EVENTS, PARTICIPANTS
 from ballbot_ros.recording.rosbag2 import OUTCOME_KEYS
 from ballbot_ros.recording.schemas import encoder, new_message
 from ballbot_ros.robot.plant.ground_truth import Push
+
+OK, ERROR = 0, 2
+
+T = TypeVar('T')
+
+_PARAMETER = 'parameter '
+_AWAITS = 'awaits'
+
+
+def encode_announcement(announcement: Announcement) -> bytes:
+    """Return an announcement as a serialised message of ``participants``."""
+    participant, objection = announcement.participant, announcement.objection
+    values = {
+        'role': participant.role,
+        'process': participant.process,
+        'instance': participant.instance,
+        'run': announcement.run,
+        'implementation': participant.implementation,
+        'parameters sha256': participant.parameters_sha256,
+        'guid prefix': participant.guid_prefix,
+        'topics': ' '.join(participant.topics),
+        'answered [ns]': announcement.answered_ns,
+    }
+    if announcement.awaits:
+        values[_AWAITS] = json.dumps(dict(announcement.awaits))
+    values |= {
+        f'{_PARAMETER}{name}': json.dumps(value) for name, value in participant.parameters.items()
+    }
+    if objection:
+        values |= {'objection topic': objection.topic, 'objection stamp [ns]': objection.stamp_ns}
+    return _encoded(
+        ERROR if objection else OK,
+        participant.node,
+        objection.text if objection else f'takes part as {participant.role}',
+        participant.host,
+        values,
+    )
+
+
+def decode_announcement(data: bytes) -> Announcement:
+    """Decode a message of ``participants``.
+
+    It raises ValueError if a key is missing, a number is malformed, or a parameter is not JSON.
+    """
+    message = decoder(PARTICIPANTS.type_name)(data)
+    values = _Values(message)
+    parameters = {
+        key.removeprefix(_PARAMETER): values.read(key, _from_json)
+        for key in values
+        if key.startswith(_PARAMETER)
+    }
+    participant = Participant(
+        role=values['role'],
+        node=message.name,
+        host=message.hardware_id,
+        process=values.read('process', int),
+        instance=values['instance'],
+        implementation=values['implementation'],
+        parameters_sha256=values['parameters sha256'],
+        guid_prefix=values.get('guid prefix', ''),
+        topics=tuple(values['topics'].split()),
+        parameters=parameters,
+    )
+    objection = None
+    if message.level != OK:
+        topic = values['objection topic']
+        objection = Objection(message.message, topic, values.read('objection stamp [ns]', int))
+    answered_ns = values.read('answered [ns]', int)
+    awaits = values.read(_AWAITS, _stamps) if _AWAITS in values else {}
+    return Announcement(participant, values['run'], answered_ns, objection, awaits)
+
+
+def encode_run_status(status: RunStatus) -> bytes:
+    """Return the status of a run as a serialised message of ``plant/run_status``."""
+    values = {
+        'run': status.run,
+        'lockstep': str(status.is_lockstep).lower(),
+        'periodic topics': ' '.join(status.periodic_topics),
+        **{f'participant {role}': text for role, text in status.participants.items()},
+        **status.result,
+    }
+    outcome = status.result.get('outcome', 'running')
+    level = ERROR if outcome == Outcome.FAILED else OK
+    return _encoded(level, status.run, outcome, '', values)
+
+
+def decode_run_status(data: bytes) -> RunStatus:
+    """Decode a message of ``plant/run_status``; ValueError if a key is missing."""
+    values = _Values(decoder(PARTICIPANTS.type_name)(data))
+    prefix = 'participant '
+    return RunStatus(
+        values['run'],
+        values['lockstep'] == 'true',
+        tuple(values['periodic topics'].split()),
+        {key.removeprefix(prefix): values[key] for key in values if key.startswith(prefix)},
+        {key: values[key] for key in OUTCOME_KEYS} if 'outcome' in values else {},
+    )
+
+
+def membership_json(member: Membership, start_ns: int) -> dict[str, object]:
+    """Return a participant of a run that began at `start_ns` [ns], for the result's JSON."""
+    participant = member.participant
+    namespace, _, _ = participant.node.rpartition('/')
+    return {
+        'role': participant.role,
+        'node': participant.node,
+        'namespace': namespace or '/',
+        'host': participant.host,
+        'process': participant.process,
+        'implementation': participant.implementation,
+        'parameters_sha256': participant.parameters_sha256,
+        'since_s': max(0, member.since_ns - start_ns) / SECOND_NS,
+        'successor': member.is_successor,
+    }
+
+
+def membership_text(member: Membership, start_ns: int) -> str:
+    """Return a participant of a run that began at `start_ns` [ns], as one line of text."""
+    row = membership_json(member, start_ns)
+    since = f', since {row["since_s"]:.3f} s' if member.is_successor else ''
+    sha256 = member.participant.parameters_sha256
+    parameters = f', parameters {sha256[:12]}' if sha256 else ''
+    return f'{member.participant}{since}, {member.participant.implementation}{parameters}'
+
+
+def _stamps(text: str) -> dict[str, int | None]:
+    stamps = _from_json(text)
+    if not isinstance(stamps, dict) or not all(
+        each is None or type(each) is int for each in stamps.values()
+    ):
+        raise ValueError('not stamps by topic')
+    return stamps
+
+
+def _from_json(text: str) -> object:
+    try:
+        return json.loads(text)
+    except RecursionError:
+        raise ValueError('nested too deeply') from None
+
+
+def _encoded(level: int, name: str, text: str, host: str, values: Mapping[str, object]) -> bytes:
+    message = new_message(PARTICIPANTS.type_name)
+    message.level, message.name, message.message, message.hardware_id = level, name, text, host
+    for key, value in values.items():
+        pair = new_message('diagnostic_msgs/msg/KeyValue')
+        pair.key, pair.value = key, str(value)
+        message.values.append(pair)
+    return encoder(PARTICIPANTS.type_name)(message)
+
+
+class _Values(dict[str, str]):
+    """The values of a message; an error names the message and the key."""
+
+    def __init__(self, message: DiagnosticStatus) -> None:
+        super().__init__((pair.key, pair.value) for pair in message.values)
+        self._name = message.name
+
+    def __missing__(self, key: str) -> str:
+        raise ValueError(f'{self._name}: has no {key!r}')
+
+    def read(self, key: str, decode: Callable[[str], T]) -> T:
+        text = self[key]
+        try:
+            return decode(text)
+        except ValueError as error:
+            raise ValueError(f'{self._name}: {key!r} is {text[:40]!r}: {error}') from None
 
 
 def summary_json(summary: RunSummary) -> dict[str, object]:
@@ -88,9 +265,6 @@ def _in_milliseconds(round_trips_s: Sequence[float]) -> dict[str, float] | None:
     }
 
 
-_decode_diagnostics = decoder(DIAGNOSTICS.type_name)
-
-
 @dataclass(frozen=True)
 class PlantReport:
     """State of the plant and of its run.
@@ -128,7 +302,7 @@ def decode_plant_report(data: bytes) -> PlantReport | None:
     if PLANT.encode() not in data:
         return None
     try:
-        message = _decode_diagnostics(data)
+        message = decoder(DIAGNOSTICS.type_name)(data)
     except ValueError:
         return None
     for status in message.status:
@@ -167,10 +341,6 @@ _FIELDS = {
 """Number of each type of ``rcl_interfaces/ParameterType``, and the field of its values."""
 
 _KINDS = {number: (kind, name) for kind, (number, name) in _FIELDS.items()}
-_encode_event, _decode_event = (
-    encoder(PARAMETER_EVENTS.type_name),
-    decoder(PARAMETER_EVENTS.type_name),
-)
 
 
 def encode_parameter_event(stamp_ns: int, values: Mapping[str, Value]) -> bytes:
@@ -185,7 +355,7 @@ def encode_parameter_event(stamp_ns: int, values: Mapping[str, Value]) -> bytes:
         each.value.type = number
         setattr(each.value, field, np.array(value) if isinstance(value, tuple) else value)
         message.changed_parameters.append(each)
-    return _encode_event(message)
+    return encoder(PARAMETER_EVENTS.type_name)(message)
 
 
 def decode_parameter_event(data: bytes) -> dict[str, Value]:
@@ -193,7 +363,7 @@ def decode_parameter_event(data: bytes) -> dict[str, Value]:
 
     It raises ValueError for a malformed message, or a type that no parameter here has.
     """
-    message: ParameterEvent = _decode_event(data)
+    message: ParameterEvent = decoder(PARAMETER_EVENTS.type_name)(data)
     return {each.name: _value(each) for each in message.changed_parameters}
 
 

@@ -12,7 +12,7 @@ from typing import BinaryIO, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.errors import WorldError, did_you_mean
+from ballbot_ros.errors import WorldError, did_you_mean, os_errors
 from ballbot_ros.files import read_bytes, share_directory
 from ballbot_ros.parameters.yaml_document import yaml_text
 from ballbot_ros.robot.plant.ground_truth import Pair
@@ -107,10 +107,8 @@ def map_path(name_or_file: str) -> Path:
 def read_map_file(name_or_file: str) -> bytes:
     """Read the image file of a map unchanged; raise WorldError if it does not exist."""
     path = map_path(name_or_file)
-    try:
+    with os_errors(WorldError, path):
         return read_bytes(path)
-    except OSError as error:
-        raise WorldError(f'{path}: {error.strerror}') from None
 
 
 def load_map(name_or_file: str) -> FloorMap:

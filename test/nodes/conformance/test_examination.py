@@ -33,8 +33,8 @@ from ballbot_ros.parameters import (
 from ballbot_ros.parameters.timing import FIRST_TICK_NS, TICK_NS
 from ballbot_ros.recording.messages.conversions import encode_duty, encode_header, encode_sticks
 from ballbot_ros.recording.messages.devices import encode_encoders, encode_gyro, encode_sonar
-from ballbot_ros.recording.messages.participation import encode_announcement
 from ballbot_ros.recording.messages.raw import decoder, stamp_of
+from ballbot_ros.recording.messages.run_reports import encode_announcement
 from ballbot_ros.recording.messages.topics import (
     CLOCK,
     GYRO_IMU,

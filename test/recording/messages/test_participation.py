@@ -10,7 +10,8 @@ from ballbot_ros.lockstep.participants import Announcement, Membership, Objectio
 from ballbot_ros.lockstep.run_recording import RunStatus
 from ballbot_ros.parameters import NODES
 from ballbot_ros.recording.messages.conversions import encode_motors
-from ballbot_ros.recording.messages.participation import (
+from ballbot_ros.recording.messages.raw import same_content
+from ballbot_ros.recording.messages.run_reports import (
     decode_announcement,
     decode_run_status,
     encode_announcement,
@@ -18,7 +19,6 @@ from ballbot_ros.recording.messages.participation import (
     membership_json,
     membership_text,
 )
-from ballbot_ros.recording.messages.raw import same_content
 from ballbot_ros.recording.messages.topics import (
     LOCKSTEP_PUBLISHERS,
     PARTICIPANTS,

@@ -94,6 +94,6 @@ def test_steps_of_another_encoder_are_read_too():
 
 def test_bytes_that_the_middleware_appends_take_no_decoder(monkeypatch):
     data = encode_steps(truth_with((1.0, 2.0, 3.0, 4.0, 5.0, 6.0)))
-    monkeypatch.setattr(devices, '_decoder', None)
+    monkeypatch.setattr(devices, 'decoder', None)
     for appended in range(4):
         assert decode_steps(data + bytes(appended), 1) == (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
