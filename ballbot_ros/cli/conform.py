@@ -37,8 +37,8 @@ def command(role: str, command_line: tuple[str, ...], as_json: bool) -> int:
     from ballbot_ros.run.requirements import require_rclpy
 
     require_rclpy()
+    from ballbot_ros.nodes.conformance.contract import START_S
     from ballbot_ros.nodes.conformance.examination import RequirementVerdict
-    from ballbot_ros.nodes.conformance.node_under_test import START_S
     from ballbot_ros.run.graph import call_for
 
     if not command_line:

@@ -14,10 +14,11 @@ from rclpy.timer import Timer
 from ballbot_ros.controllers.codegen.implementation import (
     Implementation,
     implementation_for,
-    parameters_of_implementation,
     require_implementation,
 )
 from ballbot_ros.controllers.controller import every_tick
+from ballbot_ros.controllers.controller_program import own_rows
+from ballbot_ros.controllers.loading import load_controller
 from ballbot_ros.engine.brick_tasks import BrickTasks
 from ballbot_ros.errors import ControllerError
 from ballbot_ros.lockstep.free_running import FreeRunningTicks
@@ -193,7 +194,8 @@ class ControllerNode(BallbotNode[ControllerParameters]):
 
     def further_parameters(self, parameters: ControllerParameters) -> Iterable[Parameter]:
         """Return the parameters that only this controller has."""
-        return parameters_of_implementation(parameters.implementation)
+        name = parameters.implementation
+        return () if name in DOCUMENTS_PROGRAM else own_rows(load_controller(name))
 
     def announced_values(self) -> Mapping[str, object]:
         """Return what can be tuned, and the hash of a controller other than the document's."""

@@ -25,15 +25,12 @@ class RunObserver(Protocol):
 class LogObserver:
     """Logs notices as warnings of the logger ``ballbot_ros.run``, and shows no progress."""
 
-    def __init__(self) -> None:
-        self._log = logging.getLogger('ballbot_ros.run')
-
     def update(self, elapsed_s: float) -> None:
         """Do nothing."""
 
     def notice(self, text: str) -> None:
         """Log the line."""
-        self._log.warning(text)
+        logging.getLogger('ballbot_ros.run').warning(text)
 
 
 class StartObserver:

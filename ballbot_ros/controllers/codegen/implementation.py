@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -158,11 +158,6 @@ def _check_tuned(
 def _count(value: Value) -> int:
     """Return how many values a parameter has."""
     return len(value) if isinstance(value, tuple) else 1
-
-
-def parameters_of_implementation(name: str) -> Iterable[Parameter]:
-    """Return the parameters that only an implementation has; ControllerError as from loading."""
-    return () if name in DOCUMENTS_PROGRAM else own_rows(load_controller(name))
 
 
 def compose_controller(

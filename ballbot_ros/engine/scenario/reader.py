@@ -8,6 +8,7 @@ from collections.abc import Callable, Collection, Hashable, Mapping
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, ClassVar, TypeVar, cast
 
 from ballbot_ros.controllers.loading import resolve_reference
@@ -480,19 +481,10 @@ class ScenarioReader(ExpectationReader):
         parameters.set(str(node), str(name), value, self._document.where(*keys))
 
 
-class _Given:
-    """Values that were given elsewhere than in a file, which errors call `name`."""
-
-    def __init__(self, name: str) -> None:
-        self.path, self._name = Path(), name
-
-    def where(self, *keys: Hashable) -> str:
-        return self._name
-
-
 def read_push(values: Mapping[str, object], where: str) -> ScheduledPush:
     """Return the push of values as in a scenario; the message of an error begins with `where`."""
-    return ScenarioReader(cast(YamlDocument, _Given(where)), load_profile).push(values)
+    given = SimpleNamespace(where=lambda *keys: where)  # in the place of a file
+    return ScenarioReader(cast(YamlDocument, given), load_profile).push(values)
 
 
 def _own_profile(data: Mapping[str, object]) -> str:

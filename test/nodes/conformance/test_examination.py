@@ -9,8 +9,8 @@ import pytest
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.lockstep.lockstep import RunIdentity
 from ballbot_ros.lockstep.participants import Announcement, Objection, Participant
-from ballbot_ros.nodes.conformance import node_under_test
-from ballbot_ros.nodes.conformance.contract import CONTRACTS, Offer, nominal_run
+from ballbot_ros.nodes.conformance import contract
+from ballbot_ros.nodes.conformance.contract import CONTRACTS, START_S, Offer, nominal_run
 from ballbot_ros.nodes.conformance.examination import (
     DISCOVERY_S,
     FEW,
@@ -20,7 +20,6 @@ from ballbot_ros.nodes.conformance.examination import (
     RequirementVerdict,
     examine,
 )
-from ballbot_ros.nodes.conformance.node_under_test import START_S
 from ballbot_ros.parameters import (
     CONTROLLER,
     DRIVERS,
@@ -255,7 +254,7 @@ class MemoryBench:
         return self.messages[topic]
 
     def offers(self, topic):
-        if topic not in CONTRACTS[self.role].required or not self.node:
+        if topic not in (PARTICIPANTS, CONTRACTS[self.role].answer) or not self.node:
             return []
         if topic is PARTICIPANTS:
             return [Offer(topic.type_name, True, self.fault != 'is volatile')]
@@ -286,7 +285,7 @@ def remember_runs(monkeypatch):
                 known.append(next(ticks))
             yield known[number]
 
-    monkeypatch.setattr(node_under_test, 'nominal_run', remembered)
+    monkeypatch.setattr(contract, 'nominal_run', remembered)
 
 
 def rows_of(role, fault='', **options):
