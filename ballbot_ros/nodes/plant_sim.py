@@ -34,6 +34,7 @@ from ballbot_ros.nodes.processes import (
 )
 from ballbot_ros.parameters import PLANT, PlantParameters
 from ballbot_ros.parameters.timing import RESEND_S, SECOND_NS, TICK_S
+from ballbot_ros.recording.messages import topics
 from ballbot_ros.recording.messages.conversions import (
     decode_duty,
     encode_header,
@@ -54,28 +55,7 @@ from ballbot_ros.recording.messages.run_reports import (
     summary_json,
     summary_words,
 )
-from ballbot_ros.recording.messages.topics import (
-    CLOCK,
-    DIAGNOSTICS,
-    HISTORY,
-    LOCKSTEP_PUBLISHERS,
-    MAP,
-    MOTOR_DUTY,
-    PARAMETER_EVENTS,
-    PARTICIPANTS,
-    PLANT_IMU,
-    PLANT_JOINT_STATES,
-    PLANT_ODOM,
-    PUSH,
-    RECORDER_ACK,
-    ROLL_CALL,
-    RUN,
-    RUN_STATUS,
-    RUN_TOPICS,
-    UNRECORDED,
-    WALL_HIT,
-    Topic,
-)
+from ballbot_ros.recording.messages.topics import Topic
 from ballbot_ros.robot.brick.faults import faults_of
 from ballbot_ros.robot.world.world import World
 
@@ -108,9 +88,9 @@ class PlantActions:
     def __init__(self, node: PlantSim, wake: OneShotTimer) -> None:
         self._node, self._wake = node, wake
         self._messages = PlantMessages(lambda topic: node.output(topic).send)
-        self._participants = node.output(PARTICIPANTS)
-        self._status = node.output(RUN_STATUS)
-        self._roll_call = node.output(ROLL_CALL)
+        self._participants = node.output(topics.PARTICIPANTS)
+        self._status = node.output(topics.RUN_STATUS)
+        self._roll_call = node.output(topics.ROLL_CALL)
 
     def carry_out(self, actions: do.Actions) -> None:
         """Carry out actions in their order."""
@@ -140,7 +120,7 @@ class PlantActions:
             case do.PublishStatus():
                 self._status.publish(encode_run_status(run_status(action)))
             case do.ClearMap():
-                node.drop_latched(MAP)
+                node.drop_latched(topics.MAP)
             case do.BeginRun(start_ns, world, ball_radius):
                 messages.ball_radius = ball_radius
                 messages.begin(start_ns, world)
@@ -200,13 +180,13 @@ class PlantEvents:
         self._node, self._master = node, node.master
         # Deep enough to receive each of several duties of one tick.
         depth = DEPTH if self._master.is_lockstep else 1
-        node.subscribe(MOTOR_DUTY, self._on_duty, depth=depth, raw=True)
-        node.subscribe(RECORDER_ACK, self._on_ack)
-        node.subscribe(PUSH, self._on_push, depth=10)
-        node.subscribe(PARAMETER_EVENTS, self._on_retuned, depth=HISTORY, raw=True)
-        node.subscribe(PARTICIPANTS, self._on_announcement, depth=HISTORY, raw=True)
-        for topic in (RUN, ROLL_CALL):
-            node.subscribe(topic, self._run_callback(topic), depth=HISTORY)
+        node.subscribe(topics.MOTOR_DUTY, self._on_duty, depth=depth, raw=True)
+        node.subscribe(topics.RECORDER_ACK, self._on_ack)
+        node.subscribe(topics.PUSH, self._on_push, depth=10)
+        node.subscribe(topics.PARAMETER_EVENTS, self._on_retuned, depth=topics.HISTORY, raw=True)
+        node.subscribe(topics.PARTICIPANTS, self._on_announcement, depth=topics.HISTORY, raw=True)
+        for topic in (topics.RUN, topics.ROLL_CALL):
+            node.subscribe(topic, self._run_callback(topic), depth=topics.HISTORY)
         for name, kind, callback in (
             ('reset', Trigger, self._reset),
             ('start', Trigger, self._start),
@@ -219,7 +199,7 @@ class PlantEvents:
         try:
             stamp_ns = stamp_of(data)
         except ValueError as error:
-            self._node.warn_malformed(MOTOR_DUTY, error)
+            self._node.warn_malformed(topics.MOTOR_DUTY, error)
             return
         try:
             duty = decode_duty(data)
@@ -238,13 +218,13 @@ class PlantEvents:
             values = decode_parameter_event(data)
             self._node.dispatch(self._master.on_retuned, stamp_of(data), values)
         except ValueError as error:
-            self._node.warn_malformed(PARAMETER_EVENTS, error)
+            self._node.warn_malformed(topics.PARAMETER_EVENTS, error)
 
     def _on_announcement(self, data: bytes) -> None:
         try:
             announcement = decode_announcement(data)
         except ValueError as error:
-            self._node.warn_malformed(PARTICIPANTS, error)
+            self._node.warn_malformed(topics.PARTICIPANTS, error)
             self._node.dispatch(self._master.on_unreadable_announcement)
             return
         self._node.dispatch(self._master.on_announcement, announcement)
@@ -291,9 +271,9 @@ class PlantSim(BallbotNode[PlantParameters]):
         self._actions = PlantActions(self, wake)
         master = LockstepMaster if self.parameters.lockstep else FreeRunningMaster
         self.master: RunMaster = master(
-            GraphObserver(self, tuple(LOCKSTEP_PUBLISHERS)),
+            GraphObserver(self, tuple(topics.LOCKSTEP_PUBLISHERS)),
             LocalProcessObserver(),
-            RUN_TOPICS,
+            topics.RUN_TOPICS,
             self._set_up,
             f'{time.time_ns():x}',
             time.monotonic(),
@@ -394,7 +374,8 @@ class PlantSim(BallbotNode[PlantParameters]):
                 save_trajectory(Path(path), self.log.trajectory(), self.summary)
         # Flush the status of the run, too: it holds the outcome, which the recorder notes.
         self.flush(
-            CLOCK, PLANT_IMU, PLANT_JOINT_STATES, PLANT_ODOM, *UNRECORDED, WALL_HIT, MOTOR_DUTY,
-            RUN_STATUS, DIAGNOSTICS,
+            topics.CLOCK, topics.PLANT_IMU, topics.PLANT_JOINT_STATES, topics.PLANT_ODOM,
+            *topics.UNRECORDED, topics.WALL_HIT, topics.MOTOR_DUTY, topics.RUN_STATUS,
+            topics.DIAGNOSTICS,
         )  # fmt: skip
         self._lock.release()

@@ -30,23 +30,11 @@ from ballbot_ros.nodes.endpoints import (
 from ballbot_ros.nodes.participation import Participation, full_name
 from ballbot_ros.parameters import PLANT, PlantParameters, RecorderParameters
 from ballbot_ros.parameters.timing import SECOND_NS
+from ballbot_ros.recording.messages import topics
 from ballbot_ros.recording.messages.conversions import encode_header, is_stop
 from ballbot_ros.recording.messages.raw import decoder, has_stamp, same_content, stamp_of
 from ballbot_ros.recording.messages.run_reports import decode_run_status
-from ballbot_ros.recording.messages.topics import (
-    CLOCK,
-    HISTORY,
-    MOTOR_DUTY,
-    PARTICIPANTS,
-    RECORDER_ACK,
-    RUN,
-    RUN_STATUS,
-    SESSION,
-    TOPICS,
-    UNRECORDED,
-    Topic,
-    find_message_class,
-)
+from ballbot_ros.recording.messages.topics import Topic, find_message_class
 from ballbot_ros.recording.rosbag2 import RELIABLE_LATCHED, QosProfile, media_type
 from ballbot_ros.recording.writer import RUN_PARTICIPANTS, RecordingWriter
 from ballbot_ros.viewer.derived_messages import DerivedChannels, DerivedMessages
@@ -80,7 +68,7 @@ class RecordedChannel:
         self.stream = Stream(
             subscription.topic_name,
             period_ns=topic.period_ns,
-            is_clock=topic is CLOCK,
+            is_clock=topic is topics.CLOCK,
             is_live=topic.publisher in (PLANT, None),
             is_shared=topic.publisher is None,
             is_same=same_content(topic.type_name) if topic.period_ns else None,
@@ -121,15 +109,15 @@ class RecordedChannels:
         self._channels: dict[str, RecordedChannel] = {}
         self._sighted: set[str] = set()
         # The session only concerns its page.
-        ignored = (*UNRECORDED, SESSION)
+        ignored = (*topics.UNRECORDED, topics.SESSION)
         self._ignored = {node.resolve_topic_name(topic.name) for topic in ignored}
-        for topic in TOPICS:
-            if topic in UNRECORDED:
+        for topic in topics.TOPICS:
+            if topic in topics.UNRECORDED:
                 continue
             # Earlier messages come from the topic's history, if it has one. Subscribe to the topic
             # itself, too: publishers of other packages need not have a history.
             latched = topic.latched_depth > 0 and not topic.has_history
-            self._subscribe(topic, reliable_qos(HISTORY, latched=latched))
+            self._subscribe(topic, reliable_qos(topics.HISTORY, latched=latched))
 
     def _subscribe(self, topic: Topic, qos: QoSProfile) -> None:
         if within := intra_process(topic):
@@ -140,7 +128,7 @@ class RecordedChannels:
         subscription = raw_subscription(self._inbox, topic, qos)
         history = None
         if topic.has_history:
-            qos = reliable_qos(HISTORY, latched=True)
+            qos = reliable_qos(topics.HISTORY, latched=True)
             history = raw_subscription(self._inbox, topic.history, qos)
             self._ignored.add(history.topic_name)
         self._channels[subscription.topic_name] = RecordedChannel(topic, subscription, history)
@@ -184,7 +172,7 @@ class RecordedChannels:
                 )
                 continue
             qos = QoSProfile(
-                depth=HISTORY,
+                depth=topics.HISTORY,
                 # The weakest QoS on offer, which matches all publishers.
                 reliability=max(offer.qos_profile.reliability for offer in offers),
                 durability=max(offer.qos_profile.durability for offer in offers),
@@ -241,8 +229,8 @@ class Recorder(BallbotNode[RecorderParameters]):
         )
         self._order: ArrivalOrder[Item] = ArrivalOrder()
         self._lost = 0
-        self._decode_run = decoder(RUN.type_name)
-        self._ack = self.output(RECORDER_ACK)
+        self._decode_run = decoder(topics.RUN.type_name)
+        self._ack = self.output(topics.RECORDER_ACK)
         self._participation = Participation(self, self._on_run, self._repeat_ack)
         self.get_logger().info(f'records to {path}')
         self.create_wall_timer(POLL_S, self._poll)
@@ -262,7 +250,7 @@ class Recorder(BallbotNode[RecorderParameters]):
         if self.exit_status:
             return
         if self._recording.run is None:
-            self._recording.gate.awaits_run = self.count_publishers(RUN.name) > 0
+            self._recording.gate.awaits_run = self.count_publishers(topics.RUN.name) > 0
         try:
             for channel, data, sequence in self._order.merge(self._channels.take(), received_ns):
                 self._take(channel, data, sequence)
@@ -272,16 +260,16 @@ class Recorder(BallbotNode[RecorderParameters]):
     def _take(self, channel: RecordedChannel, data: bytes, sequence: int) -> None:
         try:
             stamp_ns = stamp_of(data) if channel.is_stamped else 0
-            if channel.topic is RUN and not self._recording.announces(
+            if channel.topic is topics.RUN and not self._recording.announces(
                 RunIdentity(self._decode_run(data).frame_id, stamp_ns)
             ):
                 return
         except ValueError as error:
             self.warn_malformed(channel.topic, error)
             return
-        if channel.topic is RUN_STATUS:
+        if channel.topic is topics.RUN_STATUS:
             self._note_status(data)
-        elif channel.topic is MOTOR_DUTY and is_stop(data):
+        elif channel.topic is topics.MOTOR_DUTY and is_stop(data):
             self._recording.hold_stop(channel.stream, stamp_ns, data, sequence)
             return
         self._recording.gate.take(channel.stream, stamp_ns, data, sequence)
@@ -339,7 +327,7 @@ class Recorder(BallbotNode[RecorderParameters]):
         try:
             self._recording.note_status(decode_run_status(data))
         except ValueError as error:
-            self.warn_malformed(RUN_STATUS, error)
+            self.warn_malformed(topics.RUN_STATUS, error)
 
     def _flush(self) -> None:
         if self.finished:
@@ -386,7 +374,7 @@ class Recorder(BallbotNode[RecorderParameters]):
         if self.exit_status == 0:
             self.get_logger().info(f'finished {self._writer.path}')
         # Flush last: a hanging node can block the middleware, but must not keep the file open.
-        self.flush(PARTICIPANTS)
+        self.flush(topics.PARTICIPANTS)
         self._channels.close()
 
     def _write_metadata(self) -> None:

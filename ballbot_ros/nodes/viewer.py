@@ -19,30 +19,12 @@ from ballbot_ros.nodes.supervisor import StartRequest
 from ballbot_ros.nodes.viewer_requests import TuningRequests, ViewerRequests
 from ballbot_ros.parameters import Dimensions, PlantParameters, ViewerParameters
 from ballbot_ros.parameters.timing import SECOND_NS
+from ballbot_ros.recording.messages import topics
 from ballbot_ros.recording.messages.conversions import encode_joy, map_grid, sound_tone, stamp_ns
 from ballbot_ros.recording.messages.jobs import jobs_in
 from ballbot_ros.recording.messages.message_types import OccupancyGridMessage
 from ballbot_ros.recording.messages.run_reports import PlantReport, decode_plant_report
-from ballbot_ros.recording.messages.topics import (
-    ACCEPTED_PUSH,
-    BATTERY_STATE,
-    BRICK_TASKS,
-    CONTROLLER_STATE,
-    DIAGNOSTICS,
-    GAMEPAD_JOY,
-    LCD,
-    MAP,
-    MOTOR_DUTY,
-    OPERATING_STATE,
-    PLANT_IMU,
-    PLANT_ODOM,
-    RUN,
-    SESSION,
-    SONAR_RANGE,
-    SOUND,
-    VIEWER_JOY,
-    Topic,
-)
+from ballbot_ros.recording.messages.topics import Topic
 from ballbot_ros.robot.plant.ground_truth import Pair
 from ballbot_ros.robot.world.floor_map import FloorMap, floor_map_of, load_map
 from ballbot_ros.viewer.address import address_line, network_warning, require_viser
@@ -55,8 +37,10 @@ from ballbot_ros.viewer.snapshot import LIVE_SIGNALS, History, Snapshot
 _DEPTH = 50
 
 _SHOWN = (
-    PLANT_IMU, PLANT_ODOM, MOTOR_DUTY, CONTROLLER_STATE, GAMEPAD_JOY, SONAR_RANGE,
-    BATTERY_STATE, OPERATING_STATE, LCD, SOUND, MAP, ACCEPTED_PUSH, RUN, SESSION, BRICK_TASKS,
+    topics.PLANT_IMU, topics.PLANT_ODOM, topics.MOTOR_DUTY, topics.CONTROLLER_STATE,
+    topics.GAMEPAD_JOY, topics.SONAR_RANGE, topics.BATTERY_STATE, topics.OPERATING_STATE,
+    topics.LCD, topics.SOUND, topics.MAP, topics.ACCEPTED_PUSH,
+    topics.RUN, topics.SESSION, topics.BRICK_TASKS,
 )  # fmt: skip
 _ASKED = (
     'scenario',
@@ -115,7 +99,7 @@ class Viewer(BallbotNode[ViewerParameters]):
         FaultChooser(self._page.server.gui, self._tuning.add_fault)
         self._newest = LatestMessages(self, _SHOWN)
         qos = QoSProfile(depth=_DEPTH)
-        self._plant_status = raw_subscription(self._newest.inbox, DIAGNOSTICS, qos)
+        self._plant_status = raw_subscription(self._newest.inbox, topics.DIAGNOSTICS, qos)
         self._plant_report = PlantReport()
         self._run = ''
         self._history = History()
@@ -123,7 +107,7 @@ class Viewer(BallbotNode[ViewerParameters]):
         self._updates = 0
         self._is_empty = True
         self._is_driving = False
-        self._joy = self.output(VIEWER_JOY)
+        self._joy = self.output(topics.VIEWER_JOY)
         self.create_wall_timer(UPDATE_S, self._update)
         self.create_wall_timer(_STICK_PERIOD_S, self._drive)
         if warning := network_warning(host):
@@ -198,12 +182,12 @@ class Viewer(BallbotNode[ViewerParameters]):
         return report_of(session.recording if session else '')
 
     def _show(self, snapshot: Snapshot, changed: Collection[Topic]) -> None:
-        if RUN in changed or MAP in changed:
-            self._begin(snapshot, self._newest[MAP])
-        if PLANT_ODOM in changed:
-            self.count_sample(stamp_ns(self._newest[PLANT_ODOM]))
+        if topics.RUN in changed or topics.MAP in changed:
+            self._begin(snapshot, self._newest[topics.MAP])
+        if topics.PLANT_ODOM in changed:
+            self.count_sample(stamp_ns(self._newest[topics.PLANT_ODOM]))
             self._history.add(snapshot)
-        if SOUND in changed:
+        if topics.SOUND in changed:
             self._sound()
         self._updates += 1
         if not self._page.has_clients:
@@ -219,7 +203,7 @@ class Viewer(BallbotNode[ViewerParameters]):
 
     def _show_processor(self, *, is_paused: bool) -> None:
         """Show the last jobs that are known of a paused run, those before a multiple of 100 ms."""
-        newest = self._newest[BRICK_TASKS] if is_paused else None
+        newest = self._newest[topics.BRICK_TASKS] if is_paused else None
         jobs = None
         if newest is not None and len(newest.data):
             with suppress(ValueError):  # of a foreign controller
@@ -285,7 +269,7 @@ class Viewer(BallbotNode[ViewerParameters]):
 
     def _sound(self) -> None:
         """Play a tone of the current run if it is not too old."""
-        message = self._newest[SOUND]
+        message = self._newest[topics.SOUND]
         if self.now_ns - stamp_ns(message) < _LATE_TONE_NS:
             self._panel.play(sound_tone(message))
 

@@ -9,21 +9,10 @@ from typing import Any
 import numpy as np
 
 from ballbot_ros.recording.columns import ColumnHints, ComputedColumn
+from ballbot_ros.recording.messages import topics
 from ballbot_ros.recording.messages.conversions import pitch_angles
 from ballbot_ros.recording.messages.jobs import COLUMNS, jobs_in
-from ballbot_ros.recording.messages.topics import (
-    BRICK_TASKS,
-    CONTROLLER_STATE,
-    GAMEPAD_JOY,
-    GYRO_IMU,
-    JOINT_STATES,
-    MOTOR_DUTY,
-    ODOM,
-    PLANT_IMU,
-    PLANT_ODOM,
-    SOUND,
-    Topic,
-)
+from ballbot_ros.recording.messages.topics import Topic
 
 
 def column_hints(namespace: str = '') -> dict[tuple[str, str], ColumnHints]:
@@ -54,22 +43,22 @@ def _job_rows(message: object) -> list[Any]:
 
 
 _HINTS: Mapping[Topic, ColumnHints] = {
-    GYRO_IMU: ColumnHints(
+    topics.GYRO_IMU: ColumnHints(
         extra={
             'reading_x_deg_per_s': _degrees('angular_velocity_y_rad_per_s'),
             'reading_y_deg_per_s': _degrees('angular_velocity_x_rad_per_s'),
         }
     ),
-    JOINT_STATES: ColumnHints(
+    topics.JOINT_STATES: ColumnHints(
         extra={f'encoder_{axis}_deg': _degrees(f'position_motor_{axis}_rad') for axis in 'xy'}
     ),
-    GAMEPAD_JOY: ColumnHints(
+    topics.GAMEPAD_JOY: ColumnHints(
         extra={
             'stick_vertical_percent': _percent('axes_0'),
             'stick_horizontal_percent': _percent('axes_1'),
         }
     ),
-    CONTROLLER_STATE: ColumnHints(
+    topics.CONTROLLER_STATE: ColumnHints(
         extra={
             f'{name}_{axis}_deg': _degrees(f'position_{angle}_{axis}_rad')
             for name, angle in (
@@ -80,20 +69,20 @@ _HINTS: Mapping[Topic, ColumnHints] = {
             for axis in 'xy'
         }
     ),
-    PLANT_IMU: ColumnHints(extra={'pitch_x_rad': _pitch(0), 'pitch_y_rad': _pitch(1)}),
-    PLANT_ODOM: ColumnHints(
+    topics.PLANT_IMU: ColumnHints(extra={'pitch_x_rad': _pitch(0), 'pitch_y_rad': _pitch(1)}),
+    topics.PLANT_ODOM: ColumnHints(
         names={f'pose_pose_position_{axis}_m': f'map_{axis}_m' for axis in 'xyz'},
         extra={
             'plane_position_x_m': ComputedColumn(('pose_pose_position_x_m',), np.positive),
             'plane_position_y_m': ComputedColumn(('pose_pose_position_y_m',), np.negative),
         },
     ),
-    ODOM: ColumnHints(
+    topics.ODOM: ColumnHints(
         names={f'pose_pose_position_{axis}_m': f'odom_{axis}_m' for axis in 'xyz'},
     ),
-    BRICK_TASKS: ColumnHints(rows=_job_rows),
-    MOTOR_DUTY: ColumnHints(names={'vector_x': 'x_percent', 'vector_y': 'y_percent'}),
-    SOUND: ColumnHints(
+    topics.BRICK_TASKS: ColumnHints(rows=_job_rows),
+    topics.MOTOR_DUTY: ColumnHints(names={'vector_x': 'x_percent', 'vector_y': 'y_percent'}),
+    topics.SOUND: ColumnHints(
         names={'vector_x': 'tone_Hz', 'vector_y': 'duration_ms', 'vector_z': 'volume_percent'}
     ),
 }

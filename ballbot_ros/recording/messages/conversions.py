@@ -24,6 +24,7 @@ from ballbot_ros.controllers.interface import PlaneEstimates
 from ballbot_ros.engine.plant_tick import LATEST_DUTY, STEP_S
 from ballbot_ros.parameters.timing import SECOND_NS
 from ballbot_ros.recording.batch import Batch, Rows
+from ballbot_ros.recording.messages import topics
 from ballbot_ros.recording.messages.message_types import (
     Bytes,
     Header,
@@ -38,24 +39,6 @@ from ballbot_ros.recording.messages.message_types import (
     WrenchStamped,
 )
 from ballbot_ros.recording.messages.raw import MessageLayout, Messages, Stamps, elements
-from ballbot_ros.recording.messages.topics import (
-    BATTERY_STATE,
-    BLUETOOTH_TX,
-    CLOCK,
-    CONTROLLER_STATE,
-    GAMEPAD_JOY,
-    LCD,
-    MAP,
-    MOTOR_DUTY,
-    PLANT_IMU,
-    PLANT_JOINT_STATES,
-    PLANT_ODOM,
-    PUSH,
-    RUN,
-    SCENARIO,
-    SOUND,
-    WALL_HIT,
-)
 from ballbot_ros.recording.schemas import encoder, new_message
 from ballbot_ros.robot.arithmetic import Floats, sine_cosine, sines_cosines
 from ballbot_ros.robot.brick.bluetooth import LogPacket
@@ -77,14 +60,14 @@ NOT_PROVIDED = -1.0
 
 _UNKNOWN = ('temperature', 'current', 'charge', 'capacity', 'design_capacity', 'percentage')
 
-_CLOCK = MessageLayout(CLOCK.type_name)
+_CLOCK = MessageLayout(topics.CLOCK.type_name)
 _MOTORS = MessageLayout(
-    PLANT_JOINT_STATES.type_name,
+    topics.PLANT_JOINT_STATES.type_name,
     [*elements('position', 2), *elements('velocity', 2), *elements('effort', 2)],
     {'name': MOTOR_NAMES, 'position': [0.0] * 2, 'velocity': [0.0] * 2, 'effort': [0.0] * 2},
 )
 _BODY = MessageLayout(
-    PLANT_IMU.type_name,
+    topics.PLANT_IMU.type_name,
     [
         'angular_velocity.y', 'angular_velocity.x',
         'orientation.w', 'orientation.x', 'orientation.y', 'orientation.z',
@@ -92,7 +75,7 @@ _BODY = MessageLayout(
     {'header.frame_id': 'base_link', 'linear_acceleration_covariance[0]': NOT_PROVIDED},
 )  # fmt: skip
 _ODOMETRY = MessageLayout(
-    PLANT_ODOM.type_name,
+    topics.PLANT_ODOM.type_name,
     [
         'pose.pose.position.x', 'pose.pose.position.y', 'pose.pose.position.z',
         'twist.twist.linear.x', 'twist.twist.linear.y',
@@ -100,7 +83,7 @@ _ODOMETRY = MessageLayout(
     {'header.frame_id': 'map', 'child_frame_id': 'ball'},
 )  # fmt: skip
 _BATTERY = MessageLayout(
-    BATTERY_STATE.type_name,
+    topics.BATTERY_STATE.type_name,
     ['voltage'],
     {
         'header.frame_id': 'base_link',
@@ -109,19 +92,21 @@ _BATTERY = MessageLayout(
         **dict.fromkeys(_UNKNOWN, math.nan),
     },
 )
-_DUTY = MessageLayout(MOTOR_DUTY.type_name, ['vector.x', 'vector.y', 'vector.z'])
+_DUTY = MessageLayout(topics.MOTOR_DUTY.type_name, ['vector.x', 'vector.y', 'vector.z'])
 _STATE = MessageLayout(
-    CONTROLLER_STATE.type_name,
+    topics.CONTROLLER_STATE.type_name,
     [*elements('position', 6), *elements('velocity', 6)],
     {'name': STATE_NAMES, 'position': [0.0] * 6, 'velocity': [0.0] * 6},
 )
-_TONE = MessageLayout(SOUND.type_name, ['vector.x', 'vector.y', 'vector.z'])
+_TONE = MessageLayout(topics.SOUND.type_name, ['vector.x', 'vector.y', 'vector.z'])
 
 
 @lru_cache(16)
 def _sticks(source: str) -> MessageLayout:
     return MessageLayout(
-        GAMEPAD_JOY.type_name, elements('axes', 2), {'header.frame_id': source, 'axes': [0.0] * 2}
+        topics.GAMEPAD_JOY.type_name,
+        elements('axes', 2),
+        {'header.frame_id': source, 'axes': [0.0] * 2},
     )
 
 
@@ -148,9 +133,9 @@ def fill_header(message: Header, stamp_ns: int, frame_id: str) -> None:
 
 def encode_header(stamp_ns: int, frame_id: str = '') -> bytes:
     """Return ``std_msgs/Header``."""
-    message = new_message(RUN.type_name)
+    message = new_message(topics.RUN.type_name)
     fill_header(message, stamp_ns, frame_id)
-    return encoder(RUN.type_name)(message)
+    return encoder(topics.RUN.type_name)(message)
 
 
 def encode_clock(now_ns: int) -> bytes:
@@ -260,12 +245,12 @@ def decode_battery_mv(data: bytes) -> int:
 
 def encode_wall_hit(*, wall_hit: bool) -> bytes:
     """Return ``wall_hit``."""
-    return _encode_data(WALL_HIT.type_name, wall_hit)
+    return _encode_data(topics.WALL_HIT.type_name, wall_hit)
 
 
 def encode_map(stamp_ns: int, grid: OccupancyGrid) -> bytes:
     """Return ``map``: the walls of the floor."""
-    message = new_message(MAP.type_name)
+    message = new_message(topics.MAP.type_name)
     fill_header(message.header, stamp_ns, 'map')
     fill_time(message.info.map_load_time, stamp_ns)
     message.info.resolution = grid.resolution
@@ -273,7 +258,7 @@ def encode_map(stamp_ns: int, grid: OccupancyGrid) -> bytes:
     corner = message.info.origin.position
     corner.x, corner.y = grid.origin
     message.data = grid.cells.ravel()
-    return encoder(MAP.type_name)(message)
+    return encoder(topics.MAP.type_name)(message)
 
 
 def map_grid(message: OccupancyGridMessage) -> OccupancyGrid:
@@ -297,7 +282,7 @@ def encode_sticks(stamp_ns: int, sticks: tuple[int, int], source: str) -> bytes:
 
 def decode_sticks(data: bytes) -> tuple[int, int]:
     """Return the sticks of ``gamepad``, as the integers of the Bluetooth packet."""
-    vertical, horizontal = _sticks(SCENARIO).decode(data)
+    vertical, horizontal = _sticks(topics.SCENARIO).decode(data)
     return quantise(vertical * 100.0), quantise(horizontal * 100.0)
 
 
@@ -387,7 +372,7 @@ def controller_state(message: JointState) -> ControllerState:
 
 def encode_text(text: str) -> bytes:
     """Return ``std_msgs/String``, such as ``operating_state`` and ``lcd``."""
-    return _encode_data(LCD.type_name, text)
+    return _encode_data(topics.LCD.type_name, text)
 
 
 def encode_log(packet: LogPacket) -> bytes:
@@ -399,7 +384,7 @@ def encode_log(packet: LogPacket) -> bytes:
 @cache
 def _log_head(length: int) -> bytes:
     """Return what precedes the bytes of a packet, which end the message."""
-    return _encode_data(BLUETOOTH_TX.type_name, bytes(length))[:-length]
+    return _encode_data(topics.BLUETOOTH_TX.type_name, bytes(length))[:-length]
 
 
 def log_packet(message: Bytes) -> LogPacket:
@@ -432,12 +417,12 @@ def encode_push(stamp_ns: int, force: Pair) -> bytes:
 
 
 def _encode_push(stamp_ns: int, frame_id: str, force: Pair, torque: Pair) -> bytes:
-    message = new_message(PUSH.type_name)
+    message = new_message(topics.PUSH.type_name)
     fill_header(message.header, stamp_ns, frame_id)
     wrench = message.wrench
     wrench.force.x, wrench.force.y = force[0], -force[1]
     wrench.torque.y, wrench.torque.x = torque
-    return encoder(PUSH.type_name)(message)
+    return encoder(topics.PUSH.type_name)(message)
 
 
 def push_forces(message: WrenchStamped) -> tuple[Pair, Pair]:
@@ -448,10 +433,10 @@ def push_forces(message: WrenchStamped) -> tuple[Pair, Pair]:
 
 def encode_joy(stamp_ns: int, sticks: Pair) -> bytes:
     """Return ``viewer/joy``: forward and rightward, each −1 ... 1, as axes 1 and 2 of ``joy``."""
-    message = new_message(GAMEPAD_JOY.type_name)
+    message = new_message(topics.GAMEPAD_JOY.type_name)
     fill_header(message.header, stamp_ns, '')
     message.axes = [0.0, sticks[0], -sticks[1], 0.0]
-    return encoder(GAMEPAD_JOY.type_name)(message)
+    return encoder(topics.GAMEPAD_JOY.type_name)(message)
 
 
 def _encode_data(type_name: str, data: object) -> bytes:
@@ -463,7 +448,7 @@ def _encode_data(type_name: str, data: object) -> bytes:
 
 FRAME_ID = 'stop'
 
-_LAYOUT = MessageLayout(MOTOR_DUTY.type_name, constants={'header.frame_id': FRAME_ID})
+_LAYOUT = MessageLayout(topics.MOTOR_DUTY.type_name, constants={'header.frame_id': FRAME_ID})
 
 # In CDR, the frame_id follows four bytes of encoding and a stamp of eight bytes.
 _BEGIN = 12

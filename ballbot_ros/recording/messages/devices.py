@@ -21,6 +21,7 @@ from ballbot_ros.engine.devices import (
     P,
     Reading,
 )
+from ballbot_ros.recording.messages import topics
 from ballbot_ros.recording.messages.conversions import (
     MOTOR_NAMES,
     NOT_PROVIDED,
@@ -31,18 +32,7 @@ from ballbot_ros.recording.messages.conversions import (
     decode_sticks,
 )
 from ballbot_ros.recording.messages.raw import MessageLayout, decoder, elements, with_stamp
-from ballbot_ros.recording.messages.topics import (
-    BATTERY_STATE,
-    GAMEPAD_JOY,
-    GYRO_IMU,
-    JOINT_STATES,
-    PLANT_IMU,
-    PLANT_JOINT_STATES,
-    PLANT_SLOW_ODOM,
-    PLANT_STEPS,
-    SONAR_RANGE,
-    Topic,
-)
+from ballbot_ros.recording.messages.topics import Topic
 from ballbot_ros.recording.schemas import encoder, new_message
 from ballbot_ros.robot.brick.brick import DeviceInputs
 from ballbot_ros.robot.brick.sensors import (
@@ -100,7 +90,7 @@ def _numbers_of_steps(data: bytes) -> bytes:
         is_known = data.startswith(before[:4]) and data.startswith(before[12:], 12)
         if is_known and data.startswith(after, end):
             return data[len(before) : end]
-    message = decoder(PLANT_STEPS.type_name)(data)
+    message = decoder(topics.PLANT_STEPS.type_name)(data)
     if _layout(message.fields) != _layout(_fields()) or message.point_step != _POINT:
         raise ValueError(f'the fields are not {", ".join(STEP_FIELDS)}')
     return bytes(message.data)
@@ -109,13 +99,13 @@ def _numbers_of_steps(data: bytes) -> bytes:
 @lru_cache(8)
 def _around_steps(size: int) -> tuple[bytes, bytes]:
     """Return what is before and after so many bytes of steps; only the stamp varies."""
-    message = new_message(PLANT_STEPS.type_name)
+    message = new_message(topics.PLANT_STEPS.type_name)
     message.header.frame_id = 'map'
     message.fields = _fields()
     message.height, message.width = 1, size // _POINT
     message.point_step, message.row_step = _POINT, size
     message.data, message.is_dense = bytes(size), True
-    data = encoder(PLANT_STEPS.type_name)(message)
+    data = encoder(topics.PLANT_STEPS.type_name)(message)
     return data[: -1 - size], data[-1:]
 
 
@@ -181,11 +171,11 @@ class DeviceMessages(Generic[P, Reading]):
             ages, share = age_of(stamp_ns)
             return self.device.measured_of(decode_steps(data, max(ages) + 1), ages, share)
 
-        return AnsweredTopic(PLANT_STEPS, measured)
+        return AnsweredTopic(topics.PLANT_STEPS, measured)
 
 
 _GYRO = MessageLayout(
-    GYRO_IMU.type_name,
+    topics.GYRO_IMU.type_name,
     ['angular_velocity.y', 'angular_velocity.x'],
     {
         'header.frame_id': 'base_link',
@@ -194,13 +184,13 @@ _GYRO = MessageLayout(
     },
 )
 _ENCODERS = MessageLayout(
-    JOINT_STATES.type_name,
+    topics.JOINT_STATES.type_name,
     elements('position', 2),
     {'name': MOTOR_NAMES, 'position': [0.0] * 2},
     identity='name',
 )
 _SONAR = MessageLayout(
-    SONAR_RANGE.type_name,
+    topics.SONAR_RANGE.type_name,
     ['range', 'field_of_view'],
     {
         'header.frame_id': 'sonar',
@@ -263,15 +253,15 @@ AnyDeviceMessages: TypeAlias = DeviceMessages[Any, Any]
 
 DEVICE_MESSAGES: tuple[AnyDeviceMessages, ...] = (
     DeviceMessages(
-        GYRO_DEVICE, PLANT_IMU, decode_body_rates,
-        GYRO_IMU, lambda parameters: encode_gyro, decode_gyro,
+        GYRO_DEVICE, topics.PLANT_IMU, decode_body_rates,
+        topics.GYRO_IMU, lambda parameters: encode_gyro, decode_gyro,
     ),
     DeviceMessages(
-        ENCODER_DEVICE, PLANT_JOINT_STATES, decode_motor_angles,
-        JOINT_STATES, lambda parameters: encode_encoders, decode_encoders,
+        ENCODER_DEVICE, topics.PLANT_JOINT_STATES, decode_motor_angles,
+        topics.JOINT_STATES, lambda parameters: encode_encoders, decode_encoders,
     ),
     DeviceMessages(
-        SONAR_DEVICE, PLANT_SLOW_ODOM, decode_ball_position, SONAR_RANGE,
+        SONAR_DEVICE, topics.PLANT_SLOW_ODOM, decode_ball_position, topics.SONAR_RANGE,
         lambda parameters: partial(encode_sonar, cone_angle=parameters.cone_angle), decode_sonar,
     ),
 )  # fmt: skip
@@ -279,8 +269,8 @@ DEVICE_MESSAGES: tuple[AnyDeviceMessages, ...] = (
 
 _INPUTS: dict[str, tuple[Topic, Callable[[bytes], Any]]] = {
     **{each.device.field: (each.sample, each.reading) for each in DEVICE_MESSAGES},
-    'sticks': (GAMEPAD_JOY, decode_sticks),
-    'battery_mv': (BATTERY_STATE, decode_battery_mv),
+    'sticks': (topics.GAMEPAD_JOY, decode_sticks),
+    'battery_mv': (topics.BATTERY_STATE, decode_battery_mv),
 }
 _TOPICS = tuple(_INPUTS[field][0] for field in DeviceInputs._fields)
 

@@ -22,6 +22,7 @@ from ballbot_ros.parameters.timing import (
     TASKS_PERIOD_NS,
     TICK_NS,
 )
+from ballbot_ros.recording.messages import topics
 from ballbot_ros.recording.messages.conversions import (
     encode_accepted_push,
     encode_battery,
@@ -45,30 +46,7 @@ from ballbot_ros.recording.messages.devices import DEVICE_MESSAGES, encode_steps
 from ballbot_ros.recording.messages.jobs import encode_jobs
 from ballbot_ros.recording.messages.raw import Messages, Stamps
 from ballbot_ros.recording.messages.run_reports import encode_parameter_event
-from ballbot_ros.recording.messages.topics import (
-    ACCEPTED_PUSH,
-    BATTERY_STATE,
-    BLUETOOTH_TX,
-    BRICK_TASKS,
-    CLOCK,
-    CONTROLLER_STATE,
-    GAMEPAD_JOY,
-    LCD,
-    MAP,
-    MOTOR_DUTY,
-    OPERATING_STATE,
-    PARAMETER_EVENTS,
-    PLANT_IMU,
-    PLANT_JOINT_STATES,
-    PLANT_ODOM,
-    PLANT_SLOW_ODOM,
-    PLANT_STEPS,
-    RUN,
-    SCENARIO,
-    SOUND,
-    WALL_HIT,
-    Topic,
-)
+from ballbot_ros.recording.messages.topics import Topic
 from ballbot_ros.robot.brick.brick import (
     NO_SAMPLE,
     NUMBERS_OF,
@@ -104,14 +82,14 @@ class ControllerMessages:
         self.operating_state = ''
         self._duty = self._state = b''
         self._jobs: list[Job] = []
-        self._send_duty = make(MOTOR_DUTY)
-        self._send_state = make(CONTROLLER_STATE)
-        self._send_operating_state = make(OPERATING_STATE)
-        self._send_log = make(BLUETOOTH_TX)
-        self._send_sound = make(SOUND)
-        self._send_lcd = make(LCD)
-        self._send_jobs = make(BRICK_TASKS)
-        self._send_event = make(PARAMETER_EVENTS)
+        self._send_duty = make(topics.MOTOR_DUTY)
+        self._send_state = make(topics.CONTROLLER_STATE)
+        self._send_operating_state = make(topics.OPERATING_STATE)
+        self._send_log = make(topics.BLUETOOTH_TX)
+        self._send_sound = make(topics.SOUND)
+        self._send_lcd = make(topics.LCD)
+        self._send_jobs = make(topics.BRICK_TASKS)
+        self._send_event = make(topics.PARAMETER_EVENTS)
 
     def tick(self, now_ns: int, outputs: DeviceOutputs, program: Program) -> None:
         """Send the results of a tick at `now_ns` [ns]."""
@@ -169,18 +147,18 @@ class PlantMessages:
         self.ball_radius = 0.0
         self.wall_hit = False
         self._battery_sample = b''
-        self._send_clock = make(CLOCK)
-        self._send_run = make(RUN)
-        self._send_motors = make(PLANT_JOINT_STATES)
-        self._send_body = make(PLANT_IMU)
-        self._send_odometry = make(PLANT_ODOM)
-        self._send_slow_odometry = make(PLANT_SLOW_ODOM)
-        self._send_steps = make(PLANT_STEPS)
-        self._send_battery = make(BATTERY_STATE)
-        self._send_wall_hit = make(WALL_HIT)
-        self._send_accepted_push = make(ACCEPTED_PUSH)
-        self._send_map = make(MAP)
-        self._send_duty = make(MOTOR_DUTY)
+        self._send_clock = make(topics.CLOCK)
+        self._send_run = make(topics.RUN)
+        self._send_motors = make(topics.PLANT_JOINT_STATES)
+        self._send_body = make(topics.PLANT_IMU)
+        self._send_odometry = make(topics.PLANT_ODOM)
+        self._send_slow_odometry = make(topics.PLANT_SLOW_ODOM)
+        self._send_steps = make(topics.PLANT_STEPS)
+        self._send_battery = make(topics.BATTERY_STATE)
+        self._send_wall_hit = make(topics.WALL_HIT)
+        self._send_accepted_push = make(topics.ACCEPTED_PUSH)
+        self._send_map = make(topics.MAP)
+        self._send_duty = make(topics.MOTOR_DUTY)
 
     def announce(self, start_ns: int, name: str) -> None:
         """Announce a run, so that its participants join it."""
@@ -259,7 +237,7 @@ class RunMessages:
         for each in DEVICE_MESSAGES:
             encode = each.encoder(parameters.of(each.device.parameters))
             self._devices.append((attrgetter(each.device.field), encode, make(each.sample)))
-        self._send_sticks = make(GAMEPAD_JOY)
+        self._send_sticks = make(topics.GAMEPAD_JOY)
         self.controller = ControllerMessages(make)
 
     def begin(self, start_ns: int, world: World | None, pushes: Iterable[Push]) -> None:
@@ -269,7 +247,7 @@ class RunMessages:
         for number, push in enumerate(pushes, 1):
             self.plant.push(push, number)
 
-    def tick(self, tick: Tick, program: Program, source: str = SCENARIO) -> None:
+    def tick(self, tick: Tick, program: Program, source: str = topics.SCENARIO) -> None:
         """Create the messages of a tick; `source` names the input in command."""
         now_ns = tick.truth.stamp_ns
         self.plant.truth(tick.truth, wall_hit=tick.wall_hit)
@@ -311,7 +289,7 @@ class RunColumns:
             for each in DEVICE_MESSAGES
         ]
 
-    def ticks(self, columns: TickColumns, program: Program, source: str = SCENARIO) -> None:
+    def ticks(self, columns: TickColumns, program: Program, source: str = topics.SCENARIO) -> None:
         """Create the messages of ticks; `source` names the input in command.
 
         A program other than the document's makes the ticks, too, to publish what it does in them.
@@ -328,13 +306,13 @@ class RunColumns:
         self._make_all(topic)(stamps, cast('Messages', messages))
 
     def _truth(self, truth: GroundTruth, stamps: Stamps, wall_hit: NDArray[np.bool_]) -> None:
-        self._send(CLOCK, stamps, encode_clock(truth.stamp_ns))
+        self._send(topics.CLOCK, stamps, encode_clock(truth.stamp_ns))
         due = stamps % BATTERY_PERIOD_NS == 0
         columns: Any = stamps[due], np.asarray(truth.battery_voltage)[due]
-        self._send(BATTERY_STATE, stamps[due], encode_battery(*columns))
-        self._send(PLANT_IMU, stamps, encode_body(truth))
-        self._send(PLANT_JOINT_STATES, stamps, encode_motors(truth))
-        self._send(PLANT_ODOM, stamps, encode_odometry(truth, self._plant.ball_radius))
+        self._send(topics.BATTERY_STATE, stamps[due], encode_battery(*columns))
+        self._send(topics.PLANT_IMU, stamps, encode_body(truth))
+        self._send(topics.PLANT_JOINT_STATES, stamps, encode_motors(truth))
+        self._send(topics.PLANT_ODOM, stamps, encode_odometry(truth, self._plant.ball_radius))
         before = np.concatenate([[self._plant.wall_hit], wall_hit[:-1]])
         for at in np.flatnonzero(wall_hit != before):
             self._plant.set_wall_hit(int(stamps[at]), wall_hit=bool(wall_hit[at]))
@@ -353,7 +331,7 @@ class RunColumns:
         vertical, horizontal = np.asarray(inputs.vertical), np.asarray(inputs.horizontal)
         due = vertical != NO_SAMPLE
         at, sticks = stamps[due], (vertical[due], horizontal[due])
-        self._send(GAMEPAD_JOY, at, encode_sticks(at, sticks, source))
+        self._send(topics.GAMEPAD_JOY, at, encode_sticks(at, sticks, source))
 
     def _repeat(self, columns: Inputs, stamps: Stamps, program: Program) -> None:
         rows = zip(*(np.asarray(each).tolist() for each in columns), strict=True)
@@ -373,10 +351,10 @@ class RunColumns:
             outputs, operating_state = program.outputs_of(state), program.operating_state_of(state)
             self._controller.events(int(stamps[at]), outputs, operating_state)
         duties: Any = stamps, tuple(columns.duty.T), columns.delay_ns
-        self._send(MOTOR_DUTY, stamps, encode_duty(*duties))
+        self._send(topics.MOTOR_DUTY, stamps, encode_duty(*duties))
         x = PlaneValues(*states.x, *states.estimates_x)
         y = PlaneValues(*states.y, *states.estimates_y)
-        self._send(CONTROLLER_STATE, stamps, encode_controller_states(stamps, x, y))
+        self._send(topics.CONTROLLER_STATE, stamps, encode_controller_states(stamps, x, y))
         if self._tasks.is_timed:
             for now_ns, rows in zip(stamps.tolist(), columns.jobs.tolist(), strict=True):
                 jobs = [Job.of(program.tasks, numbers) for numbers in rows if any(numbers)]
