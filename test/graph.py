@@ -17,12 +17,12 @@ import pytest
 
 from ballbot_ros.cli.main import main
 from ballbot_ros.errors import RecordingError
-from ballbot_ros.nodes import processes
 from ballbot_ros.nodes.fork_server import NodeRequest
 from ballbot_ros.nodes.middleware import PORT_BASE, PORTS_PER_DOMAIN, bound_udp_ports
 from ballbot_ros.parameters import NODES
 from ballbot_ros.process import STOP_SIGNALS
 from ballbot_ros.recording.reader import RecordingReader
+from campaign.site import descendants
 
 BALLBOT = [sys.executable, '-m', 'ballbot_ros.cli.main']
 # Domains whose UDP ports the system does not assign to other programs: beyond 101 most domains use
@@ -177,7 +177,7 @@ def alive(pid):
 def children(pid):
     """Return the node processes of a run: pid by name."""
     found = {}
-    for child in processes.descendants(pid):
+    for child in descendants(pid):
         with contextlib.suppress(OSError):
             for word in Path(f'/proc/{child}/cmdline').read_bytes().split(b'\0'):
                 name = word.decode()

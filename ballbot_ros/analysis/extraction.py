@@ -40,7 +40,6 @@ from ballbot_ros.recording.messages.conversions import (
     sound_tone,
 )
 from ballbot_ros.recording.messages.jobs import Jobs, jobs_in
-from ballbot_ros.recording.messages.message_types import DiagnosticStatus, OccupancyGridMessage
 from ballbot_ros.recording.messages.raw import Messages, Stamps, decoder
 from ballbot_ros.recording.messages.run_reports import decode_parameter_event
 from ballbot_ros.recording.messages.topics import (
@@ -69,7 +68,7 @@ from ballbot_ros.recording.messages.topics import (
     Topic,
 )
 from ballbot_ros.recording.reader import RecordingReader
-from ballbot_ros.recording.schemas import typestore
+from ballbot_ros.recording.schemas import DiagnosticStatus, OccupancyGridMessage, typestore
 from ballbot_ros.robot.arithmetic import Floats
 from ballbot_ros.robot.brick.brick import Tone
 

@@ -87,7 +87,7 @@ class ControllerIdentity:
             f'{code.module}:{code.class_name}' if code.module else '',
             code.source.sha256,
             code.owner,
-            loaded.is_portable,
+            loaded.cls.portable,
         )
 
 

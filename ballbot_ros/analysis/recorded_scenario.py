@@ -28,10 +28,10 @@ from ballbot_ros.parameters.files import read_parameter_file
 from ballbot_ros.parameters.timing import SECOND_NS
 from ballbot_ros.parameters.yaml_document import YamlDocument
 from ballbot_ros.recording.messages.conversions import push_forces, stamp_ns
-from ballbot_ros.recording.messages.message_types import WrenchStamped
 from ballbot_ros.recording.messages.topics import ACCEPTED_PUSH, PARTICIPANTS, RUN_STATUS
 from ballbot_ros.recording.reader import AttachedFile, RecordingReader
 from ballbot_ros.recording.rosbag2 import MAPS, PARAMETERS, SCENARIO, VERSIONS
+from ballbot_ros.recording.schemas import WrenchStamped
 from ballbot_ros.robot.brick.faults import Fault, all_faults
 from ballbot_ros.robot.plant.ground_truth import Pair, Push
 from ballbot_ros.robot.world.floor_map import FloorMap, load_map, map_names

@@ -253,7 +253,7 @@ class RecordingReplay:
         job.parameters.declare_own(loaded.cls.__name__, own_rows(loaded))
         reference = identity.reference
         replayed = public_reference(loaded.code.reference) if identity.is_of_main else reference
-        return ReplayedController(reference, replayed, is_portable=loaded.is_portable)
+        return ReplayedController(reference, replayed, is_portable=loaded.cls.portable)
 
     def _foreign_drivers(self, job: RunToRepeat) -> list[Participant]:
         """Return the drivers of a run that are nodes of other packages."""

@@ -172,11 +172,6 @@ class LoadedController:
     code: ControllerCode
     tasks: Sequence[TaskTiming]
 
-    @property
-    def is_portable(self) -> bool:
-        """Whether its duties are the same on every machine."""
-        return self.cls.portable
-
 
 def load_controller(reference: str) -> LoadedController:
     """Load the class of a controller; for the argument and the errors see :func:`find_code`."""

@@ -35,7 +35,6 @@ from ballbot_ros.parameters import GamepadParameters
 from ballbot_ros.parameters.timing import MILLISECOND_NS, SLOW_PERIOD_NS
 from ballbot_ros.recording.csv_log import CsvLog
 from ballbot_ros.recording.messages.conversions import encode_sticks, log_packet, planar_velocity
-from ballbot_ros.recording.messages.message_types import Bytes
 from ballbot_ros.recording.messages.raw import decoder, stamp_of
 from ballbot_ros.recording.messages.topics import (
     BLUETOOTH_TX,
@@ -49,6 +48,7 @@ from ballbot_ros.recording.messages.topics import (
     VIEWER_JOY,
     Topic,
 )
+from ballbot_ros.recording.schemas import Bytes
 from ballbot_ros.robot.brick.bluetooth import NEUTRAL, PacketError, Sticks
 from ballbot_ros.robot.brick.fault_effects import fault_row, packet_time
 from ballbot_ros.robot.brick.faults import faults_of

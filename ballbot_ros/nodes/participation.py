@@ -36,10 +36,10 @@ from ballbot_ros.nodes.endpoints import drain, hidden_node, raw_subscription
 from ballbot_ros.nodes.middleware import Presence, is_local, living_participants, present_nodes
 from ballbot_ros.parameters import PATHS, NodeParameters, Value
 from ballbot_ros.recording.messages.conversions import time_ns
-from ballbot_ros.recording.messages.message_types import Header
 from ballbot_ros.recording.messages.raw import stamp_of
 from ballbot_ros.recording.messages.run_reports import encode_announcement
 from ballbot_ros.recording.messages.topics import PARTICIPANTS, ROLL_CALL, Topic, periodic_topics
+from ballbot_ros.recording.schemas import Header
 from ballbot_ros.robot.brick.fault_effects import change_faults
 from ballbot_ros.robot.world.floor_map import read_map_file
 

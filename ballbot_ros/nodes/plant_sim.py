@@ -43,7 +43,6 @@ from ballbot_ros.recording.messages.conversions import (
     stamp_ns,
     time_ns,
 )
-from ballbot_ros.recording.messages.message_types import Header, WrenchStamped
 from ballbot_ros.recording.messages.raw import stamp_of
 from ballbot_ros.recording.messages.run_messages import PlantMessages
 from ballbot_ros.recording.messages.run_reports import (
@@ -56,6 +55,7 @@ from ballbot_ros.recording.messages.run_reports import (
     summary_words,
 )
 from ballbot_ros.recording.messages.topics import Topic
+from ballbot_ros.recording.schemas import Header, WrenchStamped
 from ballbot_ros.robot.brick.faults import faults_of
 from ballbot_ros.robot.world.world import World
 

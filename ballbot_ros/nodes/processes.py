@@ -127,21 +127,6 @@ def join_thread(thread: Thread, limit_s: float) -> None:
         thread.join(_JOIN_POLL_S)
 
 
-def children(parent: int) -> list[int]:
-    """Return the children of a process, including ended ones that it has not yet waited for."""
-    found: list[int] = []
-    for path in (_PROC / str(parent) / 'task').glob('*/children'):
-        with suppress(OSError):  # the thread, or its process, has just ended
-            found += map(int, path.read_text().split())
-    return found
-
-
-def descendants(ancestor: int) -> list[int]:
-    """Return the children of a process, and theirs, and so on."""
-    found = children(ancestor)
-    return found + [each for child in found for each in descendants(child)]
-
-
 class LocalProcessObserver:
     """Observes the processes of this machine, for a liveness monitor."""
 

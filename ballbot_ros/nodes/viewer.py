@@ -22,9 +22,9 @@ from ballbot_ros.parameters.timing import SECOND_NS
 from ballbot_ros.recording.messages import topics
 from ballbot_ros.recording.messages.conversions import encode_joy, map_grid, sound_tone, stamp_ns
 from ballbot_ros.recording.messages.jobs import jobs_in
-from ballbot_ros.recording.messages.message_types import OccupancyGridMessage
 from ballbot_ros.recording.messages.run_reports import PlantReport, decode_plant_report
 from ballbot_ros.recording.messages.topics import Topic
+from ballbot_ros.recording.schemas import OccupancyGridMessage
 from ballbot_ros.robot.plant.ground_truth import Pair
 from ballbot_ros.robot.world.floor_map import FloorMap, floor_map_of, load_map
 from ballbot_ros.viewer.address import address_line, network_warning, require_viser

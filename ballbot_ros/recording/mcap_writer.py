@@ -16,24 +16,9 @@ from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 import zstandard
+from mcap import records
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
-from mcap.records import (
-    Attachment,
-    AttachmentIndex,
-    Channel,
-    Chunk,
-    ChunkIndex,
-    DataEnd,
-    Footer,
-    Header,
-    McapRecord,
-    Metadata,
-    MetadataIndex,
-    Schema,
-    Statistics,
-    SummaryOffset,
-)
 from mcap.writer import MCAP0_MAGIC
 from numpy.typing import NDArray
 
@@ -92,14 +77,14 @@ class McapWriter:
         self.times_ns: tuple[int, int] | None = None
         self._crc = 0
         self._compressor = zstandard.ZstdCompressor()
-        self._schemas: list[Schema] = []
-        self._channels: list[Channel] = []
+        self._schemas: list[records.Schema] = []
+        self._channels: list[records.Channel] = []
         self._counts: Counter[int] = Counter()
-        self._chunk_indexes: list[ChunkIndex] = []
-        self._attachment_indexes: list[AttachmentIndex] = []
-        self._metadata_indexes: list[MetadataIndex] = []
+        self._chunk_indexes: list[records.ChunkIndex] = []
+        self._attachment_indexes: list[records.AttachmentIndex] = []
+        self._metadata_indexes: list[records.MetadataIndex] = []
         self._begin_chunk()
-        self._write(MCAP0_MAGIC + _encode(Header(profile, library)))
+        self._write(MCAP0_MAGIC + _encode(records.Header(profile, library)))
 
     def _begin_chunk(self) -> None:
         self._parts: list[bytes | memoryview] = []
@@ -112,14 +97,14 @@ class McapWriter:
 
     def add_schema(self, name: str, encoding: str, data: bytes) -> int:
         """Add a schema, and return its number."""
-        schema = Schema(id=len(self._schemas) + 1, data=data, encoding=encoding, name=name)
+        schema = records.Schema(id=len(self._schemas) + 1, data=data, encoding=encoding, name=name)
         self._schemas.append(schema)
         self._add_part(_encode(schema))
         return schema.id
 
     def add_channel(self, topic: str, encoding: str, schema: int, metadata: dict[str, str]) -> int:
         """Add a channel, and return its number; `schema` is 0 if it has none."""
-        channel = Channel(
+        channel = records.Channel(
             id=len(self._channels) + 1,
             topic=topic,
             message_encoding=encoding,
@@ -161,7 +146,7 @@ class McapWriter:
         ends = np.cumsum(sizes)
         starts = np.empty_like(ends)
         starts[order] = ends - sizes
-        records = [_records(each) for each in blocks]
+        structs = [_records(each) for each in blocks]
         starts_of = np.split(starts, np.cumsum(counts)[:-1])
         begin = first = 0
         while first < len(ends):
@@ -170,9 +155,9 @@ class McapWriter:
             last = min(int(np.searchsorted(ends, room, side='right')), len(ends) - 1)
             end = int(ends[last])
             part = np.empty(end - begin, np.uint8)
-            for record, at in zip(records, starts_of, strict=True):
+            for rows, at in zip(structs, starts_of, strict=True):
                 mine = slice(*np.searchsorted(at, (begin, end)))
-                write_structs(part, at[mine] - begin, record[mine])
+                write_structs(part, at[mine] - begin, rows[mine])
             offsets = self._size - begin + ends[first : last + 1] - sizes[first : last + 1]
             self._offsets.frombytes(offsets.tobytes())
             self._add_part(part.data)
@@ -185,16 +170,17 @@ class McapWriter:
         common: dict[str, Any] = {
             'create_time': create_ns, 'log_time': log_ns, 'name': name, 'media_type': media_type,
         }  # fmt: skip
-        record, offset = _encode(Attachment(data=data, **common)), self._stream.tell()
-        index = AttachmentIndex(offset, len(record), data_size=len(data), **common)
+        record, offset = _encode(records.Attachment(data=data, **common)), self._stream.tell()
+        index = records.AttachmentIndex(offset, len(record), data_size=len(data), **common)
         self._attachment_indexes.append(index)
         self._write(record)
 
     def add_metadata(self, name: str, metadata: dict[str, str]) -> None:
         """Add a metadata record."""
-        record = _encode(Metadata(name=name, metadata=metadata))
+        record = _encode(records.Metadata(name=name, metadata=metadata))
         offset = self._stream.tell()
-        self._metadata_indexes.append(MetadataIndex(offset=offset, length=len(record), name=name))
+        index = records.MetadataIndex(offset=offset, length=len(record), name=name)
+        self._metadata_indexes.append(index)
         self._write(record)
 
     def _end_chunk(self) -> None:
@@ -205,7 +191,7 @@ class McapWriter:
         offsets = np.array(self._offsets)
         headers = read_structs(data, offsets, MESSAGE_HEADER)
         log_ns, channels = headers['log_ns'], headers['channel']
-        chunk = Chunk(
+        chunk = records.Chunk(
             compression='zstd',
             data=self._compressor.compress(data),
             message_start_time=int(log_ns.min()),
@@ -234,7 +220,7 @@ class McapWriter:
         before = self.times_ns or (first, last)
         self.times_ns = min(first, before[0]), max(last, before[1])
         self._chunk_indexes.append(
-            ChunkIndex(
+            records.ChunkIndex(
                 message_start_time=chunk.message_start_time,
                 message_end_time=chunk.message_end_time,
                 chunk_start_offset=begin,
@@ -256,8 +242,8 @@ class McapWriter:
     def finish(self) -> None:
         """Write the end of the file; the stream stays open."""
         self._end_chunk()
-        self._write(_encode(DataEnd(self._crc)))
-        statistics = Statistics(
+        self._write(_encode(records.DataEnd(self._crc)))
+        statistics = records.Statistics(
             attachment_count=len(self._attachment_indexes),
             channel_count=len(self._channels),
             channel_message_counts=self._counts,
@@ -269,7 +255,7 @@ class McapWriter:
             schema_count=len(self._schemas),
         )
         begin, groups, offsets = self._stream.tell(), b'', b''
-        for opcode, records in (
+        for opcode, listed in (
             (Opcode.SCHEMA, self._schemas),
             (Opcode.CHANNEL, self._channels),
             (Opcode.STATISTICS, [statistics]),
@@ -277,9 +263,9 @@ class McapWriter:
             (Opcode.ATTACHMENT_INDEX, self._attachment_indexes),
             (Opcode.METADATA_INDEX, self._metadata_indexes),
         ):
-            group = b''.join(map(_encode, records))
+            group = b''.join(map(_encode, listed))
             offsets += _encode(
-                SummaryOffset(
+                records.SummaryOffset(
                     group_opcode=opcode, group_start=begin + len(groups), group_length=len(group)
                 )
             )
@@ -288,10 +274,10 @@ class McapWriter:
         footer = _FOOTER.pack(Opcode.FOOTER, _FOOTER_LENGTH, begin, offset_begin)
         self._stream.write(groups + offsets)
         crc = zlib.crc32(groups + offsets + footer)
-        self._stream.write(
-            _encode(Footer(summary_start=begin, summary_offset_start=offset_begin, summary_crc=crc))
-            + MCAP0_MAGIC
+        end = records.Footer(
+            summary_start=begin, summary_offset_start=offset_begin, summary_crc=crc
         )
+        self._stream.write(_encode(end) + MCAP0_MAGIC)
 
 
 def _records(block: MessageBlock) -> NDArray[np.void]:
@@ -306,7 +292,7 @@ def _records(block: MessageBlock) -> NDArray[np.void]:
     return records
 
 
-def _encode(record: McapRecord) -> bytes:
+def _encode(record: records.McapRecord) -> bytes:
     builder = RecordBuilder()
     record.write(builder)
     data: bytes = builder.end()  # type: ignore[no-untyped-call]

@@ -15,8 +15,25 @@ from rosbags.interfaces.typing import FieldDesc, Typesdict
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.base import TypesysError
 from rosbags.typesys.store import Typestore
+from rosbags.typesys.stores import ros2_jazzy as jazzy
 
 from ballbot_ros.errors import RecordingError, one_line
+
+# The types that this package fills and reads; the classes of rclpy have the same fields, untyped.
+Time = jazzy.builtin_interfaces__msg__Time
+Header = jazzy.std_msgs__msg__Header
+Bytes = jazzy.std_msgs__msg__UInt8MultiArray
+Twist = jazzy.geometry_msgs__msg__Twist
+Vector3Stamped = jazzy.geometry_msgs__msg__Vector3Stamped
+WrenchStamped = jazzy.geometry_msgs__msg__WrenchStamped
+Imu = jazzy.sensor_msgs__msg__Imu
+JointState = jazzy.sensor_msgs__msg__JointState
+Joy = jazzy.sensor_msgs__msg__Joy
+OccupancyGridMessage = jazzy.nav_msgs__msg__OccupancyGrid
+Odometry = jazzy.nav_msgs__msg__Odometry
+DiagnosticStatus = jazzy.diagnostic_msgs__msg__DiagnosticStatus
+ParameterMessage = jazzy.rcl_interfaces__msg__Parameter
+ParameterEvent = jazzy.rcl_interfaces__msg__ParameterEvent
 
 _parse = lru_cache(maxsize=64)(get_types_from_msg)  # takes milliseconds, and each pass asks again
 

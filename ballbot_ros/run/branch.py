@@ -264,8 +264,8 @@ def _scenario_text(
     past: Past, future: Future, faults: tuple[Fault, ...], parameters: ParameterSet
 ) -> str:
     """Return the text of the branch's scenario."""
-    duration = parameters.of(PlantParameters).duration
-    before = past.scenario
+    plant, changes = parameters.of(PlantParameters), parameters.of(ControllerParameters).changes
+    duration, before = plant.duration, past.scenario
     if before is None:
         plain = {'purpose': f'a branch of {past.path.name}', 'duration': duration}
         before = Scenario(text=yaml_text(plain))
@@ -288,7 +288,6 @@ def _scenario_text(
         faults=faults,
     )
     # A shorter run, or one with fewer events, can't meet everything.
-    plant = parameters.of(PlantParameters)
     has_map = bool(plant.map)
     scenario = replace(
         scenario,
@@ -297,7 +296,7 @@ def _scenario_text(
             p for p in before.properties if not p.fault(scenario.events, has_map=has_map)
         ),
     )
-    data, changes = scenario_data(scenario), parameters.of(ControllerParameters).changes
+    data = scenario_data(scenario)
     data.pop('changes', None)
     if changes:
         data['changes'] = [
@@ -312,8 +311,8 @@ def _scenario_text(
             {'time': after.time, f'{CONTROLLER}.{IMPLEMENTATION}': after.values[IMPLEMENTATION]}
         )
     data['duration'] = duration
-    if 'map' in data and is_file_name(parameters.of(PlantParameters).map):
-        data['map'] = Path(parameters.of(PlantParameters).map).name
+    if 'map' in data and is_file_name(plant.map):
+        data['map'] = Path(plant.map).name
     return yaml_text(data)
 
 

@@ -17,7 +17,6 @@ from std_msgs.msg import Header  # noqa: E402
 from ballbot_ros.engine.trajectory import load_trajectory  # noqa: E402
 from ballbot_ros.lockstep.participants import Announcement, Participant  # noqa: E402
 from ballbot_ros.nodes.endpoints import reliable_qos  # noqa: E402
-from ballbot_ros.nodes.processes import descendants  # noqa: E402
 from ballbot_ros.parameters import (  # noqa: E402
     CONTROLLER,
     GAMEPAD,
@@ -37,6 +36,7 @@ from ballbot_ros.recording.messages.topics import (  # noqa: E402
     ROLL_CALL,
 )
 from ballbot_ros.recording.reader import RecordingReader  # noqa: E402
+from campaign.site import descendants  # noqa: E402
 
 pytestmark = pytest.mark.graph
 

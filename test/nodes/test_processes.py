@@ -15,12 +15,12 @@ from ballbot_ros.nodes import processes
 from ballbot_ros.nodes.processes import (
     LocalProcessObserver,
     ProcessSilence,
-    children,
     started_nodes_variable,
     threads_by_process,
     threads_of,
 )
 from ballbot_ros.parameters import CONTROLLER, GYRO
+from campaign.site import children
 
 SPIN = [sys.executable, '-c', 'while True: pass']
 WAIT = [sys.executable, '-c', 'input()']

@@ -25,7 +25,8 @@ from ballbot_ros.engine.plant_tick import LATEST_DUTY, STEP_S
 from ballbot_ros.parameters.timing import SECOND_NS
 from ballbot_ros.recording.batch import Batch, Rows
 from ballbot_ros.recording.messages import topics
-from ballbot_ros.recording.messages.message_types import (
+from ballbot_ros.recording.messages.raw import MessageLayout, Messages, Stamps, elements
+from ballbot_ros.recording.schemas import (
     Bytes,
     Header,
     Imu,
@@ -37,9 +38,9 @@ from ballbot_ros.recording.messages.message_types import (
     Twist,
     Vector3Stamped,
     WrenchStamped,
+    encoder,
+    new_message,
 )
-from ballbot_ros.recording.messages.raw import MessageLayout, Messages, Stamps, elements
-from ballbot_ros.recording.schemas import encoder, new_message
 from ballbot_ros.robot.arithmetic import Floats, sine_cosine, sines_cosines
 from ballbot_ros.robot.brick.bluetooth import LogPacket
 from ballbot_ros.robot.brick.brick import MotorDuty, Tone

@@ -19,15 +19,16 @@ from ballbot_ros.lockstep.run_recording import RunStatus
 from ballbot_ros.parameters import CONTROLLER, PLANT, Value
 from ballbot_ros.parameters.timing import SECOND_NS
 from ballbot_ros.recording.messages.conversions import fill_time
-from ballbot_ros.recording.messages.message_types import (
-    DiagnosticStatus,
-    ParameterEvent,
-    ParameterMessage,
-)
 from ballbot_ros.recording.messages.raw import decoder
 from ballbot_ros.recording.messages.topics import DIAGNOSTICS, PARAMETER_EVENTS, PARTICIPANTS
 from ballbot_ros.recording.rosbag2 import OUTCOME_KEYS
-from ballbot_ros.recording.schemas import encoder, new_message
+from ballbot_ros.recording.schemas import (
+    DiagnosticStatus,
+    ParameterEvent,
+    ParameterMessage,
+    encoder,
+    new_message,
+)
 from ballbot_ros.robot.plant.ground_truth import Push
 
 OK, ERROR = 0, 2

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ballbot_ros.lockstep.liveness import MAX_POLL_GAP_S, Threads, available_s
-from ballbot_ros.nodes.processes import descendants, threads_by_process
+from ballbot_ros.nodes.processes import threads_by_process
 from ballbot_ros.parameters import NODES
 
 MARK = 'BALLBOT_CAMPAIGN_TRIAL'
@@ -165,6 +165,21 @@ class Program:
             with suppress(OSError):
                 found[child] = Path(f'/proc/{child}/cmdline').read_text().split('\0')
         return found
+
+
+def children(parent: int) -> list[int]:
+    """Return the children of a process, including ended ones that it has not yet waited for."""
+    found: list[int] = []
+    for path in Path(f'/proc/{parent}/task').glob('*/children'):
+        with suppress(OSError):  # the thread, or its process, has just ended
+            found += map(int, path.read_text().split())
+    return found
+
+
+def descendants(ancestor: int) -> list[int]:
+    """Return the children of a process, and theirs, and so on."""
+    found = children(ancestor)
+    return found + [each for child in found for each in descendants(child)]
 
 
 class Site:
