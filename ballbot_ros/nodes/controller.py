@@ -284,8 +284,7 @@ class ControllerNode(BallbotNode[ControllerParameters]):
             self._resends += 1
             self._messages.resend(stamp)
         elif reaction is SampleReaction.FORCE_RELEASES:
-            tick = self._lockstep_ticks.force()
-            if tick:
+            if tick := self._lockstep_ticks.force():
                 self._run(tick)
         elif reaction is SampleReaction.OBJECT:
             self._participation.raise_objection(Objection.to_sample(name, stamp))

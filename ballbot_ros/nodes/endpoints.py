@@ -131,11 +131,6 @@ def reliable_qos(depth: int, *, latched: bool) -> QoSProfile:
     )
 
 
-def offered_qos(topic: Topic) -> QoSProfile:
-    """Return the QoS that publishers offer, with a deep history for their existing readers."""
-    return reliable_qos(topic.latched_depth or HISTORY, latched=topic.latched_depth > 0)
-
-
 def requested_qos(topic: Topic, depth: int) -> QoSProfile:
     """Return the QoS that subscriptions request; topics open to any tool are never latched."""
     return reliable_qos(depth, latched=topic.latched_depth > 0 and topic.publisher is not None)
@@ -178,7 +173,8 @@ class TopicPublisher:
         if topic.has_history:
             qos = reliable_qos(HISTORY, latched=True)
             self.publishers.append(self._node.create_publisher(kind, topic.history.name, qos))
-        qos = offered_qos(topic)
+        # With a deep history for existing readers.
+        qos = reliable_qos(topic.latched_depth or HISTORY, latched=topic.latched_depth > 0)
         self.publishers.append(self._node.create_publisher(kind, topic.name, qos))
 
     def recreate_publishers(self) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from typing import Generic, TypeVar
 
 from rcl_interfaces.msg import (
@@ -149,15 +150,6 @@ class ParameterNode(Node, Generic[P]):
             f'{self.get_name()} has no parameter {name!r}; {suggest(name, self._rows)}'
         )
 
-    def _in_own_type(self, parameter: RosParameter) -> RosParameter:
-        """Return a parameter in its declared type, such as a whole number as a float."""
-        row = self._rows.get(parameter.name)
-        try:
-            value = row.check(_read(row, parameter), '') if row else parameter.value
-        except ParameterError:
-            return parameter  # refused later, where the caller gets an answer
-        return _ros_parameter(parameter.name, value) if row else parameter
-
     def set_parameters(self, parameter_list: list[RosParameter]) -> list[SetParametersResult]:
         """Set parameters one by one, as :meth:`set_parameters_atomically` does."""
         return [self.set_parameters_atomically([parameter]) for parameter in parameter_list]
@@ -183,14 +175,16 @@ class ParameterNode(Node, Generic[P]):
                     self._check_sim_time(each.value)
                 elif not self.has_parameter(each.name):
                     raise self._unknown(each.name)
-            live = self._with_live(requested, [each.name for each in changes])
+            values = requested.values()
+            rows = [self._rows[each.name] for each in changes if each.name in self._rows]
+            at_once = {row.name: values[row.name] for row in rows if self.is_live(row)}
+            live = self.parameters.with_values(at_once)
             if requested != self._requested:
                 self.check(requested)
             if live not in (self.parameters, requested):
                 self.check(live)
         except BallbotError as error:
             return SetParametersResult(successful=False, reason=one_line(error))
-        values = requested.values()
         given = [_ros_parameter(each.name, values.get(each.name, each.value)) for each in changes]
         result = super().set_parameters_atomically(given)
         if result.successful:
@@ -199,8 +193,7 @@ class ParameterNode(Node, Generic[P]):
                 self.parameters = live
                 self.on_parameters_changed()
             now = self.parameters.values()
-            names = [each.name for each in changes if each.name in self._rows]
-            waits = any(now[name] != values[name] for name in names)
+            waits = any(now[row.name] != values[row.name] for row in rows)
             result.reason = NEXT_RUN if waits else ''
         return result
 
@@ -209,13 +202,11 @@ class ParameterNode(Node, Generic[P]):
         name = parameter.name
         if not self.has_parameter(name) or not self.describe_parameter(name).read_only:
             return False
-        return bool(self._in_own_type(parameter).value == self.get_parameter(name).value)
-
-    def _with_live(self, requested: P, names: Iterable[str]) -> P:
-        """Return the values in effect, with those requested that take effect immediately."""
-        values = requested.values()
-        live = [name for name in names if (row := self._rows.get(name)) and self.is_live(row)]
-        return self.parameters.with_values({name: values[name] for name in live})
+        value, row = parameter.value, self._rows.get(name)
+        with suppress(ParameterError):  # refused later, where the caller gets an answer
+            if row:  # its declared type may be another, such as that of a whole number
+                value = _ros_parameter(name, row.check(_read(row, parameter), '')).value
+        return bool(value == self.get_parameter(name).value)
 
     def is_live(self, row: Parameter) -> bool:
         """Return whether a new value of a parameter takes effect immediately."""

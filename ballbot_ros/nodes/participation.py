@@ -267,6 +267,5 @@ class Participation:
         self._on_new_run(run)
 
     def _announce(self) -> None:
-        announcement = self._member.announcement(self._node.now_ns, self._node.awaited())
-        if announcement:
+        if announcement := self._member.announcement(self._node.now_ns, self._node.awaited()):
             self._publisher.publish(encode_announcement(announcement))

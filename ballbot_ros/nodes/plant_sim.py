@@ -14,7 +14,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from ballbot_ros.engine.plant import Plant
 from ballbot_ros.engine.scenario.reader import scenario_of
-from ballbot_ros.engine.trajectory import TrajectoryLog, save_trajectory
+from ballbot_ros.engine.trajectory import save_trajectory
 from ballbot_ros.errors import BallbotError, os_errors
 from ballbot_ros.lockstep import run_actions as do
 from ballbot_ros.lockstep.free_running import FreeRunningMaster
@@ -334,11 +334,6 @@ class PlantSim(BallbotNode[PlantParameters]):
         )
 
     @property
-    def log(self) -> TrajectoryLog:
-        """The trajectory of the current run so far."""
-        return self.master.log
-
-    @property
     def summary(self) -> Mapping[str, object]:
         """The outcome of the run as JSON, after its end."""
         return summary_json(self.master.summary) if self.master.summary else {}
@@ -371,7 +366,7 @@ class PlantSim(BallbotNode[PlantParameters]):
         self._send_heartbeat()
         if path := self.parameters.trajectory_file:
             with os_errors(BallbotError, path):
-                save_trajectory(Path(path), self.log.trajectory(), self.summary)
+                save_trajectory(Path(path), self.master.log.trajectory(), self.summary)
         # Flush the status of the run, too: it holds the outcome, which the recorder notes.
         self.flush(
             topics.CLOCK, topics.PLANT_IMU, topics.PLANT_JOINT_STATES, topics.PLANT_ODOM,

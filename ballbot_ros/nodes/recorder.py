@@ -211,7 +211,10 @@ class Recorder(BallbotNode[RecorderParameters]):
         super().__init__(RecorderParameters, parameters)
         new = f'runs/{datetime.now():%Y-%m-%d_%H-%M-%S}/ballbot.mcap'
         path = Path(self.parameters.output or new)
-        attachments = _read_folder(self.parameters.attachments)
+        folder = self.parameters.attachments
+        with os_errors(RecordingError, folder):
+            files = sorted(Path(folder).iterdir()) if folder else []
+            attachments = {each.name: each.read_bytes() for each in files}
         with os_errors(RecordingError, path):
             path.parent.mkdir(parents=True, exist_ok=True)
         self._writer = RecordingWriter(path)
@@ -389,10 +392,3 @@ class Recorder(BallbotNode[RecorderParameters]):
         if self._lost:
             gaps = '1 gap' if self._lost == 1 else f'{self._lost} gaps'
             self._writer.mark_incomplete(f'{gaps} in the sequence of messages')
-
-
-def _read_folder(folder: str) -> dict[str, bytes]:
-    if not folder:
-        return {}
-    with os_errors(RecordingError, folder):
-        return {path.name: path.read_bytes() for path in sorted(Path(folder).iterdir())}

@@ -120,7 +120,11 @@ class Viewer(BallbotNode[ViewerParameters]):
         snapshot, changed = self._newest.take()
         activity = self._activity(snapshot)
         self._page.overlay.show(activity.overlay)
-        self._take_requests(activity)
+        for request in self._page.overlay.take():
+            if isinstance(request, Hold):
+                self._sticks.hold(request)
+            else:
+                self._requests.carry_out(request, activity)
         if activity.awaits_start and self._page.overlay.is_drawn:
             self._start.request()
         if snapshot is None:
@@ -155,14 +159,6 @@ class Viewer(BallbotNode[ViewerParameters]):
             is_out_of_control=robot is not None and robot.is_out_of_control,
             time=robot.time if robot else 0.0,
         )
-
-    def _take_requests(self, activity: RunActivity) -> None:
-        """Carry out the requests of the pages."""
-        for request in self._page.overlay.take():
-            if isinstance(request, Hold):
-                self._sticks.hold(request)
-            else:
-                self._requests.carry_out(request, activity)
 
     def _clear(self) -> None:
         """Show nothing of the run before."""

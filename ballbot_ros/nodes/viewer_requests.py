@@ -133,11 +133,7 @@ class ViewerRequests:
 
     def push(self, force: Pair) -> None:
         """Push the body with a force [N] in plane signs."""
-
-        def publish() -> None:
-            self._push.publish(encode_push(self._node.now_ns, force))
-
-        self._waiting.put(publish)
+        self._waiting.put(lambda: self._push.publish(encode_push(self._node.now_ns, force)))
 
     def start(self, scenario: str) -> None:
         """End the run, and start one of another scenario."""

@@ -89,8 +89,7 @@ class Batch:
         if (starts > ends).any():
             raise McapError('a message is shorter than its header')
         headers = read_structs(data, begins, MESSAGE_HEADER)
-        unknown = set(np.unique(headers['channel']).tolist()) - names.keys()
-        if unknown:
+        if unknown := set(np.unique(headers['channel']).tolist()) - names.keys():
             raise McapError(f'channel {min(unknown)} not found')
         return cls(data, headers, starts, ends, names)
 

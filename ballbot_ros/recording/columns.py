@@ -194,11 +194,7 @@ def _computed(column: ComputedColumn, reads: Mapping[str, Read]) -> Read:
     if not reads.keys() >= set(column.sources):
         return lambda message: math.nan
     sources = [reads[source] for source in column.sources]
-
-    def read(message: object) -> Any:
-        return _plain(column.compute(*(np.float64(source(message)) for source in sources)))
-
-    return read
+    return lambda message: _plain(column.compute(*(np.float64(each(message)) for each in sources)))
 
 
 def _shape(message: object) -> object:

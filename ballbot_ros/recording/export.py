@@ -169,16 +169,13 @@ class Exporter:
 
     def _first_columns(self, topics: Sequence[str]) -> dict[str, TopicColumns]:
         """Return the columns of each topic with messages."""
-        missing = {topic for topic in topics if self.reader.topics()[topic].message_count > 0}
         columns: dict[str, TopicColumns] = {}
-        while missing:
-            found = next(self.reader.messages(sorted(missing)), None)
-            if found is None:
-                break
-            topic, _, message = found
-            columns[topic] = TopicColumns(message, self._hints(topic))
-            missing.discard(topic)
-        return {topic: columns[topic] for topic in topics if topic in columns}
+        summaries = self.reader.topics()
+        for topic in topics:
+            has_messages = summaries[topic].message_count > 0
+            if has_messages and (first := next(self.reader.messages([topic]), None)):
+                columns[topic] = TopicColumns(first[2], self._hints(topic))
+        return columns
 
     def _row(
         self, topic: str, stamp_ns: int, columns: TopicColumns, message: object

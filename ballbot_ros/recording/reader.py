@@ -109,6 +109,8 @@ class RecordingReader:
         Program that wrote the file, according to the file.
     times : TimeRange or None
         The oldest and the newest stamp [ns]; None if there are no messages.
+    corruption : str or None
+        Where the file is cut off or corrupt, as far as it has been read.
 
     Raises
     ------
@@ -120,7 +122,7 @@ class RecordingReader:
         self.path = Path(path)
         self.library = ''
         self.times: TimeRange | None = None
-        self._corruption = ''
+        self.corruption: str | None = None
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
         self._attachments: dict[str, AttachedFile] = {}
@@ -151,12 +153,7 @@ class RecordingReader:
     @property
     def damage(self) -> str | None:
         """What is missing: the end of the file, or what the recorder noted as missing."""
-        return '; '.join(filter(None, [*self._gaps, self._corruption])) or None
-
-    @property
-    def corruption(self) -> str | None:
-        """Where the file is cut off or corrupt, as far as it has been read."""
-        return self._corruption or None
+        return '; '.join(filter(None, [*self._gaps, self.corruption])) or None
 
     @property
     def complete(self) -> bool:
@@ -408,7 +405,7 @@ class RecordingReader:
                     statistics = record
         if not unpack:
             known = statistics and statistics.channel_message_counts.keys() <= self._channels.keys()
-            if self._corruption or not statistics or not known:
+            if self.corruption or not statistics or not known:
                 return False
             self._counts = Counter(statistics.channel_message_counts)
             oldest_ns, newest_ns = statistics.message_start_time, statistics.message_end_time
@@ -432,11 +429,11 @@ class RecordingReader:
                         stream.madvise(MADV_DONTNEED, kept, read)
                         kept += read
             except LimitError as error:
-                self._corruption = f'corrupt before byte {stream.tell()} ({error})'
+                self.corruption = f'corrupt before byte {stream.tell()} ({error})'
             except DAMAGE:
                 end = stream.tell()
                 kind = 'cut off at' if end == len(stream) else 'corrupt before'
-                self._corruption = f'{kind} byte {end}'
+                self.corruption = f'{kind} byte {end}'
 
 
 def _grouped(records: Iterable[McapRecord]) -> Iterator[Chunk | bytes]:

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 from mcap import records
-from mcap.records import Attachment, Channel, Message, Metadata, Schema, Statistics
 from mcap.writer import MCAP0_MAGIC
 
 from ballbot_ros.errors import RecordingError
@@ -242,15 +241,15 @@ def repair(
 
 
 def _copy(salvage: Salvage, writer: RecordingWriter, progress: Callable[[int], None]) -> None:
-    schemas: dict[int, Schema] = {}
+    schemas: dict[int, records.Schema] = {}
     topics: dict[int, RecordedTopic] = {}
     for place, record in salvage.read():
         match record:
-            case Schema():
+            case records.Schema():
                 schemas[record.id] = record
-            case Channel(id=number) if number not in topics:
+            case records.Channel(id=number) if number not in topics:
                 topics[number] = writer.copy_topic(record, schemas.get(record.schema_id))
-            case Message(channel_id=number) if number in topics:
+            case records.Message(channel_id=number) if number in topics:
                 writer.write(
                     topics[number],
                     record.log_time,
@@ -258,11 +257,11 @@ def _copy(salvage: Salvage, writer: RecordingWriter, progress: Callable[[int], N
                     record.sequence,
                     record.publish_time,
                 )
-            case Attachment():
+            case records.Attachment():
                 writer.add_attachment(
                     record.name, record.media_type, record.data, record.create_time, record.log_time
                 )
-            case Metadata(name=name) if name != METADATA_NAME:
+            case records.Metadata(name=name) if name != METADATA_NAME:
                 writer.add_metadata(name, record.metadata)
         progress(place)
 
@@ -283,13 +282,13 @@ class _Survey:
             match record:
                 case Damage():
                     self.damage.append(record)
-                case Channel():
+                case records.Channel():
                     channels.add(record.id)
-                case Message(channel_id=number) if number not in channels:
+                case records.Message(channel_id=number) if number not in channels:
                     self._without_topic += 1
-                case Message():
+                case records.Message():
                     (self.behind if self.damage else self.before).add(record.log_time)
-                case Statistics():
+                case records.Statistics():
                     self._total = record.message_count
             progress(place)
 

@@ -207,8 +207,7 @@ class ContinuedPage(RecordingPage):
 
     def _keep(self, run: ContinuedRun) -> None:
         self._is_playing = False
-        recording = run.keep(_Keeping(self.page, run.time))
-        if recording:
+        if recording := run.keep(_Keeping(self.page, run.time)):
             self._told(recording)
             self._banner = Banner('kept', BannerKind.GOOD, (str(recording),))
 

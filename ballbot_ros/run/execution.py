@@ -50,7 +50,12 @@ def output_files(spec: RunSpec) -> Iterator[OutputFiles]:
         return
     folder = spec.output or _new_folder(spec.name)
     if spec.output is not None:
-        _make_folder(folder)
+        try:
+            make_folder(folder)
+        except OSError as error:
+            is_file = isinstance(error, FileExistsError | NotADirectoryError)
+            problem = 'not a folder; choose another --output' if is_file else error.strerror
+            raise BallbotError(f'--output {folder}: {problem}') from None
     try:
         recording = folder / f'{spec.name}.mcap' if RECORDER in spec.nodes else None
         if recording and recording.exists():
@@ -61,15 +66,6 @@ def output_files(spec: RunSpec) -> Iterator[OutputFiles]:
         with suppress(OSError):
             if not any(folder.iterdir()):
                 folder.rmdir()
-
-
-def _make_folder(folder: Path) -> None:
-    try:
-        make_folder(folder)
-    except (FileExistsError, NotADirectoryError):
-        raise BallbotError(f'--output {folder}: not a folder; choose another --output') from None
-    except OSError as error:
-        raise BallbotError(f'--output {folder}: {error.strerror}') from None
 
 
 def _new_folder(name: str) -> Path:

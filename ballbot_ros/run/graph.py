@@ -92,14 +92,6 @@ def version_of(package: str) -> str:
         return ''
 
 
-def write_attachments(spec: RunSpec, scratch: Path) -> Path:
-    """Write the files that the recorder attaches; return their folder."""
-    folder = scratch / 'attachments'
-    for name, data in attachments_of(spec).items():
-        write_temporary(folder / name, data)
-    return folder
-
-
 def graph_parameters(spec: RunSpec, recording: Path | None, scratch: Path) -> ParameterSet:
     """Return the parameters of the nodes: those of the run, and those specific to the graph.
 
@@ -114,7 +106,10 @@ def graph_parameters(spec: RunSpec, recording: Path | None, scratch: Path) -> Pa
     if recording:
         parameters.set(RECORDER, 'output', str(recording.resolve()))
     if RECORDER in spec.nodes:
-        parameters.set(RECORDER, 'attachments', str(write_attachments(spec, scratch)))
+        folder = scratch / 'attachments'
+        for name, data in attachments_of(spec).items():
+            write_temporary(folder / name, data)
+        parameters.set(RECORDER, 'attachments', str(folder))
     if spec.record:
         parameters.set(PLANT, 'require_recorder', True)
     return parameters

@@ -132,13 +132,11 @@ class _OfflineRun:
 
     def run_to_end(self, observer: RunObserver) -> None:
         """Run the ticks, paced, until the end of the run, a wall hit or a signal."""
-        plant = self._loop.plant
-        while self.log.ticks < self._ticks and not plant.stopped and not self._stop.signal:
+        while self.log.ticks < self._ticks and not self.wall_hit and not self._stop.signal:
             if self._compiled:
                 self._advance(self._compiled)
             else:
                 self._tick()
-            plant = self._loop.plant
             observer.update(self.log.ticks * TICK_NS / SECOND_NS)
 
     def _advance(self, loop: CompiledLoop) -> None:
@@ -165,7 +163,10 @@ class _OfflineRun:
         self.log.extend(stamps_ns, part)
 
     def _tick(self) -> None:
-        self._await_tick()
+        factor = self._plant_parameters.real_time_factor
+        if delay_s := self._pacer.delay_s(factor, time.monotonic()):
+            time.sleep(delay_s)
+        self._pacer.on_tick(factor, time.monotonic())
         now_ns = self._loop.plant.time_ns
         if (values := self._tuned.advance(now_ns)) and self._writer:
             self._writer.controller.retuned(now_ns, values)
@@ -173,12 +174,6 @@ class _OfflineRun:
         self.log.add(tick.truth, *tick.outputs.duty, tick.outputs)
         if self._writer:
             self._writer.add(tick, self._loop.program)
-
-    def _await_tick(self) -> None:
-        factor = self._plant_parameters.real_time_factor
-        if delay_s := self._pacer.delay_s(factor, time.monotonic()):
-            time.sleep(delay_s)
-        self._pacer.on_tick(factor, time.monotonic())
 
     def summary(self, failure: str) -> RunSummary:
         """Return the summary of the run; `failure` is why it failed, '' if it did not."""

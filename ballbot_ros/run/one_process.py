@@ -13,7 +13,6 @@ import rclpy
 from rclpy.impl.implementation_singleton import rclpy_implementation
 
 from ballbot_ros.controllers.codegen.implementation import implementation_for
-from ballbot_ros.controllers.loading import LoadedController
 from ballbot_ros.errors import BallbotError, one_line
 from ballbot_ros.nodes.base import AnyNode, spin
 from ballbot_ros.nodes.controller import ControllerNode
@@ -29,7 +28,6 @@ from ballbot_ros.parameters import (
     PLANT,
     RECORDER,
     ControllerParameters,
-    ParameterSet,
     PlantParameters,
     RecorderParameters,
 )
@@ -112,8 +110,13 @@ def run_in_one_process(
             call_for_external(spec, observer)
             plant = PlantSim(parameters.of(PlantParameters))
             nodes.append(plant)
-            others = [name for name in spec.nodes if name not in (PLANT, RECORDER)]
-            nodes += [_make_node(name, parameters, spec.controller) for name in others]
+            make_implementation = partial(implementation_for, loaded=spec.controller)
+            for name in spec.nodes:
+                if name == CONTROLLER:
+                    settings = parameters.of(ControllerParameters)
+                    nodes.append(ControllerNode(settings, make_implementation))
+                elif name not in (PLANT, RECORDER):
+                    nodes.append(make_node(parameters.of_node(name)))
             for node in nodes:
                 # The observer knows whether the result says it.
                 node.logs_failure = node.role not in (PLANT, CONTROLLER)
@@ -121,7 +124,8 @@ def run_in_one_process(
                 recorder = Recorder(parameters.of(RecorderParameters))
                 nodes.append(recorder)
             plant.create_wall_timer(
-                PROGRESS_PERIOD_S, lambda: observer.update(plant.log.ticks * TICK_NS / SECOND_NS)
+                PROGRESS_PERIOD_S,
+                lambda: observer.update(plant.master.log.ticks * TICK_NS / SECOND_NS),
             )
             with StopRequest() as stop, TickTimer(spec.controller, spec.plant, stop):
                 spin(nodes, plant.done, stop, within)
@@ -133,16 +137,9 @@ def run_in_one_process(
             for node in nodes:
                 node.close()
                 node.destroy_node()
-    result = RunResult.from_summary(plant.summary, plant.log.trajectory())
+    result = RunResult.from_summary(plant.summary, plant.master.log.trajectory())
     if recorder and recorder.failure and result.is_complete:
         result = result.failed(f'{RECORDER}: {recorder.failure}')
     if plant.exit_status == 2:
         return replace(result, failure_status=2)
     return replace(result, failure_status=128 + stop.signal) if stop.signal else result
-
-
-def _make_node(name: str, parameters: ParameterSet, composed: LoadedController | None) -> AnyNode:
-    if name != CONTROLLER:
-        return make_node(parameters.of_node(name))
-    make_implementation = partial(implementation_for, loaded=composed)
-    return ControllerNode(parameters.of(ControllerParameters), make_implementation)

@@ -122,7 +122,6 @@ def test_a_run_whose_plant_is_gone_has_ended():
             _real_time_factor=RealTimeFactor(),
             _requests=SimpleNamespace(send_queued=lambda: None, can_start=not lost_plant),
             _robot=SimpleNamespace(show=lambda snapshot: None, show_trail=lambda trail: None),
-            _take_requests=lambda activity: None,
             _tuning=SimpleNamespace(send_queued=lambda: None),
             _updates=0,
         )

@@ -336,7 +336,7 @@ class OneProcess:
             PLANT,
             done='done',
             exit_status=exit_status,
-            log=SimpleNamespace(ticks=2, trajectory=lambda: None),
+            master=SimpleNamespace(log=SimpleNamespace(ticks=2, trajectory=lambda: None)),
             summary=SUMMARY | {'outcome': outcome},
             stop=lambda: self.events.append('stop'),
             create_wall_timer=lambda period_s, report: setattr(self, 'report', report),

@@ -99,13 +99,13 @@ def test_a_peer_that_can_not_be_resolved_is_one_line(domain, processes):
 
 def test_a_file_that_does_not_fit_in_the_temporary_folder_is_named(tmp_path):
     pytest.importorskip('rclpy')
-    from ballbot_ros.run.graph import write_attachments
+    from ballbot_ros.run.graph import graph_parameters
 
     path = tmp_path / 'attachments' / 'parameters.yaml'
     path.parent.mkdir()
     path.symlink_to('/dev/full')
     with pytest.raises(BallbotError, match=f'^{path}: {FULL}'):
-        write_attachments(RunSpec(Scenario()), tmp_path)
+        graph_parameters(RunSpec(Scenario()), None, tmp_path)
 
 
 @pytest.mark.graph

@@ -274,20 +274,13 @@ def application_files(
         'voltage_offset': _c_float(VOLTAGE_OFFSET),
     }
     files = {name: environment.get_template(name).render(context) for name in TEMPLATES}
-    return {**files, PARAMETER_FILE: f'# {stamp}\n{_parameter_file(parameters)}'}
+    names = ['mode', *(field.name for field in fields(ProgramConstants))]
+    values = {name: getattr(parameters, name) for name in names if hasattr(parameters, name)}
+    return {**files, PARAMETER_FILE: f'# {stamp}\n{values_text({CONTROLLER: values})}'}
 
 
 def _stamp(parameters: ControllerParameters) -> str:
     return f'{_STAMP.decode()} {__version__}, parameters {parameter_hash(parameters)}.'
-
-
-def _parameter_file(parameters: ControllerParameters) -> str:
-    """Return a parameter file with exactly the parameters of the generated program."""
-    names = ['mode', *(field.name for field in fields(ProgramConstants))]
-    values = {
-        name: value for name in names if (value := getattr(parameters, name, None)) is not None
-    }
-    return values_text({CONTROLLER: values})
 
 
 def write_application(folder: Path, parameters: ControllerParameters) -> list[Path]:

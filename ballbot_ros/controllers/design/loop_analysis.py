@@ -191,8 +191,7 @@ class RecoverableStates:
 
     def share(self, states: Matrix) -> Matrix:
         """Return how much of what can be recovered the states (..., 4) take; 1 at the limit."""
-        share: Matrix = np.abs(states @ self.direction)
-        return share
+        return np.asarray(np.abs(states @ self.direction))
 
 
 def recoverable_states(parameters: ParameterSet) -> RecoverableStates:

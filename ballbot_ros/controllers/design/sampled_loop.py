@@ -270,18 +270,15 @@ class _Plane:
         n, m = self.b.shape
         block = np.zeros((n + m, n + m))
         block[:n, :n], block[:n, n:] = self.a, self.b
-        moved: Matrix = expm(block * (time_ms * 1e-3))[:n] @ np.vstack([state, duty, force])
-        return moved
+        return np.asarray(expm(block * (time_ms * 1e-3))[:n] @ np.vstack([state, duty, force]))
 
     def gyro(self, state: Matrix) -> Matrix:
         """Return the pitch rate [deg/s]."""
-        rate: Matrix = state[3] * _DEGREES
-        return rate
+        return np.asarray(state[3] * _DEGREES)
 
     def angle(self, state: Matrix) -> Matrix:
         """Return the angle of the motor shaft [deg]."""
-        angle: Matrix = self.ratio * (state[0] - state[1]) * _DEGREES
-        return angle
+        return np.asarray(self.ratio * (state[0] - state[1]) * _DEGREES)
 
 
 class _Tick:

@@ -265,7 +265,7 @@ class ScenarioReader(ExpectationReader):
         scenario = Scenario(
             name=self._document.path.stem,
             purpose=str(data['purpose']),
-            profile=_own_profile(data) if profile is None else profile,
+            profile=str(data.get('profile', IDEAL)) if profile is None else profile,
             parameters=parameters,
             vertical=self._signal(sticks.get('vertical', []), ('sticks', 'vertical'), duration),
             horizontal=self._signal(
@@ -283,7 +283,7 @@ class ScenarioReader(ExpectationReader):
 
     def _parameters(self, data: Mapping[str, object], profile: str | None) -> ParameterSet:
         try:
-            parameters = self._load_profile(_own_profile(data))
+            parameters = self._load_profile(str(data.get('profile', IDEAL)))
         except ScenarioError as error:
             raise self._error(('profile',), str(error)) from None
         if profile is not None:
@@ -485,10 +485,6 @@ def read_push(values: Mapping[str, object], where: str) -> ScheduledPush:
     """Return the push of values as in a scenario; the message of an error begins with `where`."""
     given = SimpleNamespace(where=lambda *keys: where)  # in the place of a file
     return ScenarioReader(cast(YamlDocument, given), load_profile).push(values)
-
-
-def _own_profile(data: Mapping[str, object]) -> str:
-    return str(data.get('profile', IDEAL))
 
 
 def scenario_names() -> list[str]:

@@ -79,11 +79,6 @@ class Contract:
         """Whether an answer acknowledges a tick, and may be repeated, instead of being a sample."""
         return self.answer is RECORDER_ACK
 
-    @property
-    def repetitions(self) -> int:
-        """The number of answers when asked again: a controller may answer each repeated input."""
-        return len(INPUT_READERS) if self.role == CONTROLLER else 1
-
 
 def _read_duty(data: bytes) -> tuple[int, int]:
     duty = decode_duty(data)
@@ -433,11 +428,13 @@ class NodeUnderTest:
             if ahead := [each for each in stamps if each > self._newest_ns]:
                 raise BreachError(f'it acknowledges {seconds_text(ahead[0])}, ahead of the run')
             return
+        # When asked again, a controller may answer each repeated input.
+        repetitions = len(INPUT_READERS) if self.contract.role == CONTROLLER else 1
         for stamp_ns in stamps:
             if stamp_ns not in self._asked or stamp_ns % self.contract.period_ns:
                 raise BreachError(f'it answers {seconds_text(stamp_ns)}, which nobody asked for')
             times, asked = stamps.count(stamp_ns), self._asked[stamp_ns]
-            if times > 1 + (asked - 1) * self.contract.repetitions:
+            if times > 1 + (asked - 1) * repetitions:
                 raise BreachError(f'it answers {seconds_text(stamp_ns)} {times} times')
 
 

@@ -51,6 +51,9 @@ FEW, SERIES, LONG = COMMON_PERIOD_NS // TICK_NS + 1, 75, 400
 controller calibrates and begins to balance."""
 
 
+Check = Callable[[NodeUnderTest], None]
+
+
 class RequirementVerdict(Enum):
     """The verdict on one requirement."""
 
@@ -83,9 +86,9 @@ class Requirement:
 
     name: str
     text: str
-    check: Callable[[NodeUnderTest], None]
-    roles: Collection[str] = ROLES
-    restarts: bool = False
+    check: Check
+    roles: Collection[str]
+    restarts: bool
 
 
 def examine(role: str, bench: Bench, token: str) -> Iterator[RequirementResult]:
@@ -127,6 +130,23 @@ def _verdict(requirement: Requirement, node: NodeUnderTest) -> tuple[Requirement
     return RequirementVerdict.MET, ''
 
 
+REQUIREMENTS: list[Requirement] = []
+"""What is tested, in this order; each test begins with a run of its own."""
+
+
+def requirement(
+    name: str, text: str, *, roles: Collection[str] = ROLES, restarts: bool = False
+) -> Callable[[Check], Check]:
+    """Add a requirement, which the decorated function tests; see :class:`Requirement`."""
+
+    def add(check: Check) -> Check:
+        REQUIREMENTS.append(Requirement(name, text, check, roles, restarts))
+        return check
+
+    return add
+
+
+@requirement('late start', 'joins a run whose roll call was made before it started', restarts=True)
 def _check_late_start(node: NodeUnderTest) -> None:
     node.bench.kill()
     node.announce_run()
@@ -135,6 +155,7 @@ def _check_late_start(node: NodeUnderTest) -> None:
     node.drive(1)
 
 
+@requirement('announcement', 'says on participants who it is and what it publishes')
 def _check_announcement(node: NodeUnderTest) -> None:
     node.begin_run(FEW)
     participant = node.announcement().participant
@@ -161,6 +182,7 @@ def _check_announcement(node: NodeUnderTest) -> None:
             raise BreachError(f"'topics' has {topic.name}, but nothing was published there")
 
 
+@requirement('publishers', 'publishes with the types and the quality of service of its topics')
 def _check_publishers(node: NodeUnderTest) -> None:
     node.begin_run(1)
     required = (PARTICIPANTS, node.contract.answer)
@@ -174,12 +196,19 @@ def _check_publishers(node: NodeUnderTest) -> None:
                 raise BreachError(f'{topic.name!r} is {offer}, not {due}')
 
 
+@requirement('every stamp', 'answers each due stamp once, and no other')
+def _check_every_stamp(node: NodeUnderTest) -> None:
+    node.begin_run(SERIES)
+
+
+@requirement('values', 'sends values that its readers can use')
 def _check_values(node: NodeUnderTest) -> None:
     node.begin_run(SERIES)
     for data in node.answers():
         node.read(data)
 
 
+@requirement('asked again', 'repeats its answer when asked again')
 def _check_repetition(node: NodeUnderTest) -> None:
     node.join()
     node.ask()
@@ -206,6 +235,9 @@ def _check_repetition(node: NodeUnderTest) -> None:
     node.judge()
 
 
+@requirement(
+    'inputs', 'does not answer a tick before its inputs are there', roles=(CONTROLLER, RECORDER)
+)
 def _check_inputs(node: NodeUnderTest) -> None:
     node.begin_run(FEW)
     if node.contract.role == CONTROLLER:
@@ -234,6 +266,7 @@ def _check_late_inputs(node: NodeUnderTest, topics: Sequence[Topic]) -> None:
         raise BreachError(f'{node.silence(stamp_ns)} after {names} came late')
 
 
+@requirement('roll call', 'answers a roll call in mid-run, with the stamp of its newest answer')
 def _check_roll_call(node: NodeUnderTest) -> None:
     node.begin_run(FEW)
     newest_ns = node.tick.stamp_ns
@@ -243,6 +276,7 @@ def _check_roll_call(node: NodeUnderTest) -> None:
         raise BreachError(f"'answered [ns]' is {answered_ns}, not {due_ns}")
 
 
+@requirement('silence', 'sends nothing unasked, and goes on after a silence')
 def _check_silence(node: NodeUnderTest) -> None:
     node.begin_run(FEW)
     before = len(node.answers())
@@ -253,6 +287,7 @@ def _check_silence(node: NodeUnderTest) -> None:
     node.drive(FEW)
 
 
+@requirement('reset', 'joins the next run, and starts from its initial state')
 def _check_reset(node: NodeUnderTest) -> None:
     if node.contract.role != CONTROLLER:
         for _ in range(2):
@@ -273,6 +308,7 @@ def _duties(node: NodeUnderTest) -> dict[int, object]:
     return {stamp_of(data) - node.run.start_ns: node.read(data) for data in node.answers()}
 
 
+@requirement('earlier run', 'ignores messages of an earlier run')
 def _check_earlier_run(node: NodeUnderTest) -> None:
     node.begin_run(FEW)
     old = node.tick
@@ -281,12 +317,18 @@ def _check_earlier_run(node: NodeUnderTest) -> None:
     node.drive(FEW)
 
 
+@requirement('next plant', 'serves the next plant, whose time begins again')
 def _check_next_plant(node: NodeUnderTest) -> None:
     node.begin_run(FEW)
     node.replace_plant()
     node.begin_run(FEW)
 
 
+@requirement(
+    'restart',
+    'takes part again after it was killed in mid-run; a controller may object',
+    restarts=True,
+)
 def _check_restart(node: NodeUnderTest) -> None:
     node.begin_run(FEW)
     old, instance = node.tick, node.announcement().participant.instance
@@ -321,52 +363,3 @@ def _check_same_answer(node: NodeUnderTest, tick: TickMessages) -> None:
         raise BreachError(
             f'after a restart, it changes its answer to {seconds_text(tick.stamp_ns)}'
         )
-
-
-REQUIREMENTS = (
-    Requirement(
-        'late start',
-        'joins a run whose roll call was made before it started',
-        _check_late_start,
-        restarts=True,
-    ),
-    Requirement(
-        'announcement',
-        'says on participants who it is and what it publishes',
-        _check_announcement,
-    ),
-    Requirement(
-        'publishers',
-        'publishes with the types and the quality of service of its topics',
-        _check_publishers,
-    ),
-    Requirement(
-        'every stamp',
-        'answers each due stamp once, and no other',
-        lambda node: node.begin_run(SERIES),
-    ),
-    Requirement('values', 'sends values that its readers can use', _check_values),
-    Requirement('asked again', 'repeats its answer when asked again', _check_repetition),
-    Requirement(
-        'inputs',
-        'does not answer a tick before its inputs are there',
-        _check_inputs,
-        roles=(CONTROLLER, RECORDER),
-    ),
-    Requirement(
-        'roll call',
-        'answers a roll call in mid-run, with the stamp of its newest answer',
-        _check_roll_call,
-    ),
-    Requirement('silence', 'sends nothing unasked, and goes on after a silence', _check_silence),
-    Requirement('reset', 'joins the next run, and starts from its initial state', _check_reset),
-    Requirement('earlier run', 'ignores messages of an earlier run', _check_earlier_run),
-    Requirement('next plant', 'serves the next plant, whose time begins again', _check_next_plant),
-    Requirement(
-        'restart',
-        'takes part again after it was killed in mid-run; a controller may object',
-        _check_restart,
-        restarts=True,
-    ),
-)
-"""What is tested, in this order; each test begins with a run of its own."""

@@ -150,8 +150,7 @@ class PassingMessages:
 
     def take(self, text: str) -> bool:
         """Keep a line; return whether it was one to keep."""
-        found = _INFO.fullmatch(text.strip())
-        if found:
+        if found := _INFO.fullmatch(text.strip()):
             self.lines.append(f'{found[1]}: {found[2]}')
         return found is not None
 

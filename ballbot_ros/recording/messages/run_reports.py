@@ -29,7 +29,6 @@ from ballbot_ros.recording.schemas import (
     encoder,
     new_message,
 )
-from ballbot_ros.robot.plant.ground_truth import Push
 
 OK, ERROR = 0, 2
 
@@ -211,18 +210,16 @@ def summary_json(summary: RunSummary) -> dict[str, object]:
         'resends': summary.resends,
         'round_trip_ms': _in_milliseconds(summary.round_trips_s),
         'participants': [membership_json(each, summary.start_ns) for each in summary.members],
-        'external_pushes': [_push_json(each, summary.start_ns) for each in summary.external_pushes],
+        'external_pushes': [  # with times from the start of the run, in plane signs
+            {
+                'start_s': (each.start_ns - summary.start_ns) / SECOND_NS,
+                'end_s': (each.end_ns - summary.start_ns) / SECOND_NS,
+                'force_n': list(each.force),
+                'torque_n_m': list(each.torque),
+            }
+            for each in summary.external_pushes
+        ],
         'parameter_changes': [each.as_json() for each in summary.parameter_changes],
-    }
-
-
-def _push_json(push: Push, start_ns: int) -> dict[str, object]:
-    """Return a push with times from the start of the run, in plane signs."""
-    return {
-        'start_s': (push.start_ns - start_ns) / SECOND_NS,
-        'end_s': (push.end_ns - start_ns) / SECOND_NS,
-        'force_n': list(push.force),
-        'torque_n_m': list(push.torque),
     }
 
 
@@ -309,20 +306,16 @@ def decode_plant_report(data: bytes) -> PlantReport | None:
     for status in message.status:
         values = {pair.key: pair.value for pair in status.values}
         if values.get('role') == PLANT:
-            return _report(values, '' if status.level == OK else status.message)
+            return PlantReport(
+                run=values.get('run name', ''),
+                is_paused=values.get('paused') == str(True),
+                awaits_start=values.get('awaits start') == str(True),
+                pace=_number(values.get('pace', '')),
+                missing=tuple(values.get('missing', '').split()),
+                outcome=values.get('outcome', ''),
+                problem='' if status.level == OK else status.message,
+            )
     return None
-
-
-def _report(values: dict[str, str], problem: str) -> PlantReport:
-    return PlantReport(
-        run=values.get('run name', ''),
-        is_paused=values.get('paused') == str(True),
-        awaits_start=values.get('awaits start') == str(True),
-        pace=_number(values.get('pace', '')),
-        missing=tuple(values.get('missing', '').split()),
-        outcome=values.get('outcome', ''),
-        problem=problem,
-    )
 
 
 def _number(text: str) -> float:

@@ -14,6 +14,7 @@ from ballbot_ros.recording.messages.raw import decoder, stamp_of
 from ballbot_ros.recording.messages.topics import (
     BATTERY_STATE,
     BLUETOOTH_TX,
+    GAMEPAD_JOY,
     GYRO_IMU,
     JOINT_STATES,
     MAP,
@@ -21,6 +22,7 @@ from ballbot_ros.recording.messages.topics import (
     PLANT_IMU,
     PLANT_JOINT_STATES,
     PLANT_ODOM,
+    PUSH,
     SONAR_RANGE,
 )
 from ballbot_ros.recording.schemas import encoder, new_message
@@ -128,7 +130,7 @@ def test_every_stick_value_comes_back(source):
     for value in range(-128, 128):
         data = c.encode_sticks(STAMP, (value, -value), source)
         assert c.decode_sticks(data) == (value, -value)
-    assert by_rclpy(c.GAMEPAD_JOY, data).header.frame_id == source
+    assert by_rclpy(GAMEPAD_JOY, data).header.frame_id == source
 
 
 @given(
@@ -199,7 +201,7 @@ def test_a_rightward_push_in_the_map_is_positive_on_plane_y(read):
     message.wrench.force.x, message.wrench.force.y = 2.0, -3.0
     message.wrench.torque.y, message.wrench.torque.x = 0.4, 0.5
     assert c.push_forces(message) == ((2.0, 3.0), (0.4, 0.5))
-    assert c.push_forces(read(c.PUSH, c.encode_push(STAMP, (2.0, 3.0)))) == ((2.0, 3.0), (0, 0))
+    assert c.push_forces(read(PUSH, c.encode_push(STAMP, (2.0, 3.0)))) == ((2.0, 3.0), (0, 0))
 
 
 @given(mv=st.integers(1000, 12000))
