@@ -235,9 +235,8 @@ def linear_model(parameters: Parameters | None = None) -> control.StateSpace:
     BallbotError
         If a parameter is not valid, or is none of the model.
     """
-    from ballbot_ros.controllers.design.linear_model import (
-        plane_model,  # its import takes two seconds
-    )
+    # Its import takes two seconds.
+    from ballbot_ros.controllers.design.linear_model import plane_model
 
     plant = _parameter_set(parameters, _PHYSICAL).of(PlantParameters)
     return plane_model(PhysicalParameters.from_parameters(plant))

@@ -21,7 +21,6 @@ from ballbot_ros.engine.golden import duty_sha256
 from ballbot_ros.engine.scenario.reader import load_scenario
 from ballbot_ros.lockstep.run_actions import Outcome
 from ballbot_ros.nodes.middleware import DomainLock
-from ballbot_ros.nodes.processes import descendants
 from ballbot_ros.parameters import (
     GYRO,
     PLANT,
@@ -35,6 +34,7 @@ from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.run.requirements import Processes
 from ballbot_ros.run.result import RunResult
 from ballbot_ros.run.spec import RunOptions, RunSpec
+from campaign.site import descendants
 
 
 def test_a_run_leaves_a_recording_a_picture_and_a_verdict(tmp_path):

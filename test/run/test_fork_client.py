@@ -13,12 +13,13 @@ from types import SimpleNamespace
 import pytest
 from graph import LAST_RESORT_S, alive, wait_for
 
+from campaign.site import children
+
 pytest.importorskip('rclpy')
 
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.nodes.fork_server import NodeRequest
 from ballbot_ros.nodes.middleware import LOCK_FD_ENV, DomainLock
-from ballbot_ros.nodes.processes import children
 from ballbot_ros.run import node_process as fork_client
 from ballbot_ros.run.node_process import ForkClient
 
