@@ -318,8 +318,7 @@ class BuiltApplication:
                 # A request for each task, which tells what this one has done.
                 flags = SAME_TICK if number else 0
                 outputs = program.run([task], systick_ms, inputs, flags)
-                path = task, program.control_mode, bool(outputs.log), bool(outputs.tones)
-                paths.append(path)
+                paths.append((task, program.control_mode, bool(outputs.log), bool(outputs.tones)))
         names = [task.name for task in self._tasks]
         counts = count_instructions(self._command, requests, names)
         for path, count in zip(paths, counts, strict=True):
