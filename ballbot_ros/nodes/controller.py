@@ -22,13 +22,7 @@ from ballbot_ros.controllers.loading import load_controller
 from ballbot_ros.engine.brick_tasks import BrickTasks
 from ballbot_ros.errors import ControllerError
 from ballbot_ros.lockstep.free_running import FreeRunningTicks
-from ballbot_ros.lockstep.lockstep import (
-    DEPTH,
-    DueTick,
-    LockstepTicks,
-    RunIdentity,
-    SampleReaction,
-)
+from ballbot_ros.lockstep.lockstep import DEPTH, DueTick, LockstepTicks, RunIdentity, SampleReaction
 from ballbot_ros.lockstep.participants import SOURCE_HASH, TUNABLE, Objection
 from ballbot_ros.nodes.base import NO_SAMPLE, BallbotNode
 from ballbot_ros.nodes.participation import Participation

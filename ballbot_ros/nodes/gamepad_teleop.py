@@ -25,12 +25,7 @@ from ballbot_ros.nodes.teleop.gamepad import (
     SdlBackend,
     list_devices,
 )
-from ballbot_ros.nodes.teleop.sticks import (
-    Arbiter,
-    Command,
-    JoyMapping,
-    VelocityMapping,
-)
+from ballbot_ros.nodes.teleop.sticks import Arbiter, Command, JoyMapping, VelocityMapping
 from ballbot_ros.parameters import GamepadParameters
 from ballbot_ros.parameters.timing import MILLISECOND_NS, SLOW_PERIOD_NS
 from ballbot_ros.recording.csv_log import CsvLog

@@ -20,13 +20,7 @@ from ballbot_ros.controllers.loading import LoadedController
 from ballbot_ros.errors import BallbotError, short_repr
 from ballbot_ros.files import temporary_folder
 from ballbot_ros.lockstep.run_actions import Outcome
-from ballbot_ros.parameters import (
-    CONTROLLER,
-    PLANT,
-    ParameterError,
-    ParameterSet,
-    PlantParameters,
-)
+from ballbot_ros.parameters import CONTROLLER, PLANT, ParameterError, ParameterSet, PlantParameters
 from ballbot_ros.parameters.controller import MODEL, USER
 from ballbot_ros.parameters.files import (
     Parameters,

@@ -21,11 +21,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq, minimize_scalar
 
 from ballbot_ros.controllers.design.linear_model import DesignError, ideal_loop
-from ballbot_ros.controllers.design.sampled_loop import (
-    ENCODER_ERROR,
-    GYRO_ERROR,
-    SampledLoop,
-)
+from ballbot_ros.controllers.design.sampled_loop import ENCODER_ERROR, GYRO_ERROR, SampledLoop
 from ballbot_ros.controllers.document.program import mean_delays
 from ballbot_ros.parameters import CONTROLLER, ControllerParameters, ParameterSet, PlantParameters
 from ballbot_ros.parameters.timing import TICK_MS

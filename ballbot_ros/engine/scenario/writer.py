@@ -14,12 +14,7 @@ from ballbot_ros.engine.scenario.scenario import (
     Segment,
     StickSignal,
 )
-from ballbot_ros.parameters import (
-    CONTROLLER,
-    PLANT,
-    ControllerParameters,
-    PlantParameters,
-)
+from ballbot_ros.parameters import CONTROLLER, PLANT, ControllerParameters, PlantParameters
 from ballbot_ros.parameters.yaml_document import parse_value
 from ballbot_ros.robot.brick.faults import Fault
 

@@ -24,13 +24,7 @@ from ballbot_ros.parameters import (
     ROLES,
     ParameterSet,
 )
-from ballbot_ros.parameters.timing import (
-    FIRST_TICK_NS,
-    RESEND_S,
-    SECOND_NS,
-    TICK_NS,
-    next_start_ns,
-)
+from ballbot_ros.parameters.timing import FIRST_TICK_NS, RESEND_S, SECOND_NS, TICK_NS, next_start_ns
 from ballbot_ros.recording.messages.conversions import decode_duty, encode_header
 from ballbot_ros.recording.messages.devices import INPUT_READERS
 from ballbot_ros.recording.messages.raw import stamp_of

@@ -13,14 +13,7 @@ from dataclasses import dataclass
 from functools import cache, lru_cache, partial
 from typing import Any, Generic, NamedTuple, TypeAlias
 
-from ballbot_ros.engine.devices import (
-    ENCODER_DEVICE,
-    GYRO_DEVICE,
-    SONAR_DEVICE,
-    Device,
-    P,
-    Reading,
-)
+from ballbot_ros.engine.devices import ENCODER_DEVICE, GYRO_DEVICE, SONAR_DEVICE, Device, P, Reading
 from ballbot_ros.recording.messages import topics
 from ballbot_ros.recording.messages.conversions import (
     MOTOR_NAMES,

@@ -47,13 +47,7 @@ from ballbot_ros.recording.messages.jobs import encode_jobs
 from ballbot_ros.recording.messages.raw import Messages, Stamps
 from ballbot_ros.recording.messages.run_reports import encode_parameter_event
 from ballbot_ros.recording.messages.topics import Topic
-from ballbot_ros.robot.brick.brick import (
-    NO_SAMPLE,
-    NUMBERS_OF,
-    DeviceOutputs,
-    Inputs,
-    from_numbers,
-)
+from ballbot_ros.robot.brick.brick import NO_SAMPLE, NUMBERS_OF, DeviceOutputs, Inputs, from_numbers
 from ballbot_ros.robot.brick.kernel import Job
 from ballbot_ros.robot.plant.ground_truth import GroundTruth, Push
 from ballbot_ros.robot.world.floor_map import occupancy_grid
