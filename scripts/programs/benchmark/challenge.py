@@ -11,6 +11,7 @@ from ballbot_ros.controllers.design.gain_design import GainDesign
 from ballbot_ros.controllers.design.linear_model import Q_DIAGONAL, R_WEIGHT
 from ballbot_ros.controllers.design.loop_analysis import dead_time_margin_ms
 from ballbot_ros.engine.scenario.reader import load_profile, scenario_names
+from ballbot_ros.lab.search.tune import WITH_GAINS
 from ballbot_ros.lab.studies.execution import StudyObserver, run_study
 from ballbot_ros.lab.studies.job import job_of
 from ballbot_ros.lab.studies.programs import with_values
@@ -23,11 +24,11 @@ from benchmark.tables import print_table
 
 GAINS = Path(__file__).parents[3] / 'config/gains'
 ROBOTS = 10_000
-NAMES = 'k_f', 'k_i', 'a_d', 'a_r'
+NAMES = (*WITH_GAINS, 'pwm_offset')
 SHOWN = {'steady_pitch_rms_deg': '°', 'duty_rms_percent': '%', 'peak_position_m': 'm'}
 
 Values = Mapping[str, object]
-"""Gains and filters by ``node.param``."""
+"""Gains, filters and friction compensation by ``node.param``."""
 
 
 def challenge() -> None:
