@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -107,9 +108,10 @@ def resumable(folder: Path) -> Iterator[None]:
     except StudyStoppedError as error:
         click.echo(said, err=True)
         raise click.exceptions.Exit(128 + error.signal) from None
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, SystemExit) as end:  # a signal between two studies
         click.echo(said, err=True)
-        os._exit(130)  # Python would wait for its threads, one of which may compile
+        # Python would wait for its threads, one of which may compile.
+        os._exit(getattr(end, 'code', 128 + signal.SIGINT))
 
 
 class _StudyGroup(click.Group):

@@ -4,6 +4,7 @@ import json
 import os
 import signal
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -93,6 +94,21 @@ def test_signals_lose_nothing(done, tuning, tmp_path):
     assert files_in(output) == files_in(done[0])
     tuned = (folder / 'tuned.yaml' for folder in (output, done[0]))
     assert len({each.read_bytes() for each in tuned}) == 1
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_between_two_generations_is_told(number):
+    program = (
+        'import signal; from pathlib import Path; from ballbot_ros.process import ProgramEnd\n'
+        'from ballbot_ros.cli.study import resumable\n'
+        f"with ProgramEnd(), resumable(Path('here')): signal.raise_signal({number:d})"
+    )
+    ended = subprocess.run(
+        [sys.executable, '-c', program], env={**os.environ, 'PYTHONPATH': str(ROOT)}, text=True,
+        stderr=subprocess.PIPE, timeout=LAST_RESORT_S, check=False,
+    )  # fmt: skip
+    assert ended.returncode == 128 + number
+    assert ended.stderr == 'stopped; the same command goes on from there: here\n'
 
 
 @pytest.mark.parametrize(
