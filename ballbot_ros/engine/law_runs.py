@@ -7,7 +7,7 @@ document's program.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from inspect import unwrap
 from types import FunctionType
 from typing import Any, NamedTuple
@@ -128,19 +128,20 @@ class LawCode:
     Parameters
     ----------
     controller : LawController
-        One before its first tick. Others need the same code if they have the same law, and states
-        and constants of the same kinds.
+        One before its first tick. Others with the same law need the same code if they have the
+        same :func:`kinds_of`.
     """
 
     def __init__(self, controller: LawController[Any]) -> None:
         self._law = type(controller).law
         self._constants, self._state = controller.in_force, initial_state(controller)
-        self._kinds = kind_of(self._constants), kind_of(self._state)
+        self._kinds = kinds_of(controller)
         self._obstacle = obstacle(self._law, controller)
-        self._name = ''
+        self._of_law = self._name = ''
         if not self._obstacle:
             kinds = hashlib.sha256(repr(self._kinds).encode()).hexdigest()
-            self._name = f'{self._law.__name__}_{functions_sha256(self._law)[:16]}_{kinds[:16]}'
+            self._of_law = f'{self._law.__name__}_{functions_sha256(self._law)[:16]}'
+            self._name = f'{self._of_law}_{kinds[:16]}'
 
     @property
     def kept(self) -> str:
@@ -149,14 +150,9 @@ class LawCode:
 
     @property
     def is_kept(self) -> bool:
-        """Whether the code is on disk."""
-        return not self._obstacle and has_kept_code(self.kept)
-
-    def fits(self, constants: Iterable[Any], states: Iterable[LawState]) -> bool:
-        """Return whether it is the code for all of these constants and states."""
-        one, other = self._kinds
-        return all(kind_of(each) == one for each in constants) and all(
-            kind_of(each) == other for each in states
+        """Whether code of the law is on disk, be it for other kinds."""
+        return not self._obstacle and has_kept_code(
+            f'{simulate_runs.__qualname__}_{self._of_law}_*'
         )
 
     def compile(self) -> Callable[..., Any]:
@@ -237,6 +233,11 @@ def first_strange(value: Any) -> Any:
 def initial_state(controller: LawController[Any]) -> LawState:
     """Return the state of a controller before its first tick."""
     return LawState(0, 0, NO_READINGS, controller.state)
+
+
+def kinds_of(controller: LawController[Any]) -> tuple[Any, Any]:
+    """Return the kinds of the constants and of the initial state of a controller."""
+    return kind_of(controller.in_force), kind_of(initial_state(controller))
 
 
 def has_law(cls: type[Controller[Any]]) -> bool:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any, ClassVar
+from itertools import groupby
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -24,7 +25,7 @@ from ballbot_ros.engine.compilation import (
     compiled_and_kept,
     is_kept,
 )
-from ballbot_ros.engine.law_runs import LawCode, has_law, initial_state
+from ballbot_ros.engine.law_runs import LawCode, has_law, initial_state, kinds_of
 from ballbot_ros.engine.rows import (
     Column,
     RobotRows,
@@ -51,6 +52,39 @@ Values = Mapping[str, Column]
 """Values of parameters by ``node.param``, one for each run."""
 
 
+MOST_CODES = 8
+"""Most codes for the runs of a study: each takes 20 s to compile."""
+
+
+class ProgramRows(NamedTuple):
+    """The programs of consecutive runs that need the same code.
+
+    Attributes
+    ----------
+    first : int
+        Which run is the first one.
+    simulate : callable
+        :func:`~ballbot_ros.engine.run.simulate_runs` with these programs.
+    constants : Rows
+        One for each run.
+    states : Rows
+        The initial ones: for each run, or one for all.
+    """
+
+    first: int
+    simulate: Callable[..., Any]
+    constants: Rows
+    states: Rows
+
+    def parts(self, size: int) -> Iterator[tuple[slice, Rows, Rows]]:
+        """Yield at most so many runs at a time: which they are, their constants and states."""
+        for begin in range(0, len(self.constants), size):
+            part = slice(begin, begin + size)
+            constants = self.constants[part]
+            runs = slice(self.first + begin, self.first + begin + len(constants))
+            yield runs, constants, self.states if len(self.states) == 1 else self.states[part]
+
+
 class Programs:
     """The control programs of runs, as the compiled code needs them: here the document's.
 
@@ -75,16 +109,14 @@ class Programs:
         """Whether their code is on disk."""
         return is_kept(simulate_runs)
 
-    def compile(self) -> Callable[..., Any]:
-        """Return :func:`~ballbot_ros.engine.run.simulate_runs` with these programs."""
-        return compiled_and_kept(simulate_runs)
-
     def of_robots(self, values: Values) -> Values:
         """Return those of the values that are not of the controller's class; here it has none."""
         return values
 
-    def rows(self, rows: RobotRows, values: Values, count: int, first: int) -> tuple[Rows, Rows]:
-        """Return constants for each run, and initial states for each or one for all.
+    def rows(
+        self, rows: RobotRows, values: Values, count: int, first: int
+    ) -> Sequence[ProgramRows]:
+        """Return the programs of all runs.
 
         Parameters
         ----------
@@ -100,12 +132,13 @@ class Programs:
         Raises
         ------
         CompilationError
-            If the runs need different code.
+            If the runs need too many codes.
         BallbotError
             If a value is not allowed, or a controller can't be made.
         """
         check_loads(rows[ControllerParameters], first)
-        return program_rows(rows[ControllerParameters]), rows_of([INITIAL_STATE])
+        constants, states = program_rows(rows[ControllerParameters]), rows_of([INITIAL_STATE])
+        return [ProgramRows(0, compiled_and_kept(simulate_runs), constants, states)]
 
 
 class _Settings(ControllerParameters):
@@ -129,6 +162,7 @@ class _Laws(Programs):
     def __init__(self, spec: RunSpec, loaded: LoadedController) -> None:
         self._spec, self._loaded = spec, loaded
         self._code = LawCode(self._controller({}, set()))
+        self._codes: dict[Any, Callable[..., Any]] = {}
         self.are_users = not loaded.code.is_ours
 
     def problem(self) -> str:
@@ -142,16 +176,14 @@ class _Laws(Programs):
         """Whether the code is on disk."""
         return self._code.is_kept
 
-    def compile(self) -> Callable[..., Any]:
-        """Return the code."""
-        return self._code.compile()
-
     def of_robots(self, values: Values) -> Values:
         """Return the other values."""
         return {name: each for name, each in values.items() if not is_own(name)}
 
-    def rows(self, rows: RobotRows, values: Values, count: int, first: int) -> tuple[Rows, Rows]:
-        """Return constants and initial states, made once for all runs for which they are equal."""
+    def rows(
+        self, rows: RobotRows, values: Values, count: int, first: int
+    ) -> Sequence[ProgramRows]:
+        """Return the programs, each made once for all runs for which it is equal."""
         check_loads(rows[ControllerParameters], first, self._loaded.tasks)
         columns = {
             name: column.tolist()
@@ -167,20 +199,34 @@ class _Laws(Programs):
 
         controllers: list[LawController[Any]] = []
         numbers: dict[str, int] = {}
-        of_runs = np.zeros(count, np.intp)
+        of_runs = list[int]()
         for run in range(count):
             of_run = {name: column[run] for name, column in columns.items()}
             if distinction(of_run) not in numbers:
                 with naming_run(first + run):
                     controllers.append(self._controller(of_run, read))
                 numbers[distinction(of_run)] = len(controllers) - 1
-            of_runs[run] = numbers[distinction(of_run)]
-        constants = [each.in_force for each in controllers]
-        states = list(map(initial_state, controllers))
-        if not self._code.fits(constants, states):
-            raise CompilationError('the runs differ in the number of their states or constants')
-        of_states = of_runs if len(set(states)) > 1 else slice(1)
-        return rows_of(constants)[of_runs], rows_of(states)[of_states]
+            of_runs.append(numbers[distinction(of_run)])
+        codes = list(map(self._code_of, controllers))
+        programs, begin = list[ProgramRows](), 0
+        for code, alike in groupby(of_runs, codes.__getitem__):
+            used, places = np.unique(list(alike), return_inverse=True)
+            constants = rows_of([controllers[each].in_force for each in used])
+            states = list(map(initial_state, (controllers[each] for each in used)))
+            of_states = places if len(set(states)) > 1 else slice(1)
+            own = constants[places], rows_of(states)[of_states]
+            programs.append(ProgramRows(begin, code, *own))
+            begin += len(places)
+        return programs
+
+    def _code_of(self, controller: LawController[Any]) -> Callable[..., Any]:
+        """Return the code of a controller: others may have other numbers of states or constants."""
+        kinds = kinds_of(controller)
+        if kinds not in self._codes:
+            if len(self._codes) == MOST_CODES:
+                raise CompilationError('the runs differ too often in their states or constants')
+            self._codes[kinds] = LawCode(controller).compile()
+        return self._codes[kinds]
 
     def _controller(self, values: Mapping[str, object], read: set[str]) -> LawController[Any]:
         """Return a controller, and add the names of the settings that it reads."""

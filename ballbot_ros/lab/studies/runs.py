@@ -22,7 +22,7 @@ from ballbot_ros.engine.compilation import CompilationError, compiled_and_kept
 from ballbot_ros.engine.compiled_loop import are_timed, events_of, floor_of, rings_of
 from ballbot_ros.engine.law_runs import FAULTS
 from ballbot_ros.engine.rows import Column, RobotRows, Rows, are_finite
-from ballbot_ros.engine.run import Events, Rings, RunLog, new_log, new_robots, tick_type
+from ballbot_ros.engine.run import Events, RunLog, new_log, new_robots, tick_type
 from ballbot_ros.engine.scenario.metrics import METRICS
 from ballbot_ros.engine.scenario.properties import (
     CLEARANCE,
@@ -228,7 +228,7 @@ class CompiledSimulator:
     Raises
     ------
     BallbotError
-        If the code can't be compiled, or the map can't be read.
+        If numba is not installed, or the map can't be read.
     """
 
     def __init__(
@@ -242,7 +242,6 @@ class CompiledSimulator:
         if self._world:
             # Most studies have one body.
             self._walls = lru_cache(1)(partial(walls_around, self._world.map))
-        self._run = programs.compile()
         self._until_check = 0  # number of runs
         self._measure = {
             each.metric: compiled_and_kept(
@@ -272,7 +271,7 @@ class CompiledSimulator:
         durations = rows[PlantParameters]['duration']
         ticks = max((round(each * SECOND_NS) // TICK_NS for each in durations.tolist()), default=0)
         is_timed = are_timed(rows)
-        programs, states = self._programs.rows(rows, samples.values, samples.count, samples.first)
+        programs = self._programs.rows(rows, samples.values, samples.count, samples.first)
         has_others = need_others(self._measures)
         bytes_a_tick = _BYTES_A_TICK + has_others * _BYTES_OF_OTHERS
         together = max(1, _LOG_BYTES // (max(ticks, 1) * bytes_a_tick))
@@ -290,19 +289,22 @@ class CompiledSimulator:
         events = events_of(scenarios or [self._spec.scenario])
         faults = faults_of_runs(self._spec, scenarios)
         courses = self._courses(rows, scenarios)
-        for first in range(0, samples.count, together):
-            runs = slice(first, min(first + together, samples.count))
+        pieces = ((each, *part) for each in programs for part in each.parts(together))
+        for program, runs, constants, states in pieces:
             part = Events(*(each[runs] for each in events)) if scenarios else events
-            robots = new_robots(
-                runs.stop - runs.start, states if len(states) == 1 else states[runs]
-            )
+            robots = new_robots(len(constants), states)
             done = results.part(runs)
             try:
                 of_runs = rows.part(runs)
                 rings = rings_of(
                     of_runs, self._programs.tasks, faults[runs] if faults[1:] else faults
                 )
-                self._simulate(of_runs, programs[runs], part, rings, log, time, robots, done)
+                program.simulate(
+                    of_runs[PlantParameters], *(of_runs[each] for each in DEVICES),
+                    of_runs[ControllerParameters], constants, self._floor, part, rings, log,
+                    np.zeros((len(robots), 0), tick_type(states.dtype)), robots, log.duty.shape[1],
+                )  # fmt: skip
+                self._measure_runs(of_runs, log, time, robots, done)
                 self._judge(of_runs, courses[runs], log, time, done)
                 doubtful = ~are_finite(robots['program'])
             except FAULTS:
@@ -310,7 +312,7 @@ class CompiledSimulator:
             for run in np.flatnonzero(doubtful).tolist():
                 alone = samples.part(runs.start + run, runs.start + run + 1)
                 self._ordinary.simulate_into(done.part(slice(run, run + 1)), alone)
-            advance(runs.stop - runs.start)
+            advance(len(constants))
         if self._programs.are_users and self._until_check <= 0:
             self._check_first(samples, results)
             self._until_check = RUNS_PER_CHECK
@@ -347,24 +349,11 @@ class CompiledSimulator:
                 except WorldError as error:
                     raise StudyError(f'{error} (run {run})') from None
 
-    def _simulate(
-        self,
-        rows: RobotRows,
-        programs: Rows,
-        events: Events,
-        rings: Rings,
-        log: RunLog,
-        time: Floats,
-        ends: Rows,
-        results: Results,
+    def _measure_runs(
+        self, rows: RobotRows, log: RunLog, time: Floats, ends: Rows, results: Results
     ) -> None:
+        """Write the results of simulated runs, but for the properties."""
         plants = rows[PlantParameters]
-        ticks = log.duty.shape[1]
-        no_traces = np.zeros((len(ends), 0), tick_type(ends['program'].dtype))
-        self._run(
-            plants, *(rows[each] for each in DEVICES), rows[ControllerParameters], programs,
-            self._floor, events, rings, log, no_traces, ends, ticks,
-        )  # fmt: skip
         results.ticks[:] = ends['ticks']
         results.failed[:] = ends['plant']['is_stopped']
         results.fallen[:] = ends['plant']['is_fallen']

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from laws import refusal
-from simulated_runs import compiled_simulator, spec_of
+from simulated_runs import assert_same, compiled_simulator, spec_of
 from study_reruns import rerun_of
 
 from ballbot_ros.controllers.lqg import LQG
@@ -51,21 +51,46 @@ def constants_of(spec, values):
     count = len(next(iter(values.values())))
     programs = programs_of(spec)
     rows = RobotRows(spec.parameters, programs.of_robots(values), count)
-    constants, _ = programs.rows(rows, values, count, 0)
+    made = programs.rows(rows, values, count, 0)
+    constants = [row.tobytes() for each in made for row in each.constants]
     assert len(constants) == count
-    return [each.tobytes() for each in constants]
+    return constants
 
 
 def test_gains_are_those_of_a_run_with_these_values():
-    spec = spec_of('stationary', controller='lqg')
+    spec = spec_of('hardware_standing', controller='lqg')
     values = {'controller.user.psi_scale': [0.7, 1.4], 'controller.model.body_mass': [0.6, 0.7]}
     samples = Samples(2, {name: np.array(each) for name, each in values.items()})
     results = compiled_simulator(spec, MEASURES).simulate(samples)
+    assert len({each.tobytes() for each in results.duty_sha256}) == 2
     for run in range(2):
         own = [f'{name}={each[run]}' for name, each in values.items()]
-        alone = OrdinarySimulator(spec_of('stationary', *own, controller='lqg'), MEASURES)
+        alone = OrdinarySimulator(spec_of('hardware_standing', *own, controller='lqg'), MEASURES)
         expected = alone.simulate(Samples(1, {}))
         np.testing.assert_array_equal(results.duty_sha256[run], expected.duty_sha256[0])
+
+
+def test_runs_with_other_numbers_of_states_are_compiled_too(monkeypatch):
+    spec = spec_of('hardware_standing', controller='lqg')
+    # The filter keeps one voltage more for each tick.
+    values = {'controller.user.actuator_delay': np.array([3.0, 3.0, 0.0, 4.0, 0.0])}
+    samples = Samples(5, values)
+    expected = OrdinarySimulator(spec, MEASURES).simulate(samples)
+    assert len({each.tobytes() for each in expected.duty_sha256}) == 3
+    simulator = compiled_simulator(spec, MEASURES)
+    interpreted = []
+    monkeypatch.setattr(
+        simulator._ordinary,
+        'simulate',
+        lambda samples, advance: interpreted.append(samples.count) or expected,
+    )
+    assert_same(simulator.simulate(samples), expected)
+    assert not interpreted
+
+    monkeypatch.setattr('ballbot_ros.lab.studies.programs.MOST_CODES', 1)
+    simulator._programs = programs_of(spec)
+    assert simulator.simulate(samples) is expected
+    assert interpreted == [5]
 
 
 def test_equal_values_are_designed_once(monkeypatch):
