@@ -50,6 +50,9 @@ from ballbot_ros.run.execution import execute
 from ballbot_ros.run.requirements import Processes
 
 POPULATION, MOST_RUNS = 8, 1_000_000
+FIRST_STEP = 0.3
+"""Standard deviation of the first generation, as a share of the ranges: failures are far away."""
+
 COUNTEREXAMPLES = 'counterexamples'
 COMPLETED = 'completed'
 """Name of the requirement that no wall hit and no fault of the controller ends a run."""
@@ -286,7 +289,7 @@ def _optimiser(falsification: Falsification, requirement: int, restart: int) -> 
         if has_value(each.distribution, nominal):
             start[number] = share_of(each.distribution, nominal)
     steps = least_steps(study.variables)
-    return optimiser_of(falsification.method, start, POPULATION, seed, steps)
+    return optimiser_of(falsification.method, start, POPULATION, seed, steps, FIRST_STEP)
 
 
 def _samples(study: Study, points: Floats, first: int) -> Samples:

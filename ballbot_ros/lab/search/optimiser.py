@@ -84,7 +84,7 @@ class CovarianceAdaptation:
         population: int,
         seed: tuple[int, ...],
         steps: Floats,
-        step: float = 0.3,
+        step: float,
     ) -> None:
         with importing('search'):
             import cma
@@ -131,8 +131,9 @@ def optimiser_of(
     population: int,
     seed: tuple[int, ...],
     steps: Floats,
+    step: float,
 ) -> Optimiser:
     """Return what chooses the points by a method; see the classes."""
     if method is Method.RANDOM:
         return RandomSearch(start, population, seed)
-    return CovarianceAdaptation(start, population, seed, steps)
+    return CovarianceAdaptation(start, population, seed, steps, step)

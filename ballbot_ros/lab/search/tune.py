@@ -50,6 +50,9 @@ PARAMETER_FILE = 'tuned.yaml'
 WITH_GAINS = ('k_f', 'k_i', 'a_d', 'a_r', 'a_gd')
 """Parameters of the document's program that are of use only together."""
 
+FIRST_STEP = 0.15
+"""Standard deviation of the first generation, as a share of the ranges: the start works."""
+
 STEPS = (-0.1, -0.05, -0.02, 0.02, 0.05, 0.1)
 """Changes of each parameter for the sensitivity of the answer, as shares of its range."""
 
@@ -165,7 +168,7 @@ def search(
     more = -(-steps // population)  # generations around the best candidate
     seed = (tuning.studies[0].seed, count)
     optimiser = optimiser_of(
-        tuning.method, tuning.start, population, seed, least_steps(tuning.tuned)
+        tuning.method, tuning.start, population, seed, least_steps(tuning.tuned), FIRST_STEP
     )
     points, verdicts = list[Floats](), list[Verdict]()
     with ExitStack() as stack:

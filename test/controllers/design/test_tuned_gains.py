@@ -22,7 +22,7 @@ def test_every_scenario_passes(name):
     assert run.passed, run.reason
 
 
-def test_other_robots_pitch_much_less_and_are_no_worse(tmp_path):
+def test_others_are_much_better(tmp_path):
     pytest.importorskip('numba')
     pitch, objective = [], []
     for name, parameter_file in (('quiet', None), ('tuned', TUNED)):
@@ -34,5 +34,5 @@ def test_other_robots_pitch_much_less_and_are_no_worse(tmp_path):
         pitch.append(rows['steady_pitch_rms_deg'].max())
         weights = tuning.objective.weights
         objective.append(sum(weight * rows[each] for each, weight in weights.items()).max())
-    assert pitch[1] < 0.7 * pitch[0]
-    assert objective[1] < objective[0]
+    assert pitch[1] < 0.6 * pitch[0]
+    assert objective[1] < 0.85 * objective[0]

@@ -11,14 +11,14 @@ from laws import given, settings
 from ballbot_ros.errors import MissingExtraError
 from ballbot_ros.lab.search.optimiser import Method, RandomSearch, optimiser_of
 
-POPULATION = 8
+POPULATION, STEP = 8, 0.3
 
 
 def searched(method, cost, start, generations, *, seed=(1,), population=POPULATION, steps=None):
     """Return the points of a search, (generations, n, d)."""
     start = np.array(start)
     steps = np.zeros(len(start)) if steps is None else np.array(steps)
-    optimiser = optimiser_of(method, start, population, seed, steps)
+    optimiser = optimiser_of(method, start, population, seed, steps, STEP)
     points = []
     for _ in range(generations):
         points.append(optimiser.ask())
@@ -88,7 +88,8 @@ def test_random_points_do_not_depend_on_costs():
         searched(Method.RANDOM, cost, [0.5, 0.5], 5) for cost in (distance, COSTS['constant'])
     )
     assert (one == other).all()
-    assert isinstance(optimiser_of(Method.RANDOM, np.zeros(2), 4, (1,), np.zeros(2)), RandomSearch)
+    random = optimiser_of(Method.RANDOM, np.zeros(2), 4, (1,), np.zeros(2), STEP)
+    assert isinstance(random, RandomSearch)
 
 
 def test_a_search_that_has_converged_begins_elsewhere():
