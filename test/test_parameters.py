@@ -13,6 +13,7 @@ from parts import physical
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.parameters import (
     ALL_NODES,
+    BRICK_LINK,
     CONTROLLER,
     GAMEPAD,
     GYRO,
@@ -208,9 +209,9 @@ def test_iteration_yields_the_set_parameters():
             CONTROLLER,
             'ball_radius',
             0.03,
-            (PLANT, CONTROLLER, GAMEPAD, VIEWER, VISUALIZER),
+            (PLANT, CONTROLLER, GAMEPAD, VIEWER, VISUALIZER, BRICK_LINK),
         ),
-        (GAMEPAD, 'gp_max', 50, (CONTROLLER, GAMEPAD)),
+        (GAMEPAD, 'gp_max', 50, (CONTROLLER, GAMEPAD, BRICK_LINK)),
         ('/**', 'lockstep', False, (PLANT, CONTROLLER, GAMEPAD)),
         ('/**', 'gravity', 1.0, (PLANT,)),
     ],

@@ -17,6 +17,7 @@ from ballbot_ros.process import STANDARD_OUTPUT, open_standard_streams, prepare_
 COMMANDS = {
     'run': 'Run a scenario and judge it by its expectations.',
     'drive': 'Drive the robot by hand.',
+    'brick': 'Drive your own brick, or an emulated one.',
     'scenarios': 'List the shipped scenarios.',
     'report': 'Write a page with figures and metrics of a recorded run.',
     'compare': 'Compare the metrics of recorded runs.',

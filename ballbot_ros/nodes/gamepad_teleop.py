@@ -66,9 +66,7 @@ class TeleopInputs:
     ``device``.
     """
 
-    def __init__(
-        self, node: BallbotNode[GamepadParameters], sources: Arbiter, input_errors: InputErrors
-    ) -> None:
+    def __init__(self, node: BallbotNode[Any], sources: Arbiter, input_errors: InputErrors) -> None:
         self._node, self._sources, self._input_errors = node, sources, input_errors
         self._set_mappings()
         self._listen_to_joy(JOY, arbiter.JOY, lambda: self._mapping)
@@ -285,14 +283,25 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
                 self._give_up_log(error)
 
     def _set_terminal(self) -> None:
-        if self.terminal:
-            self.terminal.close()
-            self.terminal = None
+        self._close_terminal()
         if self.parameters.keyboard:
             # Imported only here: it takes a while, and most runs have no keyboard.
-            from ballbot_ros.nodes.teleop_terminal import TeleopTerminal
+            from ballbot_ros.nodes.teleop_terminal import PlantDisplay, TeleopTerminal
 
-            self.terminal = TeleopTerminal(self, self._sources, lambda: self._command)
+            display = self._display = PlantDisplay(self)
+            self.terminal = TeleopTerminal(
+                self,
+                self._sources,
+                lambda: (self._source_name(), self._command.sticks),
+                display.lines,
+                display.restart,
+            )
+
+    def _close_terminal(self) -> None:
+        if self.terminal:
+            self.terminal.close()
+            self._display.close()
+            self.terminal = None
 
     def _set_log(self) -> None:
         if self.parameters.log_csv:
@@ -387,8 +396,7 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
 
     def close(self) -> None:
         """Restore the terminal, close gamepad and log, and let the last sample arrive."""
-        if self.terminal:
-            self.terminal.close()
+        self._close_terminal()
         self.flush(GAMEPAD_JOY)
         self._inputs.close()
         self._close_log()

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from ballbot_ros.parameters import (
     DEVICES,
+    BrickLinkParameters,
     ControllerParameters,
     GamepadParameters,
     NodeParameters,
@@ -75,6 +76,7 @@ _ENTRIES = (
     NodeEntry(PlayerParameters, 'player', 'Player'),
     NodeEntry(ViewerParameters, 'viewer', 'Viewer'),
     NodeEntry(VisualizerParameters, 'robot_visualizer', 'RobotVisualizer'),
+    NodeEntry(BrickLinkParameters, 'brick_link', 'BrickLink'),
 )
 
 REGISTRY = {each.parameters.node: each for each in _ENTRIES}

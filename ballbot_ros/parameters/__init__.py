@@ -3,11 +3,14 @@
 from ballbot_ros.parameters.controller import DOCUMENTS_PROGRAM, ControllerParameters, is_own
 from ballbot_ros.parameters.nodes import (
     DEVICES,
+    BrickLinkParameters,
     DeviceParameters,
     Dimensions,
+    DrivingInputs,
     EncoderParameters,
     GamepadParameters,
     GyroParameters,
+    LogFormat,
     PlayerParameters,
     RecorderParameters,
     SonarParameters,
@@ -34,6 +37,7 @@ from ballbot_ros.parameters.parameter import (
 )
 from ballbot_ros.parameters.parameter_set import (
     ALL_NODES,
+    BRICK_LINK,
     COMMON_PERIOD_NS,
     CONTROLLER,
     DRIVER_PERIODS_NS,
@@ -62,14 +66,15 @@ from ballbot_ros.parameters.parameter_set import (
 from ballbot_ros.parameters.plant import PlantParameters
 
 __all__ = [
-    'ALL_NODES', 'COMMON_PERIOD_NS', 'CONTROLLER', 'DEVICES', 'DOCUMENTS_PROGRAM', 'DRIVERS',
-    'DRIVER_PERIODS_NS', 'EXECUTABLES', 'GAMEPAD', 'GYRO', 'MAX_DELAY_MS', 'MAX_DESIGNED',
-    'NODES', 'NOT_DESIGNED', 'PATHS', 'PLANT', 'PLAYER', 'RECORDER', 'ROBOT_CLASSES', 'ROLES',
-    'SHARED_PARAMETERS', 'SIMULATED', 'SONAR', 'SUPERVISOR', 'TABLE', 'VIEWER', 'VISUALIZER',
-    'ControllerParameters', 'DeviceParameters', 'Dimensions', 'DriverParameters',
-    'EncoderParameters', 'GamepadParameters', 'GyroParameters', 'NodeParameters', 'Parameter',
-    'ParameterError', 'ParameterSet', 'PlantParameters', 'PlayerParameters',
-    'RecorderParameters', 'SonarParameters', 'Subset', 'SupervisorParameters', 'TakesEffect',
-    'Value', 'ViewerParameters', 'VisualizerParameters', 'declared_in', 'designed', 'is_own',
-    'parameters_of', 'quantity', 'setting', 'suggest', 'value_text',
+    'ALL_NODES', 'BRICK_LINK', 'COMMON_PERIOD_NS', 'CONTROLLER', 'DEVICES', 'DOCUMENTS_PROGRAM',
+    'DRIVERS', 'DRIVER_PERIODS_NS', 'EXECUTABLES', 'GAMEPAD', 'GYRO', 'MAX_DELAY_MS',
+    'MAX_DESIGNED', 'NODES', 'NOT_DESIGNED', 'PATHS', 'PLANT', 'PLAYER', 'RECORDER',
+    'ROBOT_CLASSES', 'ROLES', 'SHARED_PARAMETERS', 'SIMULATED', 'SONAR', 'SUPERVISOR', 'TABLE',
+    'VIEWER', 'VISUALIZER', 'BrickLinkParameters', 'ControllerParameters', 'DeviceParameters',
+    'Dimensions', 'DriverParameters', 'DrivingInputs', 'EncoderParameters', 'GamepadParameters',
+    'GyroParameters', 'LogFormat', 'NodeParameters', 'Parameter', 'ParameterError', 'ParameterSet',
+    'PlantParameters', 'PlayerParameters', 'RecorderParameters', 'SonarParameters', 'Subset',
+    'SupervisorParameters', 'TakesEffect', 'Value', 'ViewerParameters', 'VisualizerParameters',
+    'declared_in', 'designed', 'is_own', 'parameters_of', 'quantity', 'setting', 'suggest',
+    'value_text',
 ]  # fmt: skip

@@ -7,7 +7,13 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
 from ballbot_ros.parameters.brick_time import KernelChoice, LinkParameters, TaskCosts
-from ballbot_ros.parameters.nodes import BrickFaults, DeviceSeed, LockstepChoice, Radii, StickScale
+from ballbot_ros.parameters.nodes import (
+    BrickFaults,
+    DeviceSeed,
+    LockstepChoice,
+    LogFormat,
+    StickScale,
+)
 from ballbot_ros.parameters.parameter import NodeParameters, Value, live, quantity, setting
 
 Gains = tuple[float, float, float, float]
@@ -29,7 +35,7 @@ UINT32_BOUNDS = (0, 2**32 - 1)
 
 @dataclass(frozen=True, kw_only=True)
 class ControllerParameters(
-    Radii,
+    LogFormat,
     StickScale,
     LockstepChoice,
     DeviceSeed,
@@ -89,9 +95,6 @@ class ControllerParameters(
     ts2_period: Period = quantity(20, 'ms', (4, 100), 'period of task_ts2: obstacles', '7.5')
     ts3_period: Period = quantity(
         100, 'ms', (4, 100), 'period of task_ts3: operating state, battery, sound', '7.6'
-    )
-    lsb: float = quantity(
-        2.0**-10, 'deg', (1e-09, 1000.0), 'value of one bit of the logged pitch', '7.4'
     )
     rejoin: bool = setting(
         False,

@@ -211,22 +211,14 @@ SHARE = (0.0, 1.0)
 
 
 @dataclass(frozen=True, kw_only=True)
-class GamepadParameters(
-    BallRadius, StickScale, ScenarioChoice, LockstepChoice, DeviceSeed, DriverParameters
-):
-    """The parameters of ``gamepad_teleop``."""
-
-    node: ClassVar[str] = 'gamepad_teleop'
-    period_ns: ClassVar[int] = SLOW_PERIOD_NS
+class DrivingInputs(BallRadius, StickScale, NodeParameters):
+    """The inputs that drive the robot by hand, and where its data log goes."""
 
     device: str = setting(
         'any', 'gamepad to read directly: any, its number, or part of its name; empty: none'
     )
     keyboard: bool = setting(False, 'true: the arrow keys of the terminal drive')
-    log_csv: str = path(
-        'CSV file for the data log, a new one after each reset; empty: none', 'facts'
-    )
-    faults: str = fault_list('gamepad')
+    log_csv: str = path('CSV file for the data log, a new one for each run; empty: none', 'facts')
     require_enable_button: bool = setting(
         False, 'true: the sticks of joy and gamepad only work while the enable button is pressed'
     )
@@ -247,6 +239,46 @@ class GamepadParameters(
     )
     invert_forward: bool = setting(False, 'true: the forward axis is reversed')
     invert_rightward: bool = setting(False, 'true: the rightward axis is reversed')
+
+
+@dataclass(frozen=True, kw_only=True)
+class GamepadParameters(
+    DrivingInputs, ScenarioChoice, LockstepChoice, DeviceSeed, DriverParameters
+):
+    """The parameters of ``gamepad_teleop``."""
+
+    node: ClassVar[str] = 'gamepad_teleop'
+    period_ns: ClassVar[int] = SLOW_PERIOD_NS
+
+    faults: str = fault_list('gamepad')
+
+
+@dataclass(frozen=True, kw_only=True)
+class LogFormat(Radii, Subset):
+    """What the numbers in a packet of the data log mean."""
+
+    lsb: float = quantity(
+        2.0**-10, 'deg', (1e-09, 1000.0), 'value of one bit of the logged pitch', '7.4'
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class BrickLinkParameters(LogFormat, DrivingInputs):
+    """The parameters of ``brick_link``."""
+
+    node: ClassVar[str] = 'brick_link'
+
+    address: str = setting(
+        '', 'Bluetooth address of the brick; empty: use serial_port', takes_effect=READ_ONLY
+    )
+    serial_port: str = path(
+        'serial device or socket that leads to the brick; empty: use address',
+        takes_effect=READ_ONLY,
+    )
+    output: str = path('recording to write; empty: none', takes_effect=READ_ONLY)
+    attachments: str = path(
+        'folder whose files are attached to the recording; empty: none', takes_effect=READ_ONLY
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

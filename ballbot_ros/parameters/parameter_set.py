@@ -14,6 +14,7 @@ from ballbot_ros.errors import did_you_mean, similar
 from ballbot_ros.parameters.controller import ControllerParameters, is_own
 from ballbot_ros.parameters.nodes import (
     DEVICES,
+    BrickLinkParameters,
     GamepadParameters,
     GyroParameters,
     PlayerParameters,
@@ -45,6 +46,7 @@ OPTIONAL_CLASSES: tuple[type[NodeParameters], ...] = (
     ViewerParameters,
     VisualizerParameters,
     SupervisorParameters,
+    BrickLinkParameters,
 )
 CLASSES = {cls.node: cls for cls in PARTICIPANTS + OPTIONAL_CLASSES}
 """The class of each node's parameters, by node name."""
@@ -83,6 +85,7 @@ PLAYER = PlayerParameters.node
 VIEWER = ViewerParameters.node
 VISUALIZER = VisualizerParameters.node
 SUPERVISOR = SupervisorParameters.node
+BRICK_LINK = BrickLinkParameters.node
 
 OPTIONAL_NODES = tuple(cls.node for cls in OPTIONAL_CLASSES)
 """Nodes that a run does not need."""

@@ -9,14 +9,11 @@ from pathlib import Path
 from typing import TextIO
 
 from ballbot_ros.errors import TeleopError, printable
-from ballbot_ros.robot.brick.bluetooth import LogPacket, PacketError
+from ballbot_ros.robot.brick.bluetooth import CLOCK_PERIOD_MS, LogPacket, PacketError
 
 HEADER = (
     'Time,Data1,Data2,Battery,Motor Rev A,Motor Rev B,Motor Rev C,ADC S1,ADC S2,ADC S3,ADC S4,I2C'
 )
-
-CLOCK_PERIOD_MS = 2**32
-"""The brick's clock counts milliseconds in 32 bits."""
 
 
 class CsvLog:

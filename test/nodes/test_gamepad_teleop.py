@@ -19,7 +19,7 @@ from ballbot_ros.nodes.base import BallbotNode
 from ballbot_ros.nodes.gamepad_teleop import GamepadTeleop
 from ballbot_ros.nodes.teleop.gamepad import InputErrors
 from ballbot_ros.nodes.teleop.sticks import KEYBOARD, Arbiter, Command
-from ballbot_ros.nodes.teleop_terminal import TeleopTerminal
+from ballbot_ros.nodes.teleop_terminal import PlantDisplay, TeleopTerminal
 from ballbot_ros.parameters import GamepadParameters
 from ballbot_ros.parameters.timing import FIRST_TICK_NS, SLOW_PERIOD_NS
 from ballbot_ros.recording.messages.conversions import encode_sticks, fill_time
@@ -147,13 +147,13 @@ def test_terminal_gamepad_and_log_are_closed():
 
     node = bare(
         GamepadTeleop, _inputs=closing('gamepad'), _log=closing('log'),
-        terminal=closing('terminal'), flush=lambda topic: closed.append(topic.name),
+        terminal=closing('terminal'), _display=closing('robot'),
+        flush=lambda topic: closed.append(topic.name),
     )  # fmt: skip
     node.close()
-    assert closed == ['terminal', 'gamepad', 'gamepad', 'log']
-    node.terminal = None
+    assert closed == ['terminal', 'robot', 'gamepad', 'gamepad', 'log']
     node.close()
-    assert closed[4:] == ['gamepad', 'gamepad']
+    assert closed[5:] == ['gamepad', 'gamepad']
 
 
 @pytest.fixture
@@ -186,7 +186,12 @@ def terminal(monkeypatch, sources):
     monkeypatch.setattr(
         teleop_terminal, 'drive_status', lambda snapshot, factor: {'state': 'remote'}
     )
-    return TeleopTerminal(node, sources, lambda: Command(KEYBOARD, FORWARD))
+    display = PlantDisplay(node)
+    terminal = TeleopTerminal(
+        node, sources, lambda: (KEYBOARD, FORWARD), display.lines, display.restart
+    )
+    terminal.display = display
+    return terminal
 
 
 def test_a_terminal_that_vanishes_releases_the_keyboard_at_once(terminal, sources):
@@ -206,6 +211,7 @@ def test_the_keys_reset_and_quit_and_the_terminal_is_restored(terminal):
     terminal._terminal.on_reset()
     terminal._terminal.on_quit()
     terminal.close()
+    terminal.display.close()
     assert calls[1:] == ['reset', 'finished', 'restored', 'robot closed', True]
     terminal._node.parameters = GamepadParameters(gp_max=40)
     terminal.apply_parameters()

@@ -16,7 +16,7 @@ ROOMS = {
     'recording': ('', 'messages'),
     'analysis': ('', 'identification'),
     'viewer': (),
-    'nodes': ('conformance', 'teleop', ''),
+    'nodes': ('conformance', 'teleop', 'transports', ''),
     'run': (),
     'lab': ('environments', 'studies', 'search'),
     'cli': (),

@@ -28,7 +28,7 @@ from ballbot_ros.parameters import (
     Value,
 )
 from ballbot_ros.parameters.timing import STEP_NS, STEPS_PER_TICK, TICK_MS, TICK_NS, TICK_S
-from ballbot_ros.recording.csv_log import CLOCK_PERIOD_MS, read_csv_log
+from ballbot_ros.recording.csv_log import read_csv_log
 from ballbot_ros.recording.messages.topics import (
     BATTERY_STATE,
     GYRO_IMU,
@@ -40,6 +40,7 @@ from ballbot_ros.recording.messages.topics import (
 )
 from ballbot_ros.robot import arithmetic
 from ballbot_ros.robot.arithmetic import Floats
+from ballbot_ros.robot.brick.bluetooth import CLOCK_PERIOD_MS
 from ballbot_ros.robot.brick.link import analog_age, link_of
 from ballbot_ros.robot.brick.sensors import COUNT_V, battery_mv, count_of, mean_delay
 

@@ -157,7 +157,8 @@ class PassingMessages:
 
 INSTALL_HINT = 'prompt_toolkit not found: install it with `pip install "ballbot_ros[drive]"`'
 
-HELP = 'arrows or w a s d drive   space stop   h hold   + - key speed   r reset   q quit'
+HELP = 'arrows or w a s d drive   space stop   h hold   + - key speed   {}q quit'
+RESET_HELP = 'r reset   '
 _ARROW_KEYS = {'up': 'up w W', 'left': 'left a A', 'down': 'down s S', 'right': 'right d D'}
 """The keys of each direction."""
 
@@ -191,8 +192,10 @@ class Terminal:
         Returns the content of the panel, as names and texts.
     on_sticks : callable
         Receives the sticks, 50 times a second.
-    on_reset, on_quit : callable
-        Called for the reset key and the quit key.
+    on_reset : callable or None
+        Called for the reset key; None for none.
+    on_quit : callable
+        Called for the quit key.
     on_key : callable
         Called for every key.
     on_closed : callable
@@ -210,7 +213,7 @@ class Terminal:
         status: Callable[[], Mapping[str, str]],
         *,
         on_sticks: Callable[[Sticks], None],
-        on_reset: Callable[[], None],
+        on_reset: Callable[[], None] | None,
         on_quit: Callable[[], None],
         on_key: Callable[[], None],
         on_closed: Callable[[], None],
@@ -294,7 +297,8 @@ class Terminal:
         bind('h H', lambda: keys.hold(time.monotonic()))
         bind('+ =', lambda: keys.change_speed(1))
         bind('-', lambda: keys.change_speed(-1))
-        bind('r R', self._reset)
+        if on_reset := self._on_reset:
+            bind('r R', lambda: self._reset(on_reset))
         bind('q Q c-c', self._quit)
 
         @bindings.add('<any>')
@@ -304,9 +308,9 @@ class Terminal:
 
         return bindings
 
-    def _reset(self) -> None:
+    def _reset(self, on_reset: Callable[[], None]) -> None:
         self._keys.stop()
-        self._on_reset()
+        on_reset()
 
     def _quit(self) -> None:
         self._keys.stop()
@@ -322,7 +326,8 @@ class Terminal:
     def _panel(self) -> str:
         keys = {'key speed': f'{self._keys.speed_percent} %{"  held" * self._keys.holds}'}
         lines = [f'{name:<11} {text}' for name, text in {**self._status(), **keys}.items()]
-        return '\n'.join([*lines, HELP, *self._messages.lines])
+        known = HELP.format(RESET_HELP * (self._on_reset is not None))
+        return '\n'.join([*lines, known, *self._messages.lines])
 
     async def _show_output(self, others: _Redirected) -> None:
         """Show other output to the terminal above the panel, or briefly in it."""

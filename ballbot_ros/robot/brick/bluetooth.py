@@ -1,15 +1,24 @@
-"""The 32-byte Bluetooth packets of NXT GamePad: sticks to the brick, log packets from it."""
+"""The 32-byte Bluetooth packets of NXT GamePad: sticks to the brick, log packets from it.
+
+In the stream of bytes, each follows its length, which is all that separates them.
+"""
 
 from __future__ import annotations
 
 import struct
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.robot.brick.sensors import quantise
+from ballbot_ros.robot.brick.sensors import NO_DATA_CM, NO_ECHO_CM, battery_mv, quantise
 
 PACKET_SIZE = 32
 """Size of each packet; one to the brick has the sticks in its first two bytes."""
+
+LENGTH = struct.pack('<H', PACKET_SIZE)
+"""What precedes each packet."""
+
+FRAME_SIZE = len(LENGTH) + PACKET_SIZE
 
 _LOG = struct.Struct('<IbbHiiihhhhi')
 
@@ -22,6 +31,17 @@ NEUTRAL: Sticks = (0, 0)
 def sticks_of(forward: float, rightward: float, full: int) -> Sticks:
     """Return the sticks for shares of the full speed, -1 ... 1, and a full stick (``gp_max``)."""
     return -quantise(forward * full), quantise(rightward * full)
+
+
+def stick_frame(sticks: Sticks) -> bytes:
+    """Return the bytes that tell the brick the sticks, -128 ... 127."""
+    return LENGTH + struct.pack('bb', *sticks).ljust(PACKET_SIZE, b'\0')
+
+
+def sticks_in(packet: bytes) -> Sticks:
+    """Return the sticks in a packet to the brick."""
+    vertical, horizontal = struct.unpack_from('bb', packet)
+    return vertical, horizontal
 
 
 class PacketError(BallbotError):
@@ -75,3 +95,151 @@ class LogPacket:
         if len(data) != PACKET_SIZE:
             raise PacketError(f'a packet has {PACKET_SIZE} bytes, not {len(data)}')
         return cls(*_LOG.unpack(data))
+
+
+CLOCK_PERIOD_MS = 2**32
+"""The brick's clock counts milliseconds in 32 bits."""
+
+_MAX_BATTERY_MV = battery_mv(100.0)
+_MAX_GAP_MS = 10_000
+_WINDOW = 5 * FRAME_SIZE
+"""Bytes within which a packet that does not follow the one before needs a successor."""
+
+_MAX_DEGREES_PER_MS = 3
+_SLACK_DEGREES = 30
+_MAX_VOLTAGE_STEP_MV = 3000
+
+
+def is_possible(packet: LogPacket) -> bool:
+    """Return whether a brick can have sent a packet: its battery and sonar have such values."""
+    is_distance = NO_DATA_CM <= packet.sonar_cm <= NO_ECHO_CM
+    return is_distance and packet.battery_mv <= _MAX_BATTERY_MV
+
+
+def elapsed(before: LogPacket, after: LogPacket) -> int:
+    """Return the time from one packet to a later one [ms]."""
+    return (after.time_ms - before.time_ms) % CLOCK_PERIOD_MS
+
+
+def follows(before: LogPacket, after: LogPacket) -> bool:
+    """Return whether a packet can be the next one: its clock, battery and motors are near."""
+    elapsed_ms = elapsed(before, after)
+    if not 0 < elapsed_ms <= _MAX_GAP_MS:
+        return False
+    most = _MAX_DEGREES_PER_MS * elapsed_ms + _SLACK_DEGREES
+    turned = (
+        after.rev_a - before.rev_a, after.rev_b - before.rev_b, after.rev_c - before.rev_c
+    )  # fmt: skip
+    is_near = abs(after.battery_mv - before.battery_mv) <= _MAX_VOLTAGE_STEP_MV
+    return is_near and all(abs(degrees) <= most for degrees in turned)
+
+
+class LogStream:
+    """Finds the log packets in the bytes of a connection, in which some may be lost or wrong.
+
+    The protocol has no checksum and no mark at which to begin again, so a packet counts if it has
+    the right length, possible values, and follows the one before. If it does not follow, as after
+    a restart of the brick, it counts once the next one follows it. A wrong bit that leaves a packet
+    plausible is not found.
+
+    Attributes
+    ----------
+    packets : int
+        Number of packets found.
+    skipped_bytes : int
+        Number of bytes that belonged to none.
+    lost_packets : int
+        Number of packets missing between those found, by their times.
+    period_ms : int
+        Shortest time between two packets so far [ms]; 0 before the second.
+    """
+
+    def __init__(self) -> None:
+        self.packets = self.skipped_bytes = self.lost_packets = self.period_ms = 0
+        self._bytes = bytearray()
+        self._newest: LogPacket | None = None
+        self._is_fresh = True
+
+    def feed(self, data: bytes) -> list[LogPacket]:
+        """Return the packets that these bytes complete."""
+        self._bytes += data
+        return list(self._packets(is_end=False))
+
+    def end(self) -> list[LogPacket]:
+        """End the connection; return the last packet, if it lacked only its successor."""
+        found = list(self._packets(is_end=True))
+        self._skip(len(self._bytes))
+        self._newest, self._is_fresh = None, True
+        return found
+
+    def _packets(self, *, is_end: bool) -> Iterator[LogPacket]:
+        at = 0
+        while (at := self._bytes.find(LENGTH, at)) >= 0:
+            packet = self._packet(at)
+            is_complete = len(self._bytes) >= at + FRAME_SIZE
+            verdict = self._judge(packet, at, is_end=is_end) if packet else not is_complete
+            if packet and verdict:
+                self._skip(at)
+                del self._bytes[:FRAME_SIZE]
+                self._count(packet)
+                yield packet
+                at = 0
+            elif verdict is False:
+                at += 1
+            else:  # the bytes so far do not tell
+                break
+        if at < 0:  # keep what may be the first byte of a length
+            at = len(self._bytes) - self._bytes.endswith(LENGTH[:1])
+        self._skip(at)
+
+    def _packet(self, at: int) -> LogPacket | None:
+        """Return a complete and possible packet whose length is at an index."""
+        data = self._bytes[at : at + FRAME_SIZE]
+        if len(data) < FRAME_SIZE:
+            return None
+        packet = LogPacket.decode(bytes(data[len(LENGTH) :]))
+        return packet if is_possible(packet) else None
+
+    def _starts(self, first: int, end: int) -> Iterator[int]:
+        """Yield where packets may begin, from an index up to another."""
+        while (first := self._bytes.find(LENGTH, first, end)) >= 0:
+            yield first
+            first += 1
+
+    def _judge(self, packet: LogPacket, at: int, *, is_end: bool) -> bool | None:
+        """Return whether a packet counts; None if the bytes so far do not tell."""
+        after = at + FRAME_SIZE
+        if (self._is_fresh and at == 0) or (self._newest and follows(self._newest, packet)):
+            if self._bytes[after : after + len(LENGTH)] == LENGTH:
+                return True
+            # It may have lost its end, so that it includes the beginning of the next one.
+            for start in self._starts(at + 1, after):
+                if len(self._bytes) < start + FRAME_SIZE and not is_end:
+                    return None
+                inner = self._packet(start)
+                if inner and (self._newest is None or follows(self._newest, inner)):
+                    return False
+            return True
+        for start in self._starts(at + 1, after + _WINDOW):
+            other = self._packet(start)
+            if other and start >= after and follows(packet, other):
+                return True
+            if other and self._newest and follows(self._newest, other):
+                return False
+        if is_end:
+            return after == len(self._bytes)
+        return None if len(self._bytes) < after + _WINDOW else False
+
+    def _skip(self, count: int) -> None:
+        if count:
+            self.skipped_bytes += count
+            del self._bytes[:count]
+            self._is_fresh = False
+
+    def _count(self, packet: LogPacket) -> None:
+        self.packets += 1
+        if self._newest and follows(self._newest, packet):
+            elapsed_ms = elapsed(self._newest, packet)
+            self.period_ms = min(self.period_ms or elapsed_ms, elapsed_ms)
+            self.lost_packets += round(elapsed_ms / self.period_ms) - 1
+        self._newest, self._is_fresh = packet, False
