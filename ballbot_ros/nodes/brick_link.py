@@ -342,6 +342,8 @@ class _Sender:
             self._rest = data[os.write(self._link, data) :]
         except BlockingIOError:
             self._rest = data
+        except OSError:
+            self._rest = b''  # lost; what has arrived before is read first
 
     def finish(self, frame: bytes) -> None:
         """Send a last packet, for which there is a short time."""

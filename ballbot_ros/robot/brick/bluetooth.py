@@ -208,17 +208,20 @@ class LogStream:
 
     def _judge(self, packet: LogPacket, at: int, *, is_end: bool) -> bool | None:
         """Return whether a packet counts; None if the bytes so far do not tell."""
-        after = at + FRAME_SIZE
+        after, is_doubtful = at + FRAME_SIZE, True
         if (self._is_fresh and at == 0) or (self._newest and follows(self._newest, packet)):
             if self._bytes[after : after + len(LENGTH)] == LENGTH:
                 return True
             # It may have lost its end, so that it includes the beginning of the next one.
+            is_doubtful = False
             for start in self._starts(at + 1, after):
                 if len(self._bytes) < start + FRAME_SIZE and not is_end:
                     return None
-                inner = self._packet(start)
-                if inner and (self._newest is None or follows(self._newest, inner)):
-                    return False
+                if inner := self._packet(start):
+                    if self._newest and follows(self._newest, inner):
+                        return False
+                    is_doubtful = self._newest is None
+        if not is_doubtful:
             return True
         for start in self._starts(at + 1, after + _WINDOW):
             other = self._packet(start)
