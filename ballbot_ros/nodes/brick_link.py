@@ -189,7 +189,7 @@ class BrickLink(BallbotNode[BrickLinkParameters]):
         self._clock.on_connection()
         self.clear_warning()
         self.get_logger().info(f'{self.name}: connected')
-        sender, poll = _Sender(link), select.poll()
+        sender, poll = Sender(link), select.poll()
         poll.register(link, select.POLLIN)
         due_s = flush_s = time.monotonic()
         try:
@@ -216,7 +216,7 @@ class BrickLink(BallbotNode[BrickLinkParameters]):
         period_ms = self._stream.period_ms or LONGEST_PERIOD_MS
         return now_s - self._heard_s < max(_SILENCE_S, _SILENT_PERIODS * period_ms * 1e-3)
 
-    def _send_sticks(self, sender: _Sender, now_s: float) -> None:
+    def _send_sticks(self, sender: Sender, now_s: float) -> None:
         if not self._is_heard(now_s):
             return
         command = self._sources.select(now_s, NEUTRAL)
@@ -322,7 +322,7 @@ def _read(link: int) -> bytes:
     return b''
 
 
-class _Sender:
+class Sender:
     """Writes whole packets to a link that takes them at its own pace."""
 
     def __init__(self, link: int) -> None:

@@ -169,7 +169,7 @@ class LogStream:
         """End the connection; return the last packet, if it lacked only its successor."""
         found = list(self._packets(is_end=True))
         self._skip(len(self._bytes))
-        self._newest, self._is_fresh = None, True
+        self._is_fresh = True
         return found
 
     def _packets(self, *, is_end: bool) -> Iterator[LogPacket]:
@@ -230,7 +230,8 @@ class LogStream:
             if other and self._newest and follows(self._newest, other):
                 return False
         if is_end:
-            return after == len(self._bytes)
+            rest = bytes(self._bytes[after:])
+            return rest.startswith(LENGTH) or LENGTH.startswith(rest)
         return None if len(self._bytes) < after + _WINDOW else False
 
     def _skip(self, count: int) -> None:
