@@ -33,6 +33,7 @@ from ballbot_ros.nodes.middleware import (
 )
 from ballbot_ros.nodes.processes import END_WITH_PARENT
 from ballbot_ros.nodes.teleop.gamepad import describe, wait_for_devices
+from ballbot_ros.nodes.transports import rfcomm
 from ballbot_ros.parameters import ParameterSet, ViewerParameters
 from ballbot_ros.viewer.address import check_address, require_viser
 from ballbot_ros.viewer.browser import browser_program
@@ -183,6 +184,16 @@ def _gamepads() -> str:
         backend.stop()
 
 
+def _bluetooth() -> str:
+    """Look for an adapter, for sockets, and for serial devices that may not be opened."""
+    adapters = rfcomm.describe_adapters()
+    for device in sorted(Path('/dev').glob('rfcomm*')):
+        if not os.access(device, os.R_OK | os.W_OK):
+            raise BallbotError(f'{device}: permission denied: join its group, {device.group()}')
+    rfcomm.require_sockets()
+    return adapters
+
+
 def _compiler(target: Target) -> str:
     if reason := missing_tool(target):
         raise BallbotError(reason)
@@ -200,7 +211,8 @@ OPTIONAL_CHECKS: Mapping[str, tuple[Callable[[], str], str]] = {
     'viewer': (_viewer, 'run --viewer, drive --viewer, view'),
     'browser': (browser_program, 'render'),
     'gamepads': (_gamepads, 'drive'),
-    'C': (lambda: _compiler(HOST), 'codegen --check, --controller c'),
+    'Bluetooth': (_bluetooth, 'brick drive'),
+    'C': (lambda: _compiler(HOST), 'codegen --check, --controller c, brick emulate'),
     'ARM': (lambda: _compiler(ARM), 'codegen --check, --controller arm'),
     'compiled': (_compiled_code, 'study'),
 }

@@ -17,6 +17,7 @@ from ballbot_ros.cli.command import COMMANDS
 from ballbot_ros.engine import golden
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.files import share_directory
+from ballbot_ros.nodes.transports import rfcomm
 from ballbot_ros.parameters import ViewerParameters
 from ballbot_ros.run import machine_checks
 
@@ -58,6 +59,33 @@ def test_what_is_missing_for_some_commands_is_named(monkeypatch, name, path, fai
     monkeypatch.setenv('PATH', path)
     with pytest.raises(BallbotError, match=failure):
         machine_checks.OPTIONAL_CHECKS[name][0]()
+
+
+def adapter(folder, name, **switches):
+    """Make the files by which the system describes an adapter."""
+    for kind in ('soft', 'hard'):
+        switch = folder / name / 'rfkill1' / kind
+        switch.parent.mkdir(parents=True, exist_ok=True)
+        switch.write_text(f'{int(switches.get(kind, False))}\n')
+
+
+def test_bluetooth_adapters_are_described(tmp_path):
+    with pytest.raises(BallbotError, match='no Bluetooth adapter found: plug one in'):
+        rfcomm.describe_adapters(tmp_path)
+    adapter(tmp_path, 'hci0', soft=True)
+    (tmp_path / 'hci0:256').mkdir()
+    with pytest.raises(BallbotError, match='hci0 is switched off: run `rfkill unblock bluetooth`'):
+        rfcomm.describe_adapters(tmp_path)
+    adapter(tmp_path, 'hci1')
+    assert rfcomm.describe_adapters(tmp_path) == 'hci0, hci1'
+
+
+def test_a_python_without_bluetooth_is_told_what_else_works(monkeypatch):
+    monkeypatch.delattr(socket, 'AF_BLUETOOTH', raising=False)
+    with pytest.raises(BallbotError, match='no Bluetooth sockets.*rfcomm bind 0.*--port'):
+        rfcomm.check_address('00:16:53:01:02:03')
+    with pytest.raises(BallbotError, match="'00:16:53' is no Bluetooth address, such as 00:16:53:"):
+        rfcomm.check_address('00:16:53')
 
 
 @pytest.mark.parametrize(
