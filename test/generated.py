@@ -63,6 +63,7 @@ def random_values(seed):
         sound_volume=draw.randint(0, 100),
         tone_gain=draw.choice((0, 1, 55)),
         log_count=draw.choice((1, 2, 25, 255)),
+        log_content=('pitch', 'duties', 'duties_and_gyros')[seed % 3],
         ts2_period=draw.choice((20, 20, 4, 100)),
         ts3_period=draw.choice((100, 100, 4, 20)),
         lsb=draw.choice((2.0**-10, 1e-9, 1e3)),

@@ -38,6 +38,7 @@ from ballbot_ros.errors import CodegenError, RecordingError
 from ballbot_ros.files import own_command, share_directory, shown_path, temporary_folder
 from ballbot_ros.parameters import CONTROLLER, ControllerParameters, ParameterSet
 from ballbot_ros.parameters.files import read_parameter_file
+from ballbot_ros.robot.brick.bluetooth import SAFE_LOG_MS
 
 
 def generate(folder: Path, parameter_file: Path | None, mode: str | None) -> None:
@@ -51,6 +52,7 @@ def generate(folder: Path, parameter_file: Path | None, mode: str | None) -> Non
     again = own_command('codegen', '--check', folder)
     print(f'parameters {parameter_hash(values)}; check with: {again}')
     _warn_of_dead_time(parameters)
+    _warn_of_fast_log(values.log_count)
 
 
 def _warn_of_dead_time(parameters: ParameterSet) -> None:
@@ -72,6 +74,19 @@ def _warn_of_dead_time(parameters: ParameterSet) -> None:
         if borne > needed:
             lines.append(f'gains that bear {borne:.1f} ms: --params {shown_path(file)}')
     stderr_console().print('\n'.join(lines), style='yellow', soft_wrap=True)
+
+
+def _warn_of_fast_log(log_count: int) -> None:
+    """Warn if log packets follow each other faster than is known to be safe on a brick."""
+    if log_count * TS1_MS < SAFE_LOG_MS:
+        stderr_console().print(
+            f'warning: controller.log_count {log_count} sends a log packet every '
+            f'{log_count * TS1_MS} ms, below {SAFE_LOG_MS} ms (log_count '
+            f'{SAFE_LOG_MS // TS1_MS}): on a real link, a log every 4 ms was corrupted, one every '
+            '50 ms was not (a report of a user of nxtOSEK)',
+            style='yellow',
+            soft_wrap=True,
+        )
 
 
 def _read(path: Path) -> ParameterSet:

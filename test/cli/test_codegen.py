@@ -66,6 +66,23 @@ def test_it_warns_of_gains_that_do_not_bear_a_brick_and_names_others(tmp_path):
     assert [each.stem for each in files] == ['quiet', 'tuned']
 
 
+@pytest.mark.parametrize(('log_count', 'period'), [(1, '4 ms'), (4, '16 ms'), (5, '')])
+def test_it_warns_of_log_packets_that_a_real_link_may_not_bear(
+    tmp_path, monkeypatch, capsys, log_count, period
+):
+    monkeypatch.setattr(codegen, '_warn_of_dead_time', lambda parameters: None)
+    path = tmp_path / 'parameters.yaml'
+    path.write_text(f'/**/controller:\n  ros__parameters: {{log_count: {log_count}}}\n')
+    codegen.generate(tmp_path / 'c', path, None)
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == bool(period)
+    for line in lines:
+        assert line.startswith(
+            f'warning: controller.log_count {log_count} sends a log packet every'
+        )
+        assert f'every {period}, below 20 ms (log_count 5)' in line
+
+
 def test_it_uses_the_parameters_of_a_recorded_run(tmp_path):
     path, _ = record(
         tmp_path, 'stationary', '--set=plant_sim.duration=1.2', '--set=controller.k_i=-0.008'

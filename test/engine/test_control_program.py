@@ -1,5 +1,7 @@
 """The control program's states, commands, log and sound, with synthetic device inputs."""
 
+from dataclasses import replace
+
 import numpy as np
 import parts
 import pytest
@@ -8,6 +10,7 @@ from parts import values_of
 from ballbot_ros.controllers.document.axis import ProgramConstants
 from ballbot_ros.controllers.document.program import ControlProgram
 from ballbot_ros.parameters import CONTROLLER
+from ballbot_ros.robot.brick.bluetooth import LogPacket
 from ballbot_ros.robot.brick.brick import DeviceInputs, Tone
 
 AT_REST = DeviceInputs(
@@ -278,6 +281,43 @@ def test_a_log_record_holds_the_time_and_the_pitches_in_bits():
     assert record.adc1 > 500
     assert record.adc2 < -250
     assert record.adc3 == record.adc4 == 0
+
+
+@pytest.mark.parametrize(
+    ('content', 'has_duties', 'has_gyros'),
+    [('pitch', False, False), ('duties', True, False), ('duties_and_gyros', True, True)],
+)
+def test_a_log_record_has_the_duties_and_readings_of_its_tick(content, has_duties, has_gyros):
+    clock = Clock(make_program(**SHORT, log_count=3, log_content=content))
+    clock.run(396)
+    records, seen = 0, set()
+    for time in range(400, 600, 4):
+        gyro = 604 + time % 13, 65535 if time > 500 else 598
+        output = clock.run(time, gyro=gyro, revolutions=(time % 7, -20))[time]
+        for record in output.log:
+            records += 1
+            seen.add(output.duty)
+            assert (record.data1, record.data2) == (output.duty if has_duties else (0, 0))
+            limited = gyro[0], min(gyro[1], 32767)
+            assert (record.adc3, record.adc4) == (limited if has_gyros else (0, 0))
+            assert LogPacket.decode(record.encode()) == record
+    assert records == 17
+    assert len(seen) > 5
+
+
+def test_the_content_of_the_log_changes_no_duty_and_nothing_else_in_a_record():
+    drives = [
+        Clock(make_program(**SHORT, log_count=2, log_content=content)).run(500, gyro=(603, 596))
+        for content in ('pitch', 'duties_and_gyros')
+    ]
+    without, complete = ([drive[time] for time in sorted(drive)] for drive in drives)
+    assert [each.duty for each in without] == [each.duty for each in complete]
+    others = [
+        replace(record, data1=0, data2=0, adc3=0, adc4=0)
+        for each in complete
+        for record in each.log
+    ]
+    assert others == [record for each in without for record in each.log]
 
 
 def test_it_beeps_once_when_the_calibration_ends():

@@ -15,6 +15,8 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from ballbot_ros import __version__
 from ballbot_ros.controllers.document.axis import PROGRAM_NAME, TS1_MS, ProgramConstants, Single
 from ballbot_ros.controllers.document.program import (
+    LOG_DUTIES,
+    LOG_GYROS,
     LOWEST_TONE_HZ,
     VOLTAGE_OFFSET,
     VOLTAGE_SLOPE,
@@ -155,6 +157,8 @@ _INTEGERS = {
 }
 _NAMES = {'sound_freq': 'sound_frq'}
 """C names, from the source document, of parameters whose own names are platform functions."""
+_CHOICES = {'autonomous': 'mode', 'log_content': 'log_content'}
+"""Constants that are the numbers of choices, and the parameters that have these."""
 _OIL_PARAMETERS = ('ts2_period', 'ts3_period')
 
 
@@ -168,8 +172,9 @@ def c_parameters(parameters: ControllerParameters) -> list[CVariable]:
         if field.name in _OIL_PARAMETERS:
             continue
         value = getattr(typed, field.name)
-        if field.name == 'autonomous':
-            row, text = rows['mode'], '0 remote, 1 autonomous'
+        if field.name in _CHOICES:
+            row = rows[_CHOICES[field.name]]
+            text = ', '.join(f'{number} {choice}' for number, choice in enumerate(row.choices))
             constants.append(
                 CVariable(field.name, 'U8', f'{value:d}U', '', text, row.description, row.source)
             )
@@ -269,6 +274,8 @@ def application_files(
         'program_name': PROGRAM_NAME,
         'packet_size': PACKET_SIZE,
         'no_echo_cm': NO_ECHO_CM,
+        'log_duties': LOG_DUTIES,
+        'log_gyros': LOG_GYROS,
         'lowest_tone_hz': LOWEST_TONE_HZ,
         'voltage_slope': _c_float(VOLTAGE_SLOPE),
         'voltage_offset': _c_float(VOLTAGE_OFFSET),

@@ -9,11 +9,12 @@ which the analysis of the loop makes use of.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_args
 
 import numpy as np
 
 from ballbot_ros.parameters import ControllerParameters
+from ballbot_ros.parameters.controller import LogContent
 from ballbot_ros.parameters.timing import TICK_MS
 from ballbot_ros.robot.brick.schedule import TaskTiming
 
@@ -75,17 +76,21 @@ class ProgramConstants:
     sound_volume: int
     tone_gain: int
     log_count: int
+    log_content: int
     ts2_period: int
     ts3_period: int
 
     @classmethod
     def of(cls, parameters: ControllerParameters) -> ProgramConstants:
         """Return the constants for the parameters of the node ``controller``."""
-        typed: dict[str, Any] = {'autonomous': parameters.mode == 'autonomous'}
+        typed: dict[str, Any] = {
+            'autonomous': parameters.mode == 'autonomous',
+            'log_content': get_args(LogContent).index(parameters.log_content),
+        }
         for name, annotation in cls.__annotations__.items():
             if annotation == 'Single':
                 typed[name] = Single(getattr(parameters, name))
-            elif annotation == 'int':
+            elif annotation == 'int' and name not in typed:
                 typed[name] = int(getattr(parameters, name))
         typed['k_f'] = tuple(Single(gain) for gain in parameters.k_f)
         return cls(**typed)

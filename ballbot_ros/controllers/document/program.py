@@ -53,6 +53,8 @@ LOWEST_TONE_HZ = 31
 VOLTAGE_SLOPE = Single(1.089000027e-3)
 VOLTAGE_OFFSET = Single(0.625)
 _INT16_MIN, _INT16_MAX = -32768, 32767
+LOG_DUTIES, LOG_GYROS = 1, 2
+"""From which `log_content` on a log packet has duties, and readings of the gyros."""
 
 
 class ControlMode(IntEnum):
@@ -466,13 +468,16 @@ class ControlProgram:
         """Return the outputs of the tick after which the program has a state."""
         p, outputs = self._p, DeviceOutputs((state.duty_x, state.duty_y))
         if state.has_logged:
+            has_duties, has_gyros = p.log_content >= LOG_DUTIES, p.log_content >= LOG_GYROS
             outputs.log.append(
                 LogPacket(
-                    time_ms=state.systick_ms, data1=0, data2=0, battery_mv=state.battery_mv,
+                    time_ms=state.systick_ms, data1=state.duty_x * has_duties,
+                    data2=state.duty_y * has_duties, battery_mv=state.battery_mv,
                     rev_a=0, rev_b=state.revolution_x, rev_c=state.revolution_y,
                     adc1=logged(state.estimates_x[1] / p.lsb),
                     adc2=logged(state.estimates_y[1] / p.lsb),
-                    adc3=0, adc4=0, sonar_cm=state.log_sonar_cm,
+                    adc3=min(state.gyro_x, _INT16_MAX) * has_gyros,
+                    adc4=min(state.gyro_y, _INT16_MAX) * has_gyros, sonar_cm=state.log_sonar_cm,
                 )
             )  # fmt: skip
         if state.has_started_tone:

@@ -287,7 +287,7 @@ WITHOUT_EFFECT = frozenset(
     {
         'lockstep', 'real_time_factor', 'timeout', 'startup_timeout', 'on_timeout',
         'require_recorder', 'rejoin', 'push_duration', 'lsb', 'sound_freq',
-        'sound_dur', 'sound_volume',
+        'sound_dur', 'sound_volume', 'log_content',
     }
 )  # fmt: skip
 """Parameters on which the motion of a run does not depend: pace, graph, sound and log."""

@@ -3,8 +3,10 @@
 import json
 import subprocess
 from collections import Counter
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import parts
@@ -30,6 +32,7 @@ from ballbot_ros.parameters import (
     PlantParameters,
     parameters_of,
 )
+from ballbot_ros.parameters.controller import LogContent
 from ballbot_ros.robot.brick.brick import Brick, DeviceInputs
 from ballbot_ros.run.machine_checks import GOLDEN_SCENARIOS
 
@@ -221,6 +224,25 @@ def test_the_log_counter_wraps(built, target):
     logged = [step.elapsed_ms for step in steps if parts.tick(program, *step).log]
     assert logged == [4, 4 + 4 * 255, 4 + 8 * 255]
     assert_equal(made, steps)
+
+
+@pytest.mark.parametrize('target', TARGETS)
+@pytest.mark.parametrize('content', get_args(LogContent))
+def test_each_content_of_the_log_is_the_same(built, target, content):
+    """Also beyond the range of the gyros, where 16 bits with a sign are too few."""
+    made = built(target, time_start=0, time_stop=2**32 - 1, log_count=1, log_content=content)
+    steps = list(random_steps(5, 300, out_of_range=True))
+    program = ControlProgram(made.parameters)
+    packets = [each for step in steps for each in parts.tick(program, *step).log]
+    assert len(packets) == 299
+    assert any(each.data1 for each in packets) == (content != 'pitch')
+    assert (max(each.adc3 for each in packets) == 32767) == (content == 'duties_and_gyros')
+    assert_equal(made, steps)
+    # So that the comparison shows what is logged.
+    others = [each for each in get_args(LogContent) if each != content]
+    for other in others:
+        values = replace(made.parameters, log_content=other)
+        assert 'log' in compare(values, made.program(), steps).difference
 
 
 @pytest.mark.parametrize('target', TARGETS)

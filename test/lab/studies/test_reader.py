@@ -405,7 +405,7 @@ def test_what_has_no_effect_is_a_parameter_and_no_constant_of_the_law():
     assert known >= WITHOUT_EFFECT
     sound_and_log = {name for name in ProgramConstants.__annotations__ if name in WITHOUT_EFFECT}
     assert sound_and_log == {
-        'lsb', 'sound_freq', 'sound_dur', 'sound_volume',
+        'lsb', 'sound_freq', 'sound_dur', 'sound_volume', 'log_content',
     }  # fmt: skip
     assert 'duration' in PlantParameters().values()
 

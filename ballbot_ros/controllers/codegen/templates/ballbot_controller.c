@@ -24,6 +24,10 @@
 #define MOTOR_Y NXT_PORT_C
 #define BRAKE 1
 
+/* Values of log_content from which a log packet has duties, and readings of the gyros. */
+#define LOG_DUTIES {{ log_duties }}U
+#define LOG_GYROS {{ log_gyros }}U
+
 #define NO_ECHO_CM {{ no_echo_cm }}
 #define LOWEST_TONE_HZ {{ lowest_tone_hz }}U
 #define DISTANCE_TONE_MS {{ periods.task_ts3 }}U
@@ -182,11 +186,31 @@ static S16 logged(float psi)
     return value;
 }
 
-/* Sends a log packet every log_count ticks. */
-static void log_pitches(void)
+/* Returns the reading of a gyro, limited to 16 bits with a sign. */
+static S16 logged_gyro(U16 gyro)
+{
+    return (gyro > 32767U) ? (S16)32767 : (S16)gyro;
+}
+
+/* Sends a log packet every log_count ticks: the pitches, and what log_content adds. */
+static void log_tick(S8 duty_x, S8 duty_y, U16 gyro_x, U16 gyro_y)
 {
     if (ballbot.log_counter == 0U) {
-        ecrobot_bt_adc_data_logger(0, 0, logged(ballbot.x.psi), logged(ballbot.y.psi), 0, 0);
+        S8 data1 = 0;
+        S8 data2 = 0;
+        S16 adc3 = 0;
+        S16 adc4 = 0;
+
+        if (log_content >= LOG_DUTIES) {
+            data1 = duty_x;
+            data2 = duty_y;
+        }
+        if (log_content >= LOG_GYROS) {
+            adc3 = logged_gyro(gyro_x);
+            adc4 = logged_gyro(gyro_y);
+        }
+        ecrobot_bt_adc_data_logger(data1, data2, logged(ballbot.x.psi), logged(ballbot.y.psi),
+                                   adc3, adc4);
     }
     ballbot.log_counter = (U8)((ballbot.log_counter + 1U) & 0xFFU);
     if (ballbot.log_counter == log_count) {
@@ -223,6 +247,8 @@ TASK(task_ts1)
 {
     S8 duty_x = 0;
     S8 duty_y = 0;
+    U16 gyro_x = 0U;
+    U16 gyro_y = 0U;
 
     if (ballbot.control_mode == BALLBOT_CONTROL) {
         const float max_voltage = (VOLTAGE_SLOPE * ballbot.battery) - VOLTAGE_OFFSET;
@@ -232,10 +258,10 @@ TASK(task_ts1)
         /* Without a new packet the buffer keeps the last one. */
         (void)ecrobot_read_bt_packet(ballbot.bluetooth_rx, PACKET_SIZE);
         command(&stick_x, &stick_y);
-        duty_x = control(&ballbot.x, ecrobot_get_gyro_sensor(GYRO_X),
-                         ecrobot_get_motor_rev(MOTOR_X), stick_x, max_voltage);
-        duty_y = control(&ballbot.y, ecrobot_get_gyro_sensor(GYRO_Y),
-                         ecrobot_get_motor_rev(MOTOR_Y), stick_y, max_voltage);
+        gyro_x = ecrobot_get_gyro_sensor(GYRO_X);
+        duty_x = control(&ballbot.x, gyro_x, ecrobot_get_motor_rev(MOTOR_X), stick_x, max_voltage);
+        gyro_y = ecrobot_get_gyro_sensor(GYRO_Y);
+        duty_y = control(&ballbot.y, gyro_y, ecrobot_get_motor_rev(MOTOR_Y), stick_y, max_voltage);
     } else if (ballbot.control_mode == BALLBOT_CALIBRATION) {
         calibrate(&ballbot.x, ecrobot_get_gyro_sensor(GYRO_X));
         calibrate(&ballbot.y, ecrobot_get_gyro_sensor(GYRO_Y));
@@ -245,7 +271,7 @@ TASK(task_ts1)
     ecrobot_set_motor_mode_speed(MOTOR_X, BRAKE, duty_x);
     ecrobot_set_motor_mode_speed(MOTOR_Y, BRAKE, duty_y);
     if (ballbot.control_mode == BALLBOT_CONTROL) {
-        log_pitches();
+        log_tick(duty_x, duty_y, gyro_x, gyro_y);
     }
     TerminateTask();
 }
