@@ -79,14 +79,12 @@ def _warn_of_dead_time(parameters: ParameterSet) -> None:
 def _warn_of_fast_log(log_count: int) -> None:
     """Warn if log packets follow each other faster than is known to be safe on a brick."""
     if log_count * TS1_MS < SAFE_LOG_MS:
-        stderr_console().print(
+        line = (
             f'warning: controller.log_count {log_count} sends a log packet every '
-            f'{log_count * TS1_MS} ms, below {SAFE_LOG_MS} ms (log_count '
-            f'{SAFE_LOG_MS // TS1_MS}): on a real link, a log every 4 ms was corrupted, one every '
-            '50 ms was not (a report of a user of nxtOSEK)',
-            style='yellow',
-            soft_wrap=True,
+            f'{log_count * TS1_MS} ms, below {SAFE_LOG_MS} ms (log_count {SAFE_LOG_MS // TS1_MS}); '
+            'a user of nxtOSEK found one every 4 ms to corrupt the log, and one every 50 ms not to'
         )
+        stderr_console().print(line, style='yellow', soft_wrap=True)
 
 
 def _read(path: Path) -> ParameterSet:

@@ -186,7 +186,7 @@ def test_the_log_of_a_robot_at_rest_tells_nothing(command, logs):
         (['missing.csv'], 'missing.csv: No such file'),
         (['{low}', '--run=1'], '--run needs exactly one recording'),
         (['{low}', '--truth'], 'a data log has no true states'),
-        (['{low}', '{heavy}'], 'data logs and recordings cannot be fitted together'),
+        (['{low}', '{heavy}'], 'files with and without duties cannot be fitted together'),
         (['{binary}'], 'not a data log: it is not ASCII text'),
         (['{table}'], "not a data log: its first line must be 'Time,Data1"),
         (['{empty}'], 'has 0 records; at least 2 are needed'),

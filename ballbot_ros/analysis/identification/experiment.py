@@ -7,9 +7,10 @@ once, the same code runs on arrays, element by element.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum, auto
+from operator import attrgetter
 from pathlib import Path
 from types import FunctionType
 from typing import Any
@@ -18,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.analysis.run_data import RunData
+from ballbot_ros.controllers.document.program import mean_delays
 from ballbot_ros.errors import IdentificationError
 from ballbot_ros.parameters import (
     ControllerParameters,
@@ -27,7 +29,14 @@ from ballbot_ros.parameters import (
     PlantParameters,
     Value,
 )
-from ballbot_ros.parameters.timing import STEP_NS, STEPS_PER_TICK, TICK_MS, TICK_NS, TICK_S
+from ballbot_ros.parameters.timing import (
+    MILLISECOND_NS,
+    STEP_NS,
+    STEPS_PER_TICK,
+    TICK_MS,
+    TICK_NS,
+    TICK_S,
+)
 from ballbot_ros.recording.csv_log import read_csv_log
 from ballbot_ros.recording.messages.topics import (
     BATTERY_STATE,
@@ -40,7 +49,7 @@ from ballbot_ros.recording.messages.topics import (
 )
 from ballbot_ros.robot import arithmetic
 from ballbot_ros.robot.arithmetic import Floats
-from ballbot_ros.robot.brick.bluetooth import CLOCK_PERIOD_MS
+from ballbot_ros.robot.brick.bluetooth import CLOCK_PERIOD_MS, LogPacket
 from ballbot_ros.robot.brick.link import analog_age, link_of
 from ballbot_ros.robot.brick.sensors import COUNT_V, battery_mv, count_of, mean_delay
 
@@ -193,6 +202,8 @@ class Experiment:
         Dead time of the battery's readings [steps].
     delays_us : ndarray, shape (n,), or None
         Time until each duty leaves the brick [µs]; None for none.
+    duty_ticks : int
+        Ticks from each duty that is known to the next; those between are interpolated.
     notes : tuple of str
         What a reader of the result should know.
     recorded : PlantParameters or None
@@ -213,6 +224,7 @@ class Experiment:
     ages: Mapping[Channel, Any] = field(default_factory=dict)
     battery_age: int = 0
     delays_us: NDArray[np.int64] | None = None
+    duty_ticks: int = 1
     notes: tuple[str, ...] = ()
     recorded: PlantParameters | None = None
     steps_per_reading: int = STEPS_PER_TICK
@@ -351,9 +363,18 @@ def _age(device: DeviceParameters) -> int:
     return round(mean_delay(device.delay, device.delay_jitter, STEPS_PER_TICK))
 
 
-NO_DUTIES = (
-    'A data log has no duties. It tells something of body and ball, but nothing of motors, dead '
-    'zone and battery.'
+SLOWEST_DUTIES_MS = 20
+"""Longest time between the duties of a log, of which those between are interpolated [ms]."""
+
+_LITTLE = 'It tells something of body and ball, but nothing of motors, dead zone and battery.'
+NO_DUTIES = f'A data log has no duties, unless controller.log_content adds them. {_LITTLE}'
+INTERPOLATED_DUTIES = (
+    'Duties between records are interpolated. Intervals are wide, most of all of torque_constant '
+    'and dead_zone.'
+)
+SELDOM_DUTIES = (
+    f'The duties are more than {SLOWEST_DUTIES_MS} ms apart, too far to tell those between '
+    f'(controller.log_count {SLOWEST_DUTIES_MS // TICK_MS} would do). {_LITTLE}'
 )
 
 MAX_STEP_MS = TICK_MS
@@ -366,6 +387,7 @@ between them are unknowns."""
 LONGEST_PERIOD_MS = 255 * TICK_MS
 """Longest time between records [ms], that of the largest `log_count`."""
 
+_LOGGED = attrgetter('adc1', 'adc2', 'rev_b', 'rev_c', 'data1', 'data2', 'battery_mv')
 _JITTER = 0.1
 _FALLEN_DEG = 30.0
 """Pitch from which the robot cannot be saved. The range of the log ends at 32 degrees."""
@@ -398,6 +420,15 @@ def logged_experiment(path: Path, known: Mapping[str, Value]) -> Experiment:
             f'{path}: its records are {period} ms apart; those of a brick are at most '
             f'{LONGEST_PERIOD_MS} ms'
         )
+    notes = []
+    if gaps.size:
+        noun = 'gap' if gaps.size == 1 else 'gaps'
+        notes.append(f'{gaps.size} {noun} between records: no segment crosses one.')
+    has_duties = any(each.data1 or each.data2 for each in packets)
+    if has_duties and TICK_MS <= period <= SLOWEST_DUTIES_MS:
+        intervals[gaps - 1] = 2 * period  # however long a gap is
+        ticks = np.rint(np.append(0, np.cumsum(intervals)) / TICK_MS).astype(np.intp)
+        return _driven_experiment(str(path), known, packets, ticks, notes)
     every = -(-SHORTEST_PERIOD_MS // period)
     if every > 1:
         # Of each piece between gaps, the records at longer steps.
@@ -415,10 +446,7 @@ def logged_experiment(path: Path, known: Mapping[str, Value]) -> Experiment:
     usable = np.insert(_usable(pitch, shaft), gaps, False)
     pitch, shaft = (np.insert(each, gaps, np.nan, axis=0) for each in (pitch, shaft))
     wheel = _wheel(shaft, math.degrees(plant.backlash) / 2.0)
-    notes = [NO_DUTIES]
-    if gaps.size:
-        noun = 'gap' if gaps.size == 1 else 'gaps'
-        notes.append(f'{gaps.size} {noun} between records: no segment crosses one.')
+    notes.insert(0, SELDOM_DUTIES if has_duties else NO_DUTIES)
     steps = -(-period // MAX_STEP_MS)
     return Experiment(
         name=str(path),
@@ -431,6 +459,44 @@ def logged_experiment(path: Path, known: Mapping[str, Value]) -> Experiment:
         notes=tuple(notes),
         steps_per_reading=steps,
         step_s=period * 1e-3 / steps,
+    )
+
+
+def _driven_experiment(
+    name: str,
+    known: Mapping[str, Value],
+    packets: Sequence[LogPacket],
+    ticks: NDArray[np.intp],
+    notes: Sequence[str],
+) -> Experiment:
+    """Return the experiment in a data log with duties, with readings in the ticks of its records.
+
+    Robot and delays are those of a brick, unless `known` has others: its battery sags, and link and
+    kernel delay gyro readings and duties.
+    """
+    brick = PlantParameters(link=True, kernel=True, battery_model='draining').with_values(known)
+    gyro_ms, duty_ms = mean_delays(ControllerParameters(link=brick.link, kernel=brick.kernel))
+    columns = np.array([_LOGGED(each) for each in packets], np.float64)
+    columns[:, :2] *= ControllerParameters().lsb
+    count, duty_ticks = int(ticks[-1]) + 1, int(np.median(np.diff(ticks)))
+    read = np.full((count, columns.shape[1]), np.nan)
+    read[ticks] = columns
+    filled = np.array([np.interp(np.arange(count), ticks, each) for each in columns.T]).T
+    usable = _usable(filled[:, :2], filled[:, 2:4])
+    usable[:-1] &= ~np.repeat(np.diff(ticks) > 1.5 * duty_ticks, np.diff(ticks))
+    return Experiment(
+        name=name,
+        plant=brick,
+        duty=np.rint(filled[:, 4:6]).astype(np.int64),
+        readings={LOGGED_PITCH: read[:, :2], ENCODER: read[:, 2:4]},
+        battery=read[:, 6] * 1e-3,
+        battery_count=COUNT_V,
+        usable=usable,
+        ages={LOGGED_PITCH: gyro_ms * MILLISECOND_NS / STEP_NS},
+        battery_age=link_of(brick).battery_age_ns // STEP_NS,
+        delays_us=np.full(count, round(duty_ms * 1000.0)),
+        duty_ticks=duty_ticks,
+        notes=(*[INTERPOLATED_DUTIES][: duty_ticks - 1], *notes),
     )
 
 

@@ -176,11 +176,12 @@ def _starts(experiment: Experiment) -> tuple[NDArray[np.bool_], Floats]:
     encoder = experiment.readings.get(ENCODER)
     if not experiment.plant.backlash or encoder is None:
         return np.ones(count, np.bool_), np.zeros((count, 2))
-    steps = np.sign(np.diff(encoder, axis=0, prepend=encoder[:1]))
-    turning = np.zeros((count, 2), np.bool_)
-    if count >= TURNING_READINGS:
-        recent = np.lib.stride_tricks.sliding_window_view(steps, TURNING_READINGS, axis=0)
-        turning[TURNING_READINGS - 1 :] = np.abs(recent.sum(-1)) == TURNING_READINGS
+    read = np.flatnonzero(~np.isnan(encoder).any(axis=1))
+    steps, turning = np.zeros((count, 2)), np.zeros((count, 2), np.bool_)
+    steps[read[1:]] = np.sign(np.diff(encoder[read], axis=0))
+    if len(read) >= TURNING_READINGS:
+        recent = np.lib.stride_tricks.sliding_window_view(steps[read], TURNING_READINGS, axis=0)
+        turning[read[TURNING_READINGS - 1 :]] = np.abs(recent.sum(-1)) == TURNING_READINGS
     # The readings of a later tick show the start.
     late = -(-int(experiment.ages.get(ENCODER, 0)) // STEPS_PER_TICK)
     begins = np.roll(turning.all(axis=1), -late)

@@ -7,8 +7,14 @@ import pytest
 from laws import refusal
 
 import ballbot_ros as bb
+from ballbot_ros.analysis.data_log import write_data_log
 from ballbot_ros.analysis.identification.estimation import ExperimentFit
-from ballbot_ros.analysis.identification.experiment import ENCODER, GYRO, recorded_experiment
+from ballbot_ros.analysis.identification.experiment import (
+    ENCODER,
+    GYRO,
+    logged_experiment,
+    recorded_experiment,
+)
 from ballbot_ros.analysis.identification.identification import (
     CANDIDATES,
     HARD_TO_MEASURE,
@@ -24,7 +30,9 @@ from ballbot_ros.analysis.identification.segments import cut
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.errors import IdentificationError
 from ballbot_ros.parameters import PlantParameters
+from ballbot_ros.recording.csv_log import HEADER
 from ballbot_ros.recording.messages.topics import GYRO_IMU, MOTOR_DUTY
+from ballbot_ros.recording.reader import RecordingReader
 
 DOCUMENT = PlantParameters()
 NARROW = 1e4
@@ -276,6 +284,29 @@ def test_some_experiments_with_duties_cannot_be_fitted_with_others_without(heavy
     experiment = recorded_experiment(heavy, {})
     message = refusal(IdentificationError, identify, [experiment, replace(experiment, duty=None)])
     assert 'cannot be fitted together' in message
+
+
+@pytest.mark.slow
+def test_the_duties_in_a_data_log_tell_motor_and_dead_zone(tmp_path):
+    names = 'back_emf_constant', 'dead_zone'
+    true = {'back_emf_constant': 0.49, 'dead_zone': 5.0}
+    values = {'plant_sim.plant_model': 'linear', 'plant_sim.duration': 12.0,
+              'controller.log_count': 1, 'controller.log_content': 'duties_and_gyros',
+              **{f'plant_sim.{name}': value for name, value in true.items()}}  # fmt: skip
+    path = bb.simulate('excitation', parameters=values).save(tmp_path / 'run.mcap')
+    with RecordingReader(path) as reader:
+        (log,) = write_data_log(reader, tmp_path / 'log.csv').paths
+    known = {'backlash': read_run(path).plant.backlash}
+    found = identify([logged_experiment(log, known)], names)
+    for row in found.parameters:
+        assert row.verdict is Identifiability.IDENTIFIED
+        assert row.value == pytest.approx(true[row.name], abs=1.5 * row.half_width)
+        assert row.relative < 0.05
+    cells = [line.split(',') for line in log.read_text().splitlines()[1:]]
+    pitch_only = '\n'.join(','.join([time, '0', '0', *rest]) for time, _, _, *rest in cells)
+    log.write_text(f'{HEADER}\n{pitch_only}\n')
+    found = identify([logged_experiment(log, known)], names)
+    assert {row.verdict for row in found.parameters} == {Identifiability.NOT_SEEN}
 
 
 def with_gyro(experiment, gyro):

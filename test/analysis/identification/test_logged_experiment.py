@@ -9,13 +9,16 @@ from laws import refusal
 import ballbot_ros.analysis.identification.segments as segments_module
 from ballbot_ros.analysis.identification.estimation import ExperimentFit
 from ballbot_ros.analysis.identification.experiment import (
+    INTERPOLATED_DUTIES,
     LOGGED_ENCODER,
     LOGGED_PITCH,
+    NO_DUTIES,
+    SELDOM_DUTIES,
     Experiment,
     logged_experiment,
 )
 from ballbot_ros.analysis.identification.segment_model import SegmentModel
-from ballbot_ros.analysis.identification.segments import cut
+from ballbot_ros.analysis.identification.segments import _starts, cut
 from ballbot_ros.engine.plant import Plant
 from ballbot_ros.errors import IdentificationError
 from ballbot_ros.parameters import ControllerParameters, PlantParameters
@@ -34,6 +37,15 @@ def written(path, records):
     for time, shaft_x, shaft_y, pitch_x, pitch_y in records:
         counts = round(pitch_x / LSB), round(pitch_y / LSB)
         log.write(LogPacket(time, 0, 0, 8000, 0, shaft_x, shaft_y, *counts, 0, 0, 255))
+    log.close()
+    return path
+
+
+def with_duties(path, times, duties, shaft=lambda n: n):
+    """Return a log of records with the same duties in both planes but for the sign."""
+    log = CsvLog(path)
+    for n, (time, duty) in enumerate(zip(times, duties, strict=True)):
+        log.write(LogPacket(time, duty, -duty, 8003, 0, shaft(n), n, 100 * n, 0, 600, 600, 255))
     log.close()
     return path
 
@@ -104,6 +116,74 @@ def test_gear_play_is_known_where_the_shaft_turns_one_way(tmp_path):
     )
     assert np.isnan(values(experiment, 'encoder')[:, 1]).all()
     assert experiment.plant.backlash == 0.0
+
+
+def test_with_duties_each_tick_is_a_reading_of_the_known_motors(tmp_path):
+    path = with_duties(tmp_path / 'log.csv', [2**32 - 8, 2**32 - 4, 0, 4], [3, -100, 0, 7])
+    experiment = logged_experiment(path, {'body_mass': 0.7})
+    assert experiment.reading_s == TICK_S
+    assert experiment.duty.tolist() == [[3, -3], [-100, 100], [0, 0], [7, -7]]
+    assert values(experiment, 'encoder').tolist() == [[n, n] for n in range(4)]
+    np.testing.assert_allclose(
+        values(experiment, 'estimated pitch')[:, 0], 100 * LSB * np.arange(4)
+    )
+    np.testing.assert_allclose(experiment.battery, 8.003)
+    assert experiment.plant.body_mass == 0.7
+    assert experiment.notes == ()
+
+
+def test_duties_between_records_are_interpolated_but_no_readings(tmp_path):
+    path = with_duties(tmp_path / 'log.csv', [1000, 1020, 1040], [0, 10, -4])
+    experiment = logged_experiment(path, {})
+    assert experiment.duty[:, 0].tolist() == [0, 2, 4, 6, 8, 10, 7, 4, 2, -1, -4]
+    read = ~np.isnan(values(experiment, 'encoder')[:, 0])
+    assert np.flatnonzero(read).tolist() == [0, 5, 10]
+    assert experiment.duty_ticks == 5
+    assert experiment.notes == (INTERPOLATED_DUTIES,)
+
+
+def test_no_segment_crosses_a_gap_in_a_log_with_duties(tmp_path):
+    path = with_duties(
+        tmp_path / 'log.csv', [1000, 1020, 1042, 1060, 90_000_000, 90_000_020], [1] * 6
+    )
+    experiment = logged_experiment(path, {})
+    # From the first turn on; the gap is as long as two steps.
+    assert experiment.usable.tolist() == [False] + 14 * [True] + 10 * [False] + 6 * [True]
+    assert any('1 gap between records' in note for note in experiment.notes)
+
+
+def test_a_log_with_duties_is_that_of_a_brick_unless_told_otherwise(tmp_path):
+    path = with_duties(tmp_path / 'log.csv', [1000, 1004], [1, 1])
+    brick = logged_experiment(path, {})
+    assert brick.plant.battery_model == 'draining'
+    assert brick.delays_us[0] == pytest.approx(2236)
+    assert brick.ages[LOGGED_PITCH] == pytest.approx(2.55)
+    ideal = {'link': False, 'kernel': False, 'battery_model': 'constant'}
+    experiment = logged_experiment(path, ideal)
+    assert experiment.plant.battery_model == 'constant'
+    assert (experiment.delays_us[0], experiment.ages[LOGGED_PITCH]) == (0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ('period', 'duty', 'note'),
+    [(24, 5, SELDOM_DUTIES), (100, 5, SELDOM_DUTIES), (20, 0, NO_DUTIES), (100, 0, NO_DUTIES)],
+)
+def test_of_duties_that_are_too_far_apart_or_missing_none_is_used(tmp_path, period, duty, note):
+    times = range(1000, 1000 + 40 * period, period)
+    experiment = logged_experiment(with_duties(tmp_path / 'log.csv', times, [duty] * 40), {})
+    assert experiment.duty is None
+    assert experiment.notes == (note,)
+    assert 'nothing of motors, dead zone' in note
+
+
+def test_gears_are_in_contact_where_records_show_a_shaft_that_turns(tmp_path):
+    path = with_duties(
+        tmp_path / 'log.csv', range(0, 1000, 20), [1] * 50, shaft=lambda n: n // 20 * n
+    )
+    begins, contact = _starts(logged_experiment(path, {'backlash': 0.07}))
+    assert np.flatnonzero(begins)[0] == 5 * 22
+    assert np.flatnonzero(begins).tolist() == list(range(110, 246, 5))
+    assert (contact[begins] == -1.0).all()
 
 
 @pytest.mark.parametrize('count', [0, 1])
