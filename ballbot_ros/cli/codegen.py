@@ -80,9 +80,8 @@ def _warn_of_fast_log(log_count: int) -> None:
     """Warn if log packets follow each other faster than is known to be safe on a brick."""
     if log_count * TS1_MS < SAFE_LOG_MS:
         line = (
-            f'warning: controller.log_count {log_count} sends a log packet every '
-            f'{log_count * TS1_MS} ms, below {SAFE_LOG_MS} ms (log_count {SAFE_LOG_MS // TS1_MS}); '
-            'a user of nxtOSEK found one every 4 ms to corrupt the log, and one every 50 ms not to'
+            f'warning: controller.log_count {log_count}: a log packet every {log_count * TS1_MS} ms, '
+            f'below {SAFE_LOG_MS} ms, can corrupt the log (a user of nxtOSEK: at 4 ms, not at 50 ms)'
         )
         stderr_console().print(line, style='yellow', soft_wrap=True)
 

@@ -29,14 +29,7 @@ from ballbot_ros.parameters import (
     PlantParameters,
     Value,
 )
-from ballbot_ros.parameters.timing import (
-    MILLISECOND_NS,
-    STEP_NS,
-    STEPS_PER_TICK,
-    TICK_MS,
-    TICK_NS,
-    TICK_S,
-)
+from ballbot_ros.parameters.timing import STEP_NS, STEPS_PER_TICK, TICK_MS, TICK_NS, TICK_S
 from ballbot_ros.recording.csv_log import read_csv_log
 from ballbot_ros.recording.messages.topics import (
     BATTERY_STATE,
@@ -202,8 +195,8 @@ class Experiment:
         Dead time of the battery's readings [steps].
     delays_us : ndarray, shape (n,), or None
         Time until each duty leaves the brick [µs]; None for none.
-    duty_ticks : int
-        Ticks from each duty that is known to the next; those between are interpolated.
+    interval_factor : float
+        How much wider the intervals of estimates are, because of what is not known of the duties.
     notes : tuple of str
         What a reader of the result should know.
     recorded : PlantParameters or None
@@ -224,7 +217,7 @@ class Experiment:
     ages: Mapping[Channel, Any] = field(default_factory=dict)
     battery_age: int = 0
     delays_us: NDArray[np.int64] | None = None
-    duty_ticks: int = 1
+    interval_factor: float = 1.0
     notes: tuple[str, ...] = ()
     recorded: PlantParameters | None = None
     steps_per_reading: int = STEPS_PER_TICK
@@ -368,10 +361,10 @@ SLOWEST_DUTIES_MS = 20
 
 _LITTLE = 'It tells something of body and ball, but nothing of motors, dead zone and battery.'
 NO_DUTIES = f'A data log has no duties, unless controller.log_content adds them. {_LITTLE}'
-INTERPOLATED_DUTIES = (
-    'Duties between records are interpolated. Intervals are wide, most of all of torque_constant '
-    'and dead_zone.'
-)
+INTERPOLATED_DUTIES = 2.5, 'Duties between records are interpolated, so intervals are wide.'
+UNKNOWN_PHASE = 10.0, 'Intervals are wide unless plant_sim.link_phase is known: try 0 and 1.'
+"""How much wider intervals are, as measured (docs/identification.md), and why."""
+
 SELDOM_DUTIES = (
     f'The duties are more than {SLOWEST_DUTIES_MS} ms apart, too far to tell those between '
     f'(controller.log_count {SLOWEST_DUTIES_MS // TICK_MS} would do). {_LITTLE}'
@@ -475,7 +468,10 @@ def _driven_experiment(
     kernel delay gyro readings and duties.
     """
     brick = PlantParameters(link=True, kernel=True, battery_model='draining').with_values(known)
-    gyro_ms, duty_ms = mean_delays(ControllerParameters(link=brick.link, kernel=brick.kernel))
+    program = ControllerParameters(link=brick.link, kernel=brick.kernel)
+    phases = (0, 1) if brick.link_phase < 0 else (brick.link_phase,)
+    delays = np.array([mean_delays(replace(program, link_phase=each)) for each in phases])
+    gyro_ms, duty_ms = delays.mean(axis=0)
     columns = np.array([_LOGGED(each) for each in packets], np.float64)
     columns[:, :2] *= ControllerParameters().lsb
     count, duty_ticks = int(ticks[-1]) + 1, int(np.median(np.diff(ticks)))
@@ -484,6 +480,11 @@ def _driven_experiment(
     filled = np.array([np.interp(np.arange(count), ticks, each) for each in columns.T]).T
     usable = _usable(filled[:, :2], filled[:, 2:4])
     usable[:-1] &= ~np.repeat(np.diff(ticks) > 1.5 * duty_ticks, np.diff(ticks))
+    factor, reason = 1.0, ''
+    if duty_ticks > 1:
+        factor, reason = INTERPOLATED_DUTIES
+    elif np.ptp(delays[:, 0]):
+        factor, reason = UNKNOWN_PHASE
     return Experiment(
         name=name,
         plant=brick,
@@ -492,11 +493,11 @@ def _driven_experiment(
         battery=read[:, 6] * 1e-3,
         battery_count=COUNT_V,
         usable=usable,
-        ages={LOGGED_PITCH: gyro_ms * MILLISECOND_NS / STEP_NS},
+        ages={LOGGED_PITCH: gyro_ms * STEPS_PER_TICK / TICK_MS},
         battery_age=link_of(brick).battery_age_ns // STEP_NS,
         delays_us=np.full(count, round(duty_ms * 1000.0)),
-        duty_ticks=duty_ticks,
-        notes=(*[INTERPOLATED_DUTIES][: duty_ticks - 1], *notes),
+        interval_factor=factor,
+        notes=(*[reason][: factor > 1.0], *notes),
     )
 
 

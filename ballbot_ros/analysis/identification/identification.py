@@ -62,9 +62,6 @@ UNDRIVEN_ERROR = 0.04
 """Error of an estimate without known duties, as a part of its value, which the scatter between
 segments does not show. Measured in simulations: docs/identification.md."""
 
-INTERPOLATED_FACTOR = 2.5
-"""How much wider intervals are where some duties are interpolated. Measured as well."""
-
 TYPICAL = {'ball_friction': PlantParameters().motor_friction, 'dead_zone': 1.0}
 """Usual sizes of parameters that can be 0 [N·m·s/rad, %]: intervals are relative to no less."""
 
@@ -232,8 +229,7 @@ def identify(
     half_widths, correlation = uncertainty([_columns(each, names, chosen) for each in residuals])
     if used[0].duty is None:
         half_widths = half_widths + UNDRIVEN_ERROR
-    elif any(each.experiment.duty_ticks > 1 for each in used):
-        half_widths = half_widths * INTERPOLATED_FACTOR
+    half_widths = half_widths * max(each.experiment.interval_factor for each in used)
     plant, values = estimator.plant(fits[0]), estimator.values
     return Identification(
         parameters=_judged(

@@ -296,7 +296,7 @@ def test_the_duties_in_a_data_log_tell_motor_and_dead_zone(tmp_path):
     path = bb.simulate('excitation', parameters=values).save(tmp_path / 'run.mcap')
     with RecordingReader(path) as reader:
         (log,) = write_data_log(reader, tmp_path / 'log.csv').paths
-    known = {'backlash': read_run(path).plant.backlash}
+    known = {'backlash': read_run(path).plant.backlash, 'link_phase': 0}  # that of the seed
     found = identify([logged_experiment(log, known)], names)
     for row in found.parameters:
         assert row.verdict is Identifiability.IDENTIFIED

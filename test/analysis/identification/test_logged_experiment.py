@@ -14,6 +14,7 @@ from ballbot_ros.analysis.identification.experiment import (
     LOGGED_PITCH,
     NO_DUTIES,
     SELDOM_DUTIES,
+    UNKNOWN_PHASE,
     Experiment,
     logged_experiment,
 )
@@ -129,7 +130,7 @@ def test_with_duties_each_tick_is_a_reading_of_the_known_motors(tmp_path):
     )
     np.testing.assert_allclose(experiment.battery, 8.003)
     assert experiment.plant.body_mass == 0.7
-    assert experiment.notes == ()
+    assert (experiment.interval_factor, *experiment.notes) == UNKNOWN_PHASE
 
 
 def test_duties_between_records_are_interpolated_but_no_readings(tmp_path):
@@ -138,8 +139,7 @@ def test_duties_between_records_are_interpolated_but_no_readings(tmp_path):
     assert experiment.duty[:, 0].tolist() == [0, 2, 4, 6, 8, 10, 7, 4, 2, -1, -4]
     read = ~np.isnan(values(experiment, 'encoder')[:, 0])
     assert np.flatnonzero(read).tolist() == [0, 5, 10]
-    assert experiment.duty_ticks == 5
-    assert experiment.notes == (INTERPOLATED_DUTIES,)
+    assert (experiment.interval_factor, *experiment.notes) == INTERPOLATED_DUTIES
 
 
 def test_no_segment_crosses_a_gap_in_a_log_with_duties(tmp_path):
@@ -156,8 +156,13 @@ def test_a_log_with_duties_is_that_of_a_brick_unless_told_otherwise(tmp_path):
     path = with_duties(tmp_path / 'log.csv', [1000, 1004], [1, 1])
     brick = logged_experiment(path, {})
     assert brick.plant.battery_model == 'draining'
-    assert brick.delays_us[0] == pytest.approx(2236)
-    assert brick.ages[LOGGED_PITCH] == pytest.approx(2.55)
+    # Between those of both phases of the link.
+    assert brick.delays_us[0] == pytest.approx(1736)
+    assert brick.ages[LOGGED_PITCH] == pytest.approx(3.05)
+    odd = logged_experiment(path, {'link_phase': 1})
+    assert odd.interval_factor == 1.0
+    assert odd.notes == ()
+    assert (odd.delays_us[0], odd.ages[LOGGED_PITCH]) == (1236, pytest.approx(3.55))
     ideal = {'link': False, 'kernel': False, 'battery_model': 'constant'}
     experiment = logged_experiment(path, ideal)
     assert experiment.plant.battery_model == 'constant'
