@@ -78,10 +78,10 @@ def _warn_of_dead_time(parameters: ParameterSet) -> None:
 
 def _warn_of_fast_log(log_count: int) -> None:
     """Warn if log packets follow each other faster than is known to be safe on a brick."""
-    if log_count * TS1_MS < SAFE_LOG_MS:
+    if (period := log_count * TS1_MS) < SAFE_LOG_MS:
         line = (
-            f'warning: controller.log_count {log_count}: a log packet every {log_count * TS1_MS} ms, '
-            f'below {SAFE_LOG_MS} ms, can corrupt the log (a user of nxtOSEK: at 4 ms, not at 50 ms)'
+            f'warning: controller.log_count {log_count}: a log packet every {period} ms, below '
+            f'{SAFE_LOG_MS} ms, can corrupt the log (nxtOSEK user: with 4 ms, not with 50 ms)'
         )
         stderr_console().print(line, style='yellow', soft_wrap=True)
 
