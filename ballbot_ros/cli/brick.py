@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from pathlib import Path
 
 import click
@@ -11,7 +12,7 @@ from ballbot_ros.cli.progress import Progress
 from ballbot_ros.controllers.codegen.application import PARAMETER_FILE, write_application
 from ballbot_ros.controllers.codegen.toolchain import TARGETS
 from ballbot_ros.engine.scenario.reader import load_profile
-from ballbot_ros.errors import TeleopError
+from ballbot_ros.errors import TeleopError, os_errors
 from ballbot_ros.files import next_steps, own_command, temporary_folder
 from ballbot_ros.nodes.teleop.terminal import keyboard_unavailable_reason
 from ballbot_ros.parameters import ControllerParameters
@@ -117,24 +118,20 @@ def emulate(
         emulator_parameters,
     )
 
-    with temporary_folder() as scratch:
+    with ExitStack() as stack:
         if folder is None:
-            folder = Path(scratch)
+            folder = Path(stack.enter_context(temporary_folder()))
             write_application(folder, load_profile(profile).of(ControllerParameters))
         parameters = emulator_parameters(folder, profile, assignments)
-        with (
-            compiled_program(folder, target) as start,
-            Progress('emulate', 0.0, bar=False) as lines,
-        ):
-            listener: Listener
-            if socket_path is None:
-                listener = pseudo_terminal.Listener()
-            else:
-                try:
-                    listener = local_socket.Listener(str(socket_path))
-                except OSError as error:
-                    raise TeleopError(f'{socket_path}: {error.strerror}') from None
-            click.echo(f'the brick is at {listener.path}')
-            click.echo(f'drive it  {own_command("brick", "drive", "--port", listener.path)}')
-            emulate(parameters, start, listener, lines.notice)
+        start = stack.enter_context(compiled_program(folder, target))
+        listener: Listener
+        if socket_path is None:
+            listener = pseudo_terminal.Listener()
+        else:
+            with os_errors(TeleopError, socket_path):
+                listener = local_socket.Listener(str(socket_path))
+        stack.callback(listener.close)
+        click.echo(f'the brick is at {listener.path}')
+        click.echo(f'drive it  {own_command("brick", "drive", "--port", listener.path)}')
+        emulate(parameters, start, listener, click.echo)
     return 0

@@ -20,9 +20,6 @@ Gains = tuple[float, float, float, float]
 Period = Literal[4, 20, 100]
 """Periods [ms] of whole ticks that divide 100 ms, the grid on which runs begin."""
 
-LogContent = Literal['pitch', 'duties', 'duties_and_gyros']
-"""What a log packet of the document's program has: the pitch, and each adds to the one before."""
-
 DOCUMENTS_PROGRAM = ('python', 'c', 'arm')
 """Implementations of the document's control program."""
 
@@ -95,11 +92,6 @@ class ControllerParameters(
     sound_volume: int = quantity(70, '%', (0, 100), 'volume of all tones', '7.6')
     tone_gain: int = live(0, 'Hz/cm', (0, 55), 'tone proportional to the distance; 0: none', '10')
     log_count: int = quantity(25, 'ticks', (1, 255), 'ticks between log packets', '7.4')
-    log_content: LogContent = setting(
-        'pitch',
-        "content of the document's log packets: the pitch; also the duties, in data 1 and 2; also "
-        'the gyro readings, in ADC S3 and S4',
-    )
     ts2_period: Period = quantity(20, 'ms', (4, 100), 'period of task_ts2: obstacles', '7.5')
     ts3_period: Period = quantity(
         100, 'ms', (4, 100), 'period of task_ts3: operating state, battery, sound', '7.6'

@@ -22,6 +22,9 @@ from ballbot_ros.parameters.timing import SLOW_PERIOD_NS, TICK_NS
 
 READ_ONLY = TakesEffect.READ_ONLY
 
+LogContent = Literal['pitch', 'duties', 'duties_and_gyros']
+"""What a log packet of the document's program has: the pitch, and each adds to the one before."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class DeviceSeed:
@@ -259,6 +262,11 @@ class LogFormat(Radii, Subset):
 
     lsb: float = quantity(
         2.0**-10, 'deg', (1e-09, 1000.0), 'value of one bit of the logged pitch', '7.4'
+    )
+    log_content: LogContent = setting(
+        'pitch',
+        "content of the document's log packets: the pitch; also the duties, in data 1 and 2; also "
+        'the gyro readings, in ADC S3 and S4',
     )
 
 

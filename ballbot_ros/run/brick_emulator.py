@@ -131,7 +131,6 @@ class Radio:
         """End the connection."""
         if self._link is not None:
             self._lose()
-        self._listener.close()
 
 
 class EmulatedRobot(ClosedLoop):
@@ -211,6 +210,7 @@ def emulate(
     shown = ''
     try:
         with StopRequest() as stop:
+            tell('waiting for a connection')
             while not stop.signal:
                 was_connected = radio.is_connected
                 radio.poll()

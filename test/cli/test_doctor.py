@@ -82,7 +82,7 @@ def test_bluetooth_adapters_are_described(tmp_path):
 
 def test_a_python_without_bluetooth_is_told_what_else_works(monkeypatch):
     monkeypatch.delattr(socket, 'AF_BLUETOOTH', raising=False)
-    with pytest.raises(BallbotError, match='no Bluetooth sockets.*rfcomm bind 0.*--port'):
+    with pytest.raises(BallbotError, match=r'no Bluetooth sockets.*rfcomm bind 0.*--port'):
         rfcomm.check_address('00:16:53:01:02:03')
     with pytest.raises(BallbotError, match="'00:16:53' is no Bluetooth address, such as 00:16:53:"):
         rfcomm.check_address('00:16:53')

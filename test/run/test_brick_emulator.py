@@ -66,6 +66,7 @@ def radio(wire):
     radio.poll()
     yield radio
     radio.close()
+    wire.close()
 
 
 def test_a_call_takes_one_packet_and_seven_wait(wire, radio):

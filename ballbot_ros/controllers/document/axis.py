@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, get_args
 import numpy as np
 
 from ballbot_ros.parameters import ControllerParameters
-from ballbot_ros.parameters.controller import LogContent
+from ballbot_ros.parameters.nodes import LogContent
 from ballbot_ros.parameters.timing import TICK_MS
 from ballbot_ros.robot.brick.schedule import TaskTiming
 

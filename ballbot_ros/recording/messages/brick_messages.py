@@ -8,11 +8,12 @@ from ballbot_ros.recording.messages import topics
 from ballbot_ros.recording.messages.conversions import (
     encode_battery,
     encode_controller_state,
+    encode_duty,
     encode_header,
     encode_log,
     encode_sticks,
 )
-from ballbot_ros.recording.messages.devices import encode_encoders, encode_sonar
+from ballbot_ros.recording.messages.devices import encode_encoders, encode_gyro, encode_sonar
 from ballbot_ros.recording.messages.run_messages import MakeSend
 from ballbot_ros.robot.brick.bluetooth import LogPacket, Sticks
 from ballbot_ros.robot.brick.sensors import NO_DATA_CM
@@ -32,6 +33,8 @@ class BrickMessages:
         self._send_encoders = make(topics.JOINT_STATES)
         self._send_sonar = make(topics.SONAR_RANGE)
         self._send_state = make(topics.CONTROLLER_STATE)
+        self._send_duty = make(topics.MOTOR_DUTY)
+        self._send_gyro = make(topics.GYRO_IMU)
         self._send_sticks = make(topics.GAMEPAD_JOY)
 
     def begin(self, start_ns: int, name: str) -> None:
@@ -48,6 +51,11 @@ class BrickMessages:
         x = self._estimates(packet.rev_b, packet.adc1)
         y = self._estimates(packet.rev_c, packet.adc2)
         self._send_state(stamp_ns, encode_controller_state(stamp_ns, x, y))
+        content = self._format.log_content
+        if content != 'pitch':
+            self._send_duty(stamp_ns, encode_duty(stamp_ns, (packet.data1, packet.data2)))
+        if content == 'duties_and_gyros':
+            self._send_gyro(stamp_ns, encode_gyro(stamp_ns, (packet.adc3, packet.adc4)))
 
     def _estimates(self, revolution: int, pitch: int) -> Estimates:
         """Return the program's estimates of ball angle and pitch in a plane (section 7.4)."""

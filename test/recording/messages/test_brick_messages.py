@@ -12,11 +12,12 @@ from ballbot_ros.recording.messages.brick_messages import BrickMessages
 from ballbot_ros.recording.messages.conversions import (
     controller_state,
     decode_battery_mv,
+    decode_real_duty,
     decode_sticks,
     log_packet,
     time_ns,
 )
-from ballbot_ros.recording.messages.devices import decode_encoders, decode_sonar
+from ballbot_ros.recording.messages.devices import decode_encoders, decode_gyro, decode_sonar
 from ballbot_ros.recording.messages.raw import decoder, stamp_of
 from ballbot_ros.robot.brick.bluetooth import LogPacket
 
@@ -39,9 +40,12 @@ def decoded(sent):
     return {topic: decoder(topic.type_name)(data) for topic, _, data in sent}
 
 
-@pytest.mark.parametrize('lsb', [2.0**-10, 0.01])
-def test_a_packet_says_what_the_simulation_publishes_at_the_same_tick(lsb):
+@pytest.mark.parametrize(
+    ('lsb', 'content'), [(2.0**-10, 'pitch'), (0.01, 'duties'), (0.01, 'duties_and_gyros')]
+)
+def test_a_packet_says_what_the_simulation_publishes_at_the_same_tick(lsb, content):
     parameters = load_profile('hardware')
+    parameters.set(CONTROLLER, 'log_content', content)
     parameters.set(CONTROLLER, 'lsb', lsb)
     parameters.set(CONTROLLER, 'wheel_radius', 0.02)
     settings = parameters.of(ControllerParameters)
@@ -57,6 +61,15 @@ def test_a_packet_says_what_the_simulation_publishes_at_the_same_tick(lsb):
             assert decode_sonar(raw[topics.SONAR_RANGE]) == packet.sonar_cm
             assert decode_battery_mv(raw[topics.BATTERY_STATE]) == packet.battery_mv
             assert log_packet(found[topics.BLUETOOTH_TX]) == packet
+            duty, gyro = raw.get(topics.MOTOR_DUTY), raw.get(topics.GYRO_IMU)
+            assert (duty and decode_real_duty(duty)) == (
+                None
+                if content == 'pitch'
+                else (loop.program.state.duty_x, loop.program.state.duty_y)
+            )
+            assert (gyro and decode_gyro(gyro)) == (
+                tick.inputs.gyro if content == 'duties_and_gyros' else None
+            )
             state, program = controller_state(found[topics.CONTROLLER_STATE]), loop.program
             for plane, at in NAMES.items():
                 estimates = getattr(program, plane)
