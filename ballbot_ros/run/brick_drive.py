@@ -107,5 +107,9 @@ def drive_brick(
             observer.notice(node.losses)
         if thread.error is not None:
             raise thread.error
-        recorded = recording if recording and recording.exists() else None
-    return DriveResult(node.exit_status, recorded)
+        if node.newest is None:
+            observer.notice(f'no packet has arrived from {node.name}: nothing is recorded')
+            if recording:
+                recording.unlink(missing_ok=True)
+            return DriveResult(1, None)
+    return DriveResult(node.exit_status, recording)
