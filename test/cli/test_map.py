@@ -43,6 +43,20 @@ def test_a_shipped_map_is_written(tmp_path):
         assert f'wrote  {path}\n' in done.stdout
 
 
+def test_the_robot_stands_on_the_map_when_asked_for(tmp_path):
+    done = ballbot_map('corridor', '--wrl', tmp_path / 'a.wrl', '--robot')
+    assert (done.returncode, done.stderr) == (0, '')
+    text = (tmp_path / 'a.wrl').read_text()
+    assert text.count('Viewpoint {') == 5
+    assert 'DEF base_footprint Transform' in text
+
+
+def test_the_robot_needs_a_file(tmp_path):
+    for arguments in ((), ('--yaml', tmp_path / 'a.yaml'), ('--check',)):
+        assert_one_line(ballbot_map('track', '--robot', *arguments), '--robot needs --wrl FILE')
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_check_prints_one_line_and_writes_nothing():
     done = ballbot_map('track', '--check')
     assert (done.returncode, done.stdout, done.stderr) == (0, 'track: OK, 200 × 200 cm\n', '')

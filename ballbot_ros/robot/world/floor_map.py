@@ -176,10 +176,12 @@ def _lower_left_corner(floor_map: FloorMap) -> tuple[float, float]:
     return -floor_map.columns * CELL_M / 2.0, -floor_map.rows * CELL_M / 2.0
 
 
-def write_files(floor_map: FloorMap, *, wrl: Path | None, nav2: Path | None) -> list[Path]:
+def write_files(
+    floor_map: FloorMap, *, wrl: Path | None, nav2: Path | None, nodes: str = ''
+) -> list[Path]:
     """Write a map as VRML, as nav2's YAML with its image, or as both; return the written files.
 
-    The .pgm is named after the .yaml.
+    The .pgm is named after the .yaml. `nodes` are more of VRML's, to follow the floor.
 
     Raises
     ------
@@ -191,7 +193,7 @@ def write_files(floor_map: FloorMap, *, wrl: Path | None, nav2: Path | None) -> 
             raise WorldError(f'{path}: is a folder; name a file')
     contents: dict[Path, Callable[[BinaryIO], None]] = {}
     if wrl is not None:
-        contents[wrl] = lambda stream: _write_vrml(floor_map, stream)
+        contents[wrl] = lambda stream: _write_vrml(floor_map, nodes, stream)
     if nav2 is not None:
         image = nav2.with_suffix('.pgm')
         if image in (nav2, wrl) or nav2 == wrl:
@@ -220,7 +222,7 @@ def _create(contents: Mapping[Path, Callable[[BinaryIO], None]]) -> None:
         raise WorldError(f'{path}: {reason}') from None
 
 
-def _write_vrml(floor_map: FloorMap, stream: BinaryIO) -> None:
+def _write_vrml(floor_map: FloorMap, nodes: str, stream: BinaryIO) -> None:
     """Write an elevation grid (Appendix B.2): a vertex per pixel, x the column, z the row [cm]."""
 
     def write(text: str) -> None:
@@ -245,7 +247,7 @@ def _write_vrml(floor_map: FloorMap, stream: BinaryIO) -> None:
     write_cells(_HEIGHTS)
     write('    ]\n    colorPerVertex TRUE\n    color Color { color [\n')
     write_cells(_COLOURS)
-    write('    ] }\n  }\n}\n')
+    write(f'    ] }}\n  }}\n}}\n{nodes}')
 
 
 def _write_nav2(floor_map: FloorMap, image: str, stream: BinaryIO) -> None:
