@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,142 +21,46 @@ from ballbot_ros.cli.options import (
     write_file,
 )
 from ballbot_ros.controllers.codegen.implementation import compose_controller
-from ballbot_ros.parameters import CONTROLLER, MAX_DELAY_MS, PLANT, ParameterSet, PlantParameters
-from ballbot_ros.parameters.controller import MODEL
+from ballbot_ros.controllers.design.redesign import (
+    LIMITS,
+    OPTIONS,
+    SIGNALS,
+    Method,
+    Redesign,
+)
+from ballbot_ros.parameters import CONTROLLER, ParameterSet
 from ballbot_ros.parameters.files import assign, format_parameters, read_parameter_file
-from ballbot_ros.parameters.parameter import TextEnum
 from ballbot_ros.parameters.timing import TICK_MS
 from ballbot_ros.process import stdout_to_stderr
-from ballbot_ros.robot.plant.model import PhysicalParameters
 
 LOOP_PARAMETERS = ('k_f', 'k_i', 'a_d', 'a_gd')
 """What makes the loop of the document's program."""
 
-LQG_SCALES = (
-    'user.theta_scale', 'user.psi_scale', 'user.theta_dot_scale', 'user.psi_dot_scale',
-    'user.integral_scale',
-)  # fmt: skip
 
+def _redesign(method: str | None, **options: Any) -> Redesign | None:
+    """Return the design that options ask for; None without a method.
 
-class Method(TextEnum):
-    """How gains are designed."""
-
-    LQR = 'lqr'
-    DLQR = 'dlqr'
-    PLACE = 'place'
-    LQG = 'lqg'
-
-
-OPTIONS = {
-    Method.LQR: ('q', 'r'),
-    Method.DLQR: ('q', 'r', 'delay'),
-    Method.PLACE: ('poles', 'delay'),
-    Method.LQG: ('q', 'r', 'delay'),
-}
-"""The options that each method takes."""
-
-
-@dataclass(frozen=True)
-class Redesign:
-    """A design of gains: the method, and its options; None for those that were not given.
-
-    Attributes
-    ----------
-    method : Method
-    q : tuple of float, optional
-        Weights of theta and psi [1/deg²], their rates [s²/deg²] and the integral of theta
-        [1/(deg² s²)].
-    r : float, optional
-        Weight of the motor voltage [1/V²].
-    poles : tuple of complex, optional
-        Poles of the closed loop [1/s].
-    delay : float, optional
-        Dead time of the motors to design for [ms], instead of the mean one of the plant.
+    Raises
+    ------
+    click.UsageError
+        If the method needs another option, or does not take one of them.
     """
-
-    method: Method
-    q: tuple[float, ...] | None = None
-    r: float | None = None
-    poles: tuple[complex, ...] | None = None
-    delay: float | None = None
-
-    @classmethod
-    def of(cls, method: str | None, **options: Any) -> Redesign | None:
-        """Return the design that options ask for; None without a method.
-
-        Raises
-        ------
-        click.UsageError
-            If the method needs another option, or does not take one of them.
-        """
-        given = {name: value for name, value in options.items() if value is not None}
-        if method is None:
-            if given:
-                raise click.UsageError(f'--{min(given)} needs --method')
-            return None
-        redesign = cls(Method(method), **given)
-        takes = OPTIONS[redesign.method]
-        for option in given:
-            if option not in takes:
-                names = ', '.join(f'--{each}' for each in takes)
-                raise click.UsageError(f'--{option}: --method {method} takes {names}')
-        if redesign.method is Method.PLACE and redesign.poles is None:
-            raise click.UsageError('--method place needs --poles')
-        if redesign.method is Method.LQG and redesign.q and min(redesign.q) <= 0.0:
-            raise click.UsageError('--q: --method lqg needs weights above 0')
-        return redesign
-
-    def apply(self, parameters: ParameterSet) -> None:
-        """Set the designed gains.
-
-        Raises
-        ------
-        BallbotError
-            If there are none.
-        """
-        # Imported only here: python-control takes two seconds.
-        from ballbot_ros.controllers.design.gain_design import GainDesign, set_gains
-        from ballbot_ros.controllers.design.linear_model import Q_DIAGONAL, R_WEIGHT, design_servo
-        from ballbot_ros.controllers.design.sampled_loop import (
-            LoopDelays,
-            require_documents_program,
-        )
-
-        delays = LoopDelays.of(parameters)
-        if self.delay is not None:
-            delays = replace(delays, actuator=self.delay)
-        if self.method is Method.LQG:
-            self._prepare_lqg(parameters, delays.actuator)
-            return
-        require_documents_program(parameters)
-        q, r = self.q or Q_DIAGONAL, self.r or R_WEIGHT
-        physical = PhysicalParameters.from_parameters(parameters.of(PlantParameters))
-        if self.method is Method.LQR:
-            set_gains(parameters, design_servo(physical, q, r).gain.tolist())
-            return
-        design = GainDesign(parameters, delays)
-        if self.poles is not None:
-            set_gains(parameters, design.with_poles(self.poles))
-        else:
-            set_gains(parameters, design.regulator(q, r))
-
-    def _prepare_lqg(self, parameters: ParameterSet, delay_ms: float) -> None:
-        """Choose the controller lqg, with the robot and the dead time to design for.
-
-        It weighs each deviation relative to a scale.
-        """
-        for each in fields(PhysicalParameters):
-            own = f'{MODEL}{each.name}'
-            if parameters.is_set(PLANT, each.name) and own not in parameters.undeclared:
-                value = getattr(parameters.of(PlantParameters), each.name)
-                parameters.set(CONTROLLER, own, value, '--method')
-        parameters.set(CONTROLLER, 'implementation', 'lqg', '--method')
-        for name, weight in zip(LQG_SCALES, self.q or (), strict=False):
-            parameters.set(CONTROLLER, name, weight**-0.5, '--q')
-        if self.r is not None:
-            parameters.set(CONTROLLER, 'user.voltage_scale', self.r**-0.5, '--r')
-        if self.delay is not None or 'user.actuator_delay' not in parameters.undeclared:
-            parameters.set(CONTROLLER, 'user.actuator_delay', delay_ms, '--delay')
+    given = {name: value for name, value in options.items() if value is not None}
+    if method is None:
+        if given:
+            raise click.UsageError(f'--{min(given)} needs --method')
+        return None
+    redesign = Redesign(Method(method), **given)
+    takes = OPTIONS[redesign.method]
+    for option in given:
+        if option not in takes:
+            names = ', '.join(f'--{each}' for each in takes)
+            raise click.UsageError(f'--{option}: --method {method} takes {names}')
+    if redesign.method is Method.PLACE and redesign.poles is None:
+        raise click.UsageError('--method place needs --poles')
+    if redesign.method is Method.LQG and redesign.q and min(redesign.q) <= 0.0:
+        raise click.UsageError('--q: --method lqg needs weights above 0')
+    return redesign
 
 
 Callback = Callable[[click.Context, click.Parameter, str | None], Any]
@@ -202,21 +105,9 @@ def _number_callback(
     return callback
 
 
-LARGEST_WEIGHT = 1e20
-"""Far beyond all useful ones; solvers lose all digits with weights such as 1e300."""
-
-positive_weight = _number_callback(
-    float, 'within 1e-20 … 1e20', lambda value: 1.0 / LARGEST_WEIGHT <= value <= LARGEST_WEIGHT
-)
-delay_ms = _number_callback(
-    float, f'within 0 … {MAX_DELAY_MS:g} ms', lambda value: 0.0 <= value <= MAX_DELAY_MS
-)
-five_weights = _number_callback(
-    float,
-    '0 or within 1e-20 … 1e20',
-    lambda value: value == 0.0 or 1.0 / LARGEST_WEIGHT <= value <= LARGEST_WEIGHT,
-    count=5,
-)
+positive_weight = _number_callback(float, *LIMITS['r'])
+delay_ms = _number_callback(float, *LIMITS['delay'])
+five_weights = _number_callback(float, *LIMITS['q'], count=SIGNALS)
 five_poles = _number_callback(
     complex, 'a pole, such as -7+5j', lambda value: math.isfinite(abs(value)), count=5
 )
@@ -311,7 +202,7 @@ def command(
 
     With --method, the gains are designed first.
     """
-    redesign = Redesign.of(method, q=q, r=r, poles=poles, delay=delay)
+    redesign = _redesign(method, q=q, r=r, poles=poles, delay=delay)
     if redesign and controller:
         raise click.UsageError('--controller has a design of its own: omit --method')
     if output and not (redesign or controller):

@@ -32,8 +32,6 @@ VIEWPOINTS = {
 """The document's name of each view, and the frame that its camera is fixed to."""
 
 _START = Snapshot(0.0, (0.0, 0.0), (0.0, 0.0))
-_SQUARE = 1.0
-"""VRML's field of view is that of the shorter side, so it suits a window of any shape."""
 
 
 def robot_nodes(floor_map: FloorMap, dimensions: Dimensions) -> str:
@@ -49,7 +47,8 @@ def robot_nodes(floor_map: FloorMap, dimensions: Dimensions) -> str:
     def viewpoints(frame: str) -> Iterator[str]:
         for view, (name, carrier) in VIEWPOINTS.items():
             if carrier == frame:
-                seen = camera(view, _START, dimensions, area, _SQUARE)
+                # VRML's field of view is that of the shorter side, whatever the window.
+                seen = camera(view, _START, dimensions, area, aspect=1.0)
                 yield (
                     f'DEF {name.replace(" ", "_")} Viewpoint {{ description "{name}" '
                     f'position {_cm(seen.position - places[frame])} '

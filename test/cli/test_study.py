@@ -88,8 +88,8 @@ def test_the_shipped_studies_are_listed(command):
     status, text, _ = command('study')
     assert status == 0
     assert [line.split()[0] for line in text.splitlines()] == [
-        'basin', 'clock', 'delay_and_gain', 'failsafe', 'link_phase', 'robustness', 'sensitivity',
-        'task_costs',
+        'basin', 'clock', 'delay_and_gain', 'failsafe', 'link_phase', 'mechanism', 'robustness',
+        'sensitivity', 'task_costs',
     ]  # fmt: skip
 
 

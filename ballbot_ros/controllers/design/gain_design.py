@@ -26,6 +26,7 @@ from ballbot_ros.controllers.design.loop_analysis import (
     sorted_poles,
     steady_covariance,
 )
+from ballbot_ros.controllers.design.redesign import SIGNALS
 from ballbot_ros.controllers.design.sampled_loop import (
     DUTY,
     ENCODER_ERROR,
@@ -42,9 +43,6 @@ from ballbot_ros.robot.plant.model import Matrix, PhysicalParameters
 
 DISTURBANCE_N = 0.2
 """Random force on the body, new in each tick, that the linear quadratic design expects [N RMS]."""
-
-SIGNALS = 5
-"""What the gains multiply: theta, psi, their rates, the integral of theta."""
 
 _LARGEST_CHANGE = math.log(1e3)
 """The search keeps the signs of the gains of section 4.2, and their sizes within this factor."""

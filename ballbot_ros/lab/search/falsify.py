@@ -148,13 +148,15 @@ def check(study: Study) -> None:
     Raises
     ------
     StudyError
-        If it requires nothing, a property can't be violated, only the seed varies, or it has too
-        many runs.
+        If it requires nothing, a property can't be violated, only the seed varies, gains are
+        designed, or it has too many runs.
     """
     if study.runs > MOST_RUNS:
         raise StudyError(f'{study.name}: {study.runs:,} runs; at most {MOST_RUNS:,} are searched')
     if not study.variables:
         raise StudyError(f'{study.name}: nothing varies but the seed; there is nothing to search')
+    if study.redesign:
+        raise StudyError(f'{study.name}: a search needs the same gains in all runs: omit redesign')
     if not requirements_of(study):
         raise StudyError(
             f'{study.name}: has neither properties nor expectations that a run could violate'

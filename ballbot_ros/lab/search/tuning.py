@@ -82,7 +82,7 @@ class TuningReader(StudyReader):
     """Reads the file of a tuning: that of a study, and what is tuned for what."""
 
     what: ClassVar[str] = 'the tuning'
-    keys: ClassVar[frozenset[str]] = STUDY_KEYS - {'controller'} | {
+    keys: ClassVar[frozenset[str]] = STUDY_KEYS - {'controller', 'redesign'} | {
         'tune', 'objective', 'limits', 'candidates', 'population', 'unseen',
     }  # fmt: skip
 

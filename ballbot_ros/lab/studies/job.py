@@ -22,6 +22,7 @@ from ballbot_ros.lab.studies.columns import ColumnKind, ResultColumn
 from ballbot_ros.lab.studies.manifest import PartSummary, StudyRecord
 from ballbot_ros.lab.studies.part_file import EncodedPart, PartRows, encode_part, store_part
 from ballbot_ros.lab.studies.programs import why_not_compiled
+from ballbot_ros.lab.studies.redesign import GAINS
 from ballbot_ros.lab.studies.rerun import parameter_text
 from ballbot_ros.lab.studies.runs import (
     Advance,
@@ -67,6 +68,8 @@ class Job:
         Their measures are among those.
     folder : Path
         Where the part is written.
+    has_designs : bool
+        Whether the gains of each robot are designed, and are among the samples.
     """
 
     record: StudyRecord
@@ -74,6 +77,7 @@ class Job:
     measures: tuple[Measure | Property, ...]
     expectations: tuple[Expectation, ...]
     folder: Path
+    has_designs: bool = False
 
     def do(self, part: int, samples: Samples, advance: Advance = ignore) -> PartSummary:
         """Simulate, judge and write a part.
@@ -99,6 +103,9 @@ class Job:
             If a value is not possible; the message is one line.
         """
         results = _simulator(self).simulate(samples, advance)
+        if self.has_designs:
+            has_gains = np.any([samples.values[name] for name in GAINS], axis=0)
+            results.failed[~has_gains] = True
         varied = {**samples.values, **samples.events}
         seeds = varied.get(SEED, np.full(samples.count, self.spec.plant.seed))
         # What has no time to be judged has no value, though it holds.
@@ -123,6 +130,16 @@ def job_of(study: Study, folder: Path, runs_per_part: int | None = None) -> Job:
         If the map can't be read.
     """
     spec = replace(study.spec, controller=None)
+    gains = [ResultColumn(name, meaning='designed for the robot') for name in GAINS]
+    varied = [
+        ResultColumn(
+            each.name,
+            ColumnKind.of(each.distribution.values(np.zeros(1))),
+            each.parameter.unit,
+            each.parameter.description,
+        )
+        for each in study.variables
+    ]
     record = StudyRecord(
         study.name,
         text=study.text,
@@ -131,18 +148,11 @@ def job_of(study: Study, folder: Path, runs_per_part: int | None = None) -> Job:
         runs=study.runs,
         seed=study.seed,
         runs_per_part=runs_per_part or _runs_per_part(study),
-        varied=tuple(
-            ResultColumn(
-                each.name,
-                ColumnKind.of(each.distribution.values(np.zeros(1))),
-                each.parameter.unit,
-                each.parameter.description,
-            )
-            for each in study.variables
-        ),
+        varied=(*varied, *(gains if study.redesign else ())),
         measures=study.measure_columns,
     )
-    return Job(record, spec, study.measures, study.expectations, folder)
+    measures, expectations = study.measures, study.expectations
+    return Job(record, spec, measures, expectations, folder, study.redesign is not None)
 
 
 def _identities(spec: RunSpec) -> str:
@@ -161,7 +171,8 @@ def _identities(spec: RunSpec) -> str:
 
 def _runs_per_part(study: Study) -> int:
     """Return how many runs a part has: a few seconds of work, but some parts for every core."""
-    work_s = ORDINARY_PART_S if why_not_compiled(study.spec) else COMPILED_PART_S
+    is_slow = study.redesign or why_not_compiled(study.spec)
+    work_s = ORDINARY_PART_S if is_slow else COMPILED_PART_S
     _, longest = study.common_scenario
     runs = min(work_s / longest.duration, study.runs / FEWEST_PARTS)
     return max(1, round(runs), -(-study.runs // MOST_PARTS))

@@ -9,11 +9,19 @@ from math import prod
 from pathlib import Path
 from typing import Any, ClassVar, cast
 
-from ballbot_ros.controllers.loading import resolve_reference
+from ballbot_ros.controllers.design.redesign import (
+    LIMITS,
+    OPTIONS,
+    SIGNALS,
+    Method,
+    Redesign,
+)
+from ballbot_ros.controllers.loading import public_reference, resolve_reference
 from ballbot_ros.engine.rows import robot_parameter
 from ballbot_ros.engine.scenario.metrics import METRICS
 from ballbot_ros.engine.scenario.properties import OF_MOTION, Property
 from ballbot_ros.engine.scenario.reader import (
+    Keys,
     load_profile,
     load_scenario,
     scenario_names,
@@ -25,6 +33,7 @@ from ballbot_ros.files import read_text, share_directory
 from ballbot_ros.lab.studies.columns import OTHERS
 from ballbot_ros.lab.studies.events import event_part, extreme_scenarios, is_event
 from ballbot_ros.lab.studies.programs import with_values
+from ballbot_ros.lab.studies.redesign import GAINS, K_F
 from ballbot_ros.lab.studies.study import CASE, MAX_RUNS, Sampling, Study, grid_shape, nearest_grid
 from ballbot_ros.lab.studies.variables import (
     CONE_RAYS,
@@ -39,7 +48,15 @@ from ballbot_ros.lab.studies.variables import (
     fixed_identities,
     identity,
 )
-from ballbot_ros.parameters import CONTROLLER, PLANT, ParameterSet, PlantParameters, suggest
+from ballbot_ros.parameters import (
+    CONTROLLER,
+    DOCUMENTS_PROGRAM,
+    PLANT,
+    ControllerParameters,
+    ParameterSet,
+    PlantParameters,
+    suggest,
+)
 from ballbot_ros.parameters.files import leaves
 from ballbot_ros.parameters.timing import TICK_S
 from ballbot_ros.parameters.yaml_document import YamlDocument
@@ -50,7 +67,7 @@ from ballbot_ros.run.spec import RunOptions, RunSpec
 
 STUDY_KEYS = frozenset({
     'purpose', 'scenario', 'profile', 'controller', 'parameters', 'faults', 'runs', 'repeats',
-    'seed', 'sampling', 'vary', 'metrics', 'expectations', 'properties',
+    'seed', 'sampling', 'vary', 'redesign', 'metrics', 'expectations', 'properties',
 })  # fmt: skip
 MAX_SEED = 2**63 - 1
 MAX_HYPERCUBE = 20_000_000
@@ -127,6 +144,7 @@ class StudyReader(DistributionReader):
         sampling = self._sampling(data.get('sampling', Sampling.RANDOM.value))
         fixed_keys = fixed_identities(fixed)
         variables = self._variables(data.get('vary', {}), spec, fixed_keys, sampling)
+        redesign = self._redesign(data, spec, {*values, *(each.name for each in variables)})
         seed_key = identity(SEED, robot_parameter(SEED))
         varied_keys = {identity(each.name, each.parameter) for each in variables}
         draws_seeds = seed_key not in varied_keys | fixed_keys
@@ -157,7 +175,47 @@ class StudyReader(DistributionReader):
             expectations=expectations,
             properties=self._study_properties(data, spec),
             spec=spec,
+            redesign=redesign,
         )
+
+    def _redesign(
+        self, data: Mapping[str, object], spec: RunSpec, given: Collection[str]
+    ) -> Redesign | None:
+        """Return how gains are designed; `given` are the names of what is set or varies."""
+        if 'redesign' not in data:
+            return None
+        key = 'redesign'
+        content = data[key] if isinstance(data[key], dict) else {'method': data[key]}
+        methods = Method.LQR, Method.DLQR
+        method = cast('dict[str, object]', content).get('method')
+        if method not in methods:
+            raise self._error(
+                (key,), f'{key}: {short_repr(method)} is not one of {", ".join(methods)}'
+            )
+        options = dict(self._mapping(content, (key,), ('method', *OPTIONS[Method(method)])))
+        controller = spec.parameters.of(ControllerParameters).implementation
+        if controller not in DOCUMENTS_PROGRAM:
+            other = public_reference(controller)
+            raise self._error((key,), f"{key}: {other} is not the document's program")
+        if taken := sorted({K_F, *GAINS}.intersection(given)):
+            raise self._error((key,), f'{key}: {taken[0]} is designed for each robot: omit it')
+        numbers: dict[str, Any] = {}
+        for option, value in options.items():
+            if option == 'q':
+                numbers[option] = weights = tuple(self._each(value, (key, option), self._weight))
+                if len(weights) != SIGNALS:
+                    text = f'q: {SIGNALS} numbers are needed, not {len(weights)}'
+                    raise self._error((key, option), text)
+            elif option != 'method':
+                numbers[option] = self._weight(value, (key, option))
+        return Redesign(Method(str(method)), **numbers)
+
+    def _weight(self, value: object, keys: Keys) -> float:
+        """Return a number of a design."""
+        number, limit = self._number(value, keys), LIMITS[str(keys[1])]
+        if not limit.is_allowed(number):
+            raise self._error(keys, f'{keys[1]}: {number:g} is not {limit.wanted}')
+        return number
 
     def _check_events(self, spec: RunSpec, variables: Sequence[Variable], end: float) -> None:
         """Refuse pushes, sticks and faults that a run could not have."""

@@ -42,6 +42,7 @@ from ballbot_ros.lab.studies.manifest import StudyRecord
 from ballbot_ros.lab.studies.maps import PassMap, PredictedLimit, map_bins, predict, usual_values
 from ballbot_ros.lab.studies.outcomes import ending_table, endings_below, endings_of
 from ballbot_ros.lab.studies.programs import with_values
+from ballbot_ros.lab.studies.redesign import GAINS
 from ballbot_ros.lab.studies.rerun import study_parameters
 from ballbot_ros.lab.studies.sensitivity import MAX_SAMPLE, MIN_SAMPLE, SLICES, analyse
 from ballbot_ros.lab.studies.study import StudyText
@@ -143,14 +144,16 @@ class _Findings:
         study = data.study
         self.data = data
         self.text = StudyText.of(study.text)
+        designed = GAINS if self.text.redesign else ()
+        self.varied = [each for each in study.varied if each.name not in designed]
         survey = self.survey = Survey.of(data, MAX_SAMPLE, np.random.default_rng(study.seed))
         if not survey.totals.runs:
             raise StudyError(f'{data.path}: has no results yet')
-        varied = {each.name: survey.sample[each.name] for each in study.varied}
+        varied = {each.name: survey.sample[each.name] for each in self.varied}
         results = {each.name: survey.sample[each.name] for each in (*study.measures, PASSED)}
         self.found = analyse(varied, results, study.seed)
         self.summary = data.summary(WORST_SHOWN)
-        self.axes = [self._axis(each, share_bins) for each in study.varied]
+        self.axes = [self._axis(each, share_bins) for each in self.varied]
         self.pairs = self._pairs()
         self.edges = {
             each.name: histogram_edges(each, survey.extents[each.name], survey.sample[each.name])
@@ -162,7 +165,7 @@ class _Findings:
         """Return the axes of each map, horizontal and vertical, the most influential pair first."""
         names = self.found.most_influential(MAPPED_VARIABLES)
         # In the order of the study, so that a variable is on the same side of all its maps.
-        varied = [each for each in self.data.study.varied if each.name in names]
+        varied = [each for each in self.varied if each.name in names]
         axes = {each.name: self._axis(each, map_bins) for each in varied}
         ranks = list(axes)
         chosen = (sorted(pair, key=ranks.index) for pair in combinations(names, 2))
@@ -264,6 +267,8 @@ class _Findings:
             ('Version', f'{study.versions.ballbot_ros}, code {study.code_sha256[:12]}'),
             ('Begun', manifest.begun.replace('T', ' ')),
         ]
+        if self.text.redesign:
+            facts.append(('Gains', f'designed for each robot: {self.text.redesign}'))
         if manifest.finished:
             facts.append(('Finished', manifest.finished.replace('T', ' ')))
         return facts
@@ -276,7 +281,7 @@ class _Findings:
                 self.text.distributions.get(each.name, ''),
                 each.meaning,
             )
-            for each in self.data.study.varied
+            for each in self.varied
         ]
 
     def _versions(self) -> list[tuple[str, str]]:
@@ -287,7 +292,7 @@ class _Findings:
         return [*versions, ('SHA-256 of the code', study.code_sha256)]
 
     def _maps(self, predictions: Iterable[PredictedLimit | None]) -> list[PassMap]:
-        others = len(self.data.study.varied) > 2
+        others = len(self.varied) > 2
         return [
             PassMap(x, y, counts, prediction, others)
             for (x, y), counts, prediction in zip(
@@ -297,7 +302,9 @@ class _Findings:
 
     def _predictions(self) -> tuple[list[PredictedLimit | None], str]:
         """Return the prediction for each map, and why there are none at all, or an empty text."""
-        names = [each.name for each in self.data.study.varied]
+        if self.text.redesign:
+            return [None] * len(self.pairs), 'the gains are designed for each robot'
+        names = [each.name for each in self.varied]
         varied = {name: self.survey.sample[name] for name in names if not is_event(name)}
         try:
             with TemporaryDirectory(prefix='ballbot_report_') as folder:
@@ -305,7 +312,7 @@ class _Findings:
             usual = with_values(parameters, usual_values(varied))
         except BallbotError as error:
             # Such as a map or a controller that is not on this machine.
-            return [None] * len(self.pairs), one_line(error)
+            return [None] * len(self.pairs), f"the parameters can't be read here: {one_line(error)}"
         return [predict(usual, x, y) for x, y in self.pairs], ''
 
     def _sensitivity(self) -> dict[str, Any] | None:

@@ -8,12 +8,14 @@ from dataclasses import dataclass, field, replace
 
 import yaml
 
+from ballbot_ros.controllers.design.redesign import Redesign
 from ballbot_ros.engine.rows import Column
 from ballbot_ros.engine.scenario.properties import Property
 from ballbot_ros.engine.scenario.scenario import Expectation, Measure, Scenario
 from ballbot_ros.errors import printable
 from ballbot_ros.lab.studies.columns import MeasureColumn
 from ballbot_ros.lab.studies.events import is_event
+from ballbot_ros.lab.studies.redesign import designed_gains
 from ballbot_ros.lab.studies.runs import Samples
 from ballbot_ros.lab.studies.variables import (
     DISTRIBUTIONS,
@@ -71,6 +73,8 @@ class Study:
         Metrics of the whole run.
     spec : RunSpec
         The run that all are like, but for their samples.
+    redesign : Redesign or None
+        How the gains of each robot are designed; None if all have the same.
     case : mapping of str to str
         Its scenario and controller, if the file has several; its results are in such a folder.
     """
@@ -87,6 +91,7 @@ class Study:
     expectations: tuple[Expectation, ...]
     properties: tuple[Property, ...]
     spec: RunSpec
+    redesign: Redesign | None = None
     case: Mapping[str, str] = field(default_factory=dict)
 
     def of_several(self) -> Study:
@@ -117,6 +122,8 @@ class Study:
     def samples(self, columns: Mapping[str, Column], first: int = 0) -> Samples:
         """Return the samples of consecutive runs, given the values of all of :attr:`columns`.
 
+        They have the gains of each robot, if those are designed.
+
         Parameters
         ----------
         columns : mapping of str to ndarray
@@ -127,6 +134,9 @@ class Study:
         count = len(columns[self.columns[0]])
         values = {name: columns[name] for name in self.columns if not is_event(name)}
         events = {name: columns[name] for name in self.columns if is_event(name)}
+        if self.redesign:
+            parameters = self.spec.parameters
+            values |= designed_gains(self.redesign, parameters, values, count, first)
         return Samples(count, values, events, first)
 
     @property
@@ -186,6 +196,8 @@ class StudyText:
         Distribution of each variable, in words.
     logarithmic : frozenset of str
         Variables whose logarithms are uniform.
+    redesign : str
+        How the gains of each robot are designed; empty if all have the same.
     """
 
     purpose: str = ''
@@ -193,6 +205,7 @@ class StudyText:
     is_grid: bool = False
     distributions: Mapping[str, str] = field(default_factory=dict)
     logarithmic: frozenset[str] = frozenset()
+    redesign: str = ''
 
     @classmethod
     def of(cls, text: str) -> StudyText:
@@ -213,6 +226,7 @@ class StudyText:
             sampling == Sampling.GRID,
             {name: _words(each) for name, each in given.items()},
             frozenset(name for name, each in given.items() if LOG_UNIFORM in each),
+            _design_words(data.get('redesign', '')),
         )
 
 
@@ -232,6 +246,12 @@ def _words(given: Mapping[str, object]) -> str:
     if kind in (UNIFORM, LOG_UNIFORM) and len(items) == 2:
         return f'{kind.replace("_", "-")}, {items[0]} … {items[1]}'
     return ''
+
+
+def _design_words(given: object) -> str:
+    """Return how gains are designed, in words."""
+    pairs = given.items() if isinstance(given, dict) else [('method', given)]
+    return printable(', '.join(f'{key} {value}' for key, value in pairs if value))
 
 
 def _number(value: object) -> str:

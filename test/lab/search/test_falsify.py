@@ -233,6 +233,7 @@ def test_a_stop_while_it_records_is_one_of_the_search(finished, tmp_path, monkey
 MISTAKES = [
     ({'vary': {}}, 'tried: nothing varies but the seed; there is nothing to search'),
     ({'properties': {}, 'expectations': {}}, 'has neither properties nor expectations'),
+    ({'redesign': 'lqr'}, 'a search needs the same gains in all runs: omit redesign'),
     ({'runs': 1_000_001}, '1,000,001 runs; at most 1,000,000 are searched'),
     (
         {'properties': {'some': 'always: duty_x_percent <= 100'}},

@@ -1,5 +1,7 @@
 """The shipped studies."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from study_reruns import rerun_of
@@ -20,8 +22,8 @@ RUNS = 24
 
 def test_the_studies_are_shipped():
     assert study_names() == [
-        'basin', 'clock', 'delay_and_gain', 'failsafe', 'link_phase', 'robustness', 'sensitivity',
-        'task_costs',
+        'basin', 'clock', 'delay_and_gain', 'failsafe', 'link_phase', 'mechanism', 'robustness',
+        'sensitivity', 'task_costs',
     ]  # fmt: skip
 
 
@@ -29,9 +31,9 @@ def test_the_studies_are_shipped():
 def test_a_shipped_study_has_cases_that_pass_and_cases_that_fail(name):
     study, *others = read_studies(name)
     assert study.name.startswith(name)
-    assert 4500 <= sum(each.runs for each in (study, *others)) <= 20_000
+    assert 4000 <= sum(each.runs for each in (study, *others)) <= 20_000
     # Spread over the whole study, in order.
-    whole = Sampler(study).part(0, study.runs)
+    whole = Sampler(replace(study, redesign=None)).part(0, study.runs)
     chosen = np.linspace(0, study.runs - 1, RUNS).astype(int)
     if study.sampling is Sampling.GRID:
         chosen = np.random.default_rng(1).permutation(study.runs)[:RUNS]
