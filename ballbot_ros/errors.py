@@ -49,7 +49,7 @@ def os_errors(kind: type[BallbotError], path: object) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise kind(f'{path}: {error.strerror}') from None
+        raise kind(f'{path}: {error.strerror or error}') from None
 
 
 class CodegenError(BallbotError):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from ballbot_ros.cli.options import NEW_FILE, PATH, Choice, set_option
+from ballbot_ros.cli.options import NEW_FILE, PATH, Choice, set_option_like
 from ballbot_ros.cli.progress import Progress
 from ballbot_ros.controllers.codegen.application import PARAMETER_FILE, write_application
 from ballbot_ros.controllers.codegen.toolchain import TARGETS
@@ -37,7 +37,7 @@ def command() -> None:
 @click.option('--output', type=PATH, help='Folder for the recording.  [default: runs/<date>_brick]')
 @click.option('--no-record', is_flag=True, help='Write no recording.')
 @click.option('--log', type=NEW_FILE, help='File for the data log, as CSV.')
-@set_option
+@set_option_like('brick_link.deadzone=0.1')
 def drive(
     address: str,
     port: str,
@@ -97,7 +97,7 @@ def drive(
 @click.option(
     '--profile', default='hardware', show_default=True, help='Device profile of the robot.'
 )
-@set_option
+@set_option_like('gyro_driver.noise=0.5')
 def emulate(
     folder: Path | None,
     target: str,
@@ -119,6 +119,7 @@ def emulate(
     )
 
     with ExitStack() as stack:
+        given = ['--program', folder] if folder else []
         if folder is None:
             folder = Path(stack.enter_context(temporary_folder()))
             write_application(folder, load_profile(profile).of(ControllerParameters))
@@ -132,6 +133,7 @@ def emulate(
                 listener = local_socket.Listener(str(socket_path))
         stack.callback(listener.close)
         click.echo(f'the brick is at {listener.path}')
-        click.echo(f'drive it  {own_command("brick", "drive", "--port", listener.path)}')
+        words = ['brick', 'drive', '--port', listener.path, *given]
+        click.echo(f'drive it  {own_command(*words)}')
         emulate(parameters, start, listener, click.echo)
     return 0

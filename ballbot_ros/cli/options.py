@@ -7,7 +7,7 @@ import os
 import shlex
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 from click.core import ParameterSource
@@ -19,6 +19,9 @@ from ballbot_ros.run.requirements import Processes
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
+
+
+F = TypeVar('F', bound=Callable[..., Any])
 
 
 class _Path(click.Path):
@@ -85,13 +88,18 @@ class FloatRange(click.FloatRange):
         return number
 
 
-set_option = click.option(
-    '--set',
-    'assignments',
-    multiple=True,
-    metavar='NODE.PARAM=VALUE',
-    help='Set a parameter, such as controller.k_thetadot=300; can be repeated.',
-)
+def set_option_like(example: str) -> Callable[[F], F]:
+    """Return the option that sets parameters, with an example for its help."""
+    return click.option(
+        '--set',
+        'assignments',
+        multiple=True,
+        metavar='NODE.PARAM=VALUE',
+        help=f'Set a parameter, such as {example}; can be repeated.',
+    )
+
+
+set_option = set_option_like('controller.k_thetadot=300')
 """Sets parameters of a run."""
 
 controller_option = click.option(

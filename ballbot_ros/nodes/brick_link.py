@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import math
 import os
 import select
 import time
@@ -12,7 +13,7 @@ from pathlib import Path
 from threading import Event, Thread
 from typing import TYPE_CHECKING
 
-from ballbot_ros.errors import BallbotError, RecordingError, TeleopError, os_errors
+from ballbot_ros.errors import BallbotError, RecordingError, TeleopError, one_line, os_errors
 from ballbot_ros.nodes.base import BallbotNode
 from ballbot_ros.nodes.gamepad_teleop import TeleopInputs
 from ballbot_ros.nodes.middleware import DomainLock
@@ -20,6 +21,7 @@ from ballbot_ros.nodes.processes import join_thread
 from ballbot_ros.nodes.teleop.gamepad import InputErrors
 from ballbot_ros.nodes.teleop.sticks import Arbiter, Command
 from ballbot_ros.nodes.transports import local_socket, rfcomm, serial_port
+from ballbot_ros.nodes.transports.whole_packets import WholePackets
 from ballbot_ros.parameters import BrickLinkParameters, LogFormat
 from ballbot_ros.parameters.timing import MILLISECOND_NS, SLOW_PERIOD_NS, TICK_NS
 from ballbot_ros.recording.brick_clock import BrickClock
@@ -30,25 +32,24 @@ from ballbot_ros.recording.messages.topics import SCENARIO, Topic
 from ballbot_ros.recording.rosbag2 import RecordedTopic, media_type
 from ballbot_ros.recording.writer import RecordingWriter
 from ballbot_ros.robot.brick.bluetooth import NEUTRAL, LogPacket, LogStream, stick_frame
-from ballbot_ros.robot.brick.sensors import NO_ECHO_CM
+from ballbot_ros.robot.brick.sensors import NO_DATA_CM, NO_ECHO_CM
 from ballbot_ros.viewer.derived_messages import offered_qos
 
 if TYPE_CHECKING:
     from ballbot_ros.nodes.teleop_terminal import TeleopTerminal
 
-SEND_S = SLOW_PERIOD_NS * 1e-9
+_SEND_S = SLOW_PERIOD_NS * 1e-9
 """Interval of the sticks: the program reads one packet every 4 ms while it balances."""
 
-RETRY_S = 1.0
-_LOST_S = 0.1
-FLUSH_S = 0.5
-END_S = 2.0
+_RETRY_S, _LOST_S = 1.0, 0.1
+_FLUSH_S = 0.5
+_END_S = 2.0
 _LAST_WORD_S = 0.3
 _READ_SIZE = 4096
+_NO_DISTANCE = {NO_ECHO_CM: 'no echo', NO_DATA_CM: 'no data'}
 _SILENCE_S, _SILENT_PERIODS = 0.25, 2.5
 """Silence after which a program does not balance: a time, and in periods of its packets."""
-
-LONGEST_PERIOD_MS = 255 * TICK_NS // MILLISECOND_NS
+_LONGEST_PERIOD_MS = 255 * TICK_NS // MILLISECOND_NS
 """The longest period of packets that a program can have (`log_count`)."""
 
 
@@ -62,8 +63,11 @@ def _connector(parameters: BrickLinkParameters) -> tuple[str, Callable[[], int]]
         return address, lambda: rfcomm.connect(address)
 
     def connect() -> int:
-        if Path(port).is_socket():
+        path = Path(port)
+        if path.is_socket():
             return local_socket.connect(port)
+        if path.is_dir() or path.is_file():
+            raise TeleopError(f'{port}: neither a serial device nor a socket')
         return serial_port.connect(port)
 
     return port, connect
@@ -127,7 +131,8 @@ class BrickLink(BallbotNode[BrickLinkParameters]):
 
     A thread serves the link. Sticks are only sent while packets arrive: a program that does not
     balance reads none, and would find old ones later. The brick keeps the last sticks for ever, so
-    neutral ones are sent when the user's inputs fall silent, and at the end.
+    neutral ones are sent when the user's inputs or the brick fall silent, and at the end, whatever
+    ends the link.
     """
 
     def __init__(self, parameters: BrickLinkParameters | None = None) -> None:
@@ -135,14 +140,15 @@ class BrickLink(BallbotNode[BrickLinkParameters]):
         self.name, self._connect = _connector(self.parameters)
         lock = DomainLock(self.context.get_domain_id())
         self.on_destroy.callback(lock.release)
+        path = self.parameters.log_csv
+        self._log = CsvLog(Path(path)) if path else None
         self._output = BrickOutput(self)
         log_format = LogFormat.from_parameters(self.parameters)
         self._messages = BrickMessages(self._output.make, log_format)
-        path = self.parameters.log_csv
-        self._log = CsvLog(Path(path)) if path else None
         self._stream, self._clock = LogStream(), BrickClock()
         self.newest: LogPacket | None = None
-        self._heard_s = -1e9
+        self._heard_s = -math.inf
+        self._link_problem, self._is_fruitless = '', False
         self.connections, self._runs, self.is_connected = 0, 0, False
         self._command = Command(SCENARIO, NEUTRAL)
         self._sources, self._input_errors = Arbiter(), InputErrors()
@@ -167,67 +173,91 @@ class BrickLink(BallbotNode[BrickLinkParameters]):
     def _run(self) -> None:
         try:
             while not self._ends.is_set():
-                try:
-                    link = self._connect()
-                except OSError as error:
-                    self.warn(f'{self.name}: not connected: {error.strerror or error}')
-                    self._ends.wait(RETRY_S)
-                    continue
-                try:
-                    self._serve(link)
-                finally:
-                    os.close(link)
-                    self.is_connected = False
-                    self._take(self._stream.end())
-        except BallbotError as error:
-            self.fail(str(error))
+                self._connect_once()
+        except Exception as error:
+            # Whatever it is, the command must end rather than go on without a link.
+            known = isinstance(error, BallbotError)
+            self.fail(str(error) if known else f'{type(error).__name__}: {one_line(error)}')
             self.finish()
 
-    def _serve(self, link: int) -> None:
-        """Serve a connection until it is lost, or the node ends."""
+    def _connect_once(self) -> None:
+        """Serve a connection, if there is one, until it is lost; then wait for a moment."""
+        count = self._stream.packets
+        try:
+            link = self._connect()
+        except OSError as error:
+            self._show_link_problem(f'{self.name}: not connected: {error.strerror or error}')
+            self._is_fruitless = False
+            self._ends.wait(_RETRY_S)
+            return
         self.connections, self.is_connected = self.connections + 1, True
         self._clock.on_connection()
-        self.clear_warning()
-        self.get_logger().info(f'{self.name}: connected')
-        sender, poll = Sender(link), select.poll()
+        if not self._is_fruitless:
+            self.get_logger().info(f'{self.name}: connected')
+        sender = WholePackets(link)
+        try:
+            self._serve(link, sender)
+        except OSError as error:
+            self._show_link_problem(f'{self.name}: connection lost: {error.strerror}')
+        finally:
+            self._end_sticks(sender)
+            os.close(link)
+            self.is_connected = False
+        self._take(self._stream.end())
+        self._flush()
+        if self._ends.is_set():
+            return
+        if serial_port.is_pseudo(self.name):
+            # Its number soon belongs to another terminal, which must not be taken for the brick.
+            raise TeleopError(f'{self.name}: the other side of this pseudo-terminal has ended')
+        self._is_fruitless = self._stream.packets == count
+        self._ends.wait(_RETRY_S if self._is_fruitless else _LOST_S)
+
+    def _serve(self, link: int, sender: WholePackets) -> None:
+        """Serve a connection until the node ends; OSError if it is lost."""
+        poll = select.poll()
         poll.register(link, select.POLLIN)
         due_s = flush_s = time.monotonic()
-        try:
-            while not self._ends.is_set():
-                now_s = time.monotonic()
-                if poll.poll(max(0.0, due_s - now_s) * 1e3):
-                    self._take(self._stream.feed(_read(link)))
-                now_s = time.monotonic()
-                if now_s >= due_s:
-                    due_s = max(due_s + SEND_S, now_s)
-                    self._send_sticks(sender, now_s)
-                if now_s - flush_s > FLUSH_S:
-                    flush_s = now_s
-                    self._flush()
-            if self._is_heard(time.monotonic()):
-                sender.finish(stick_frame(NEUTRAL))
-                self._messages.sticks(self._output.now_ns, NEUTRAL, SCENARIO)
-        except OSError as error:
-            self.warn(f'{self.name}: connection lost: {error.strerror}')
-            self._ends.wait(_LOST_S)
+        while not self._ends.is_set():
+            if poll.poll(max(0.0, due_s - time.monotonic()) * 1e3):
+                self._take(self._stream.feed(_read(link)))
+            now_s = time.monotonic()
+            if now_s >= due_s:
+                due_s = max(due_s + _SEND_S, now_s)
+                self._send_sticks(sender, now_s)
+            if now_s - flush_s > _FLUSH_S:
+                flush_s = now_s
+                self._flush()
 
     def _is_heard(self, now_s: float) -> bool:
         """Return whether the brick's program balances: only then does it send and read packets."""
-        period_ms = self._stream.period_ms or LONGEST_PERIOD_MS
+        period_ms = self._stream.period_ms or _LONGEST_PERIOD_MS
         return now_s - self._heard_s < max(_SILENCE_S, _SILENT_PERIODS * period_ms * 1e-3)
 
-    def _send_sticks(self, sender: Sender, now_s: float) -> None:
-        if not self._is_heard(now_s):
+    def _send_sticks(self, sender: WholePackets, now_s: float) -> None:
+        command = Command(SCENARIO, NEUTRAL)
+        if self._is_heard(now_s):
+            command = self._sources.select(now_s, NEUTRAL)
+        elif self._command.sticks == NEUTRAL:
             return
-        command = self._sources.select(now_s, NEUTRAL)
         if sender.send(stick_frame(command.sticks)):
             self._command = command
             self._messages.sticks(self._output.now_ns, command.sticks, command.source)
 
+    def _end_sticks(self, sender: WholePackets) -> None:
+        """Send neutral sticks, unless they were the last ones."""
+        is_heard = self._is_heard(time.monotonic())
+        if not is_heard and self._command.sticks == NEUTRAL:
+            return
+        self._command = Command(SCENARIO, NEUTRAL)
+        if sender.finish(stick_frame(NEUTRAL), _LAST_WORD_S):
+            with suppress(BallbotError):  # a recording that can't be written has ended the node
+                self._messages.sticks(self._output.now_ns, NEUTRAL, SCENARIO)
+
     def _take(self, packets: list[LogPacket]) -> None:
         if not packets:
             return
-        self._heard_s = time.monotonic()
+        self._heard_s, self._link_problem = time.monotonic(), ''
         for packet, stamp_ns, begins_run in self._clock.stamped(packets, self._output.now_ns):
             if begins_run:
                 self._runs += 1
@@ -239,6 +269,11 @@ class BrickLink(BallbotNode[BrickLinkParameters]):
                 self._log.write(packet)
             self.newest = packet
             self.count_sample(stamp_ns)
+
+    def _show_link_problem(self, text: str) -> None:
+        if text != self._link_problem:
+            self._link_problem = text
+            self.get_logger().warning(text)
 
     def _flush(self) -> None:
         self._output.flush()
@@ -260,7 +295,7 @@ class BrickLink(BallbotNode[BrickLinkParameters]):
             'battery': f'{packet.battery_mv / 1e3:.2f} V',
             'pitch': f'forward {packet.adc1 * lsb:+.2f} °   rightward {packet.adc2 * lsb:+.2f} °',
             'motors': f'forward {packet.rev_b:+d} °   rightward {packet.rev_c:+d} °',
-            'sonar': f'{packet.sonar_cm} cm' if 0 <= packet.sonar_cm < NO_ECHO_CM else 'no echo',
+            'sonar': _NO_DISTANCE.get(packet.sonar_cm, f'{packet.sonar_cm} cm'),
         }
 
     @property
@@ -290,21 +325,25 @@ class BrickLink(BallbotNode[BrickLinkParameters]):
         }
 
     def report(self) -> None:
-        """Publish the diagnostics, with the errors of the inputs."""
-        super().report()
+        """Publish the diagnostics, with the problems of link and inputs."""
         self._input_errors.remove_cleared()
-        if str(self._input_errors):
-            self.warn(str(self._input_errors))
-        elif self.is_connected:
+        problems = [self._link_problem, str(self._input_errors)]
+        if text := '; '.join(filter(None, problems)):
+            self.warn(text)
+        else:
             self.clear_warning()
+        super().report()
 
     def close(self) -> None:
         """Send neutral sticks, and finish recording and log."""
         if self.terminal:
             self.terminal.close()
         self._ends.set()
-        join_thread(self._thread, END_S)
+        join_thread(self._thread, _END_S)
         self._inputs.close()
+        if self._thread.is_alive():
+            self.fail(f'{self.name}: the link does not end; the recording is not finished')
+            return
         try:
             self._output.close(self.losses)
             if self._log:
@@ -320,39 +359,3 @@ def _read(link: int) -> bytes:
             return data
         raise OSError(errno.ECONNRESET, 'the other side has closed it')
     return b''
-
-
-class Sender:
-    """Writes whole packets to a link that takes them at its own pace."""
-
-    def __init__(self, link: int) -> None:
-        self._link, self._rest = link, b''
-
-    def send(self, frame: bytes) -> bool:
-        """Send a packet, unless part of the one before is still waiting; return whether it goes."""
-        if self._rest:
-            self._write(self._rest)
-        if self._rest:
-            return False
-        self._write(frame)
-        return True
-
-    def _write(self, data: bytes) -> None:
-        try:
-            self._rest = data[os.write(self._link, data) :]
-        except BlockingIOError:
-            self._rest = data
-        except OSError:
-            self._rest = b''  # lost; what has arrived before is read first
-
-    def finish(self, frame: bytes) -> None:
-        """Send a last packet, for which there is a short time."""
-        ends_s, poll = time.monotonic() + _LAST_WORD_S, select.poll()
-        poll.register(self._link, select.POLLOUT)
-        is_sent = self.send(frame)
-        while (self._rest or not is_sent) and (left_s := ends_s - time.monotonic()) > 0.0:
-            poll.poll(left_s * 1e3)
-            if is_sent:
-                self._write(self._rest)
-            else:
-                is_sent = self.send(frame)

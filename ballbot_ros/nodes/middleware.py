@@ -42,7 +42,7 @@ class DomainLock:
     Raises
     ------
     BallbotError
-        If another plant or player holds the lock.
+        If another plant, player or link to a brick holds the lock.
     """
 
     def __init__(self, domain: int) -> None:
@@ -56,8 +56,8 @@ class DomainLock:
                 if error.errno != errno.EADDRINUSE:
                     raise
                 raise BallbotError(
-                    f'another plant or player is running in ROS domain {domain}: wait for its end, '
-                    'or set ROS_DOMAIN_ID to another number'
+                    f'another plant, player or brick_link is running in ROS domain {domain}: wait '
+                    'for its end, or set ROS_DOMAIN_ID to another number'
                 ) from None
             self.file = name.detach()
 

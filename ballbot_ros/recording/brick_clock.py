@@ -8,7 +8,8 @@ from typing import NamedTuple
 from ballbot_ros.parameters.timing import MILLISECOND_NS, SECOND_NS
 from ballbot_ros.robot.brick.bluetooth import LogPacket, elapsed
 
-_MAX_APART_NS = 2 * SECOND_NS
+_MAX_AHEAD_NS = 2 * SECOND_NS
+_MAX_DELAY_NS = 60 * SECOND_NS
 
 
 class StampedPacket(NamedTuple):
@@ -22,9 +23,10 @@ class StampedPacket(NamedTuple):
 class BrickClock:
     """Gives packets stamps that have the steps of the brick's clock, which the radio can't delay.
 
-    The first packet of a run sets both clocks to the same time. Where they are more than 2 s apart
-    later, it was a wrong bit, or the clocks have drifted for hours: they are set anew. Stamps
-    always increase. A brick can only start again while there is no connection.
+    The first packet of a run sets both clocks to the same time. If a packet arrives more than 2 s
+    before its time or 60 s after it, it had a wrong bit, or the clocks have drifted for hours: they
+    are set anew. Stamps always increase. A brick can only start again while there is no connection,
+    so after one 2 s in either direction mean a new run.
     """
 
     def __init__(self) -> None:
@@ -39,20 +41,18 @@ class BrickClock:
         """Return packets, of which the last one arrives now, with stamps."""
         found = []
         for packet in packets:
-            arrival_ns = now_ns - elapsed(packet, packets[-1]) * MILLISECOND_NS
-            if abs(arrival_ns - now_ns) > _MAX_APART_NS:
-                arrival_ns = now_ns
-            found.append(self._stamped(packet, arrival_ns))
+            since_ns = elapsed(packet, packets[-1]) * MILLISECOND_NS
+            found.append(self._stamped(packet, now_ns - since_ns * (since_ns < _MAX_DELAY_NS)))
         return found
 
     def _stamped(self, packet: LogPacket, arrival_ns: int) -> StampedPacket:
-        before, stamp_ns = self._newest, arrival_ns
-        is_apart = before is None
+        before, stamp_ns, is_wrong = self._newest, arrival_ns, True
         if before:
             stamp_ns = before.stamp_ns + elapsed(before.packet, packet) * MILLISECOND_NS
-            is_apart = abs(stamp_ns - arrival_ns) > _MAX_APART_NS
-            if is_apart:
+            longest_ns = _MAX_AHEAD_NS if self._is_new_connection else _MAX_DELAY_NS
+            is_wrong = not -_MAX_AHEAD_NS <= arrival_ns - stamp_ns <= longest_ns
+            if is_wrong:
                 stamp_ns = max(arrival_ns, before.stamp_ns + MILLISECOND_NS)
-        self._newest = StampedPacket(packet, stamp_ns, is_apart and self._is_new_connection)
+        self._newest = StampedPacket(packet, stamp_ns, is_wrong and self._is_new_connection)
         self._is_new_connection = False
         return self._newest

@@ -11,7 +11,7 @@ from ballbot_ros.engine.scenario.scenario import Scenario
 from ballbot_ros.files import read_bytes, temporary_folder, write_temporary
 from ballbot_ros.nodes.base import SIGNAL_PERIOD_S
 from ballbot_ros.nodes.brick_link import BrickLink
-from ballbot_ros.parameters import BRICK_LINK, BrickLinkParameters, ParameterSet
+from ballbot_ros.parameters import BRICK_LINK, BrickLinkParameters, ParameterError, ParameterSet
 from ballbot_ros.parameters.files import assign, read_parameter_file
 from ballbot_ros.parameters.yaml_document import yaml_text
 from ballbot_ros.process import StopRequest
@@ -25,6 +25,12 @@ from ballbot_ros.run.spec import RunSpec
 
 NAME = 'brick'
 """Name of the recording."""
+
+_OPTIONS = [
+    f'{BRICK_LINK}.{name}'
+    for name in ('address', 'serial_port', 'output', 'attachments', 'keyboard', 'log_csv')
+]
+"""Parameters that options of the command set."""
 
 
 def brick_spec(
@@ -59,6 +65,10 @@ def brick_spec(
     if log is not None:
         parameters.set(BRICK_LINK, 'log_csv', str(log.resolve()), '--log')
     for assignment in assignments:
+        if not assignment.startswith(f'{BRICK_LINK}.'):
+            raise ParameterError(f'--set {assignment}: only {BRICK_LINK} runs here')
+        if assignment.partition('=')[0] in _OPTIONS:
+            raise ParameterError(f'--set {assignment}: use the options of the command')
         assign(parameters, assignment)
     return RunSpec(Scenario(NAME), parameters, output=output, record=record)
 
@@ -108,7 +118,7 @@ def drive_brick(
         if thread.error is not None:
             raise thread.error
         if node.newest is None:
-            observer.notice(f'no packet has arrived from {node.name}: nothing is recorded')
+            observer.notice(f'no packet has arrived from {node.name}')
             if recording:
                 recording.unlink(missing_ok=True)
             return DriveResult(1, None)

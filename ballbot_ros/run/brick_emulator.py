@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Protocol
 
 from ballbot_ros.controllers.codegen.application import read_tasks
 from ballbot_ros.controllers.codegen.compiled_program import BrickProcess, CompiledProgram
@@ -20,7 +19,9 @@ from ballbot_ros.engine.pacer import Pacer
 from ballbot_ros.engine.scenario.reader import load_profile
 from ballbot_ros.errors import TeleopError
 from ballbot_ros.files import temporary_folder
-from ballbot_ros.parameters import ControllerParameters, ParameterSet
+from ballbot_ros.nodes.transports import local_socket, pseudo_terminal
+from ballbot_ros.nodes.transports.whole_packets import WholePackets
+from ballbot_ros.parameters import ControllerParameters, ParameterSet, PlantParameters
 from ballbot_ros.parameters.files import assign
 from ballbot_ros.process import StopRequest
 from ballbot_ros.robot.brick.bluetooth import LENGTH, PACKET_SIZE, LogPacket, Sticks, sticks_in
@@ -32,19 +33,8 @@ RECEIVE_BUFFER = 256
 _IDLE_S = 0.02
 
 
-class Listener(Protocol):
-    """Where a PC connects to the brick, such as a pseudo-terminal."""
-
-    path: str
-
-    def accept(self) -> int | None:
-        """Return the file descriptor of a new connection, which does not block; None for none."""
-
-    def hang_up(self, link: int) -> None:
-        """End a connection."""
-
-    def close(self) -> None:
-        """Remove it."""
+Listener = local_socket.Listener | pseudo_terminal.Listener
+"""Where a PC connects to the brick."""
 
 
 class Radio:
@@ -63,7 +53,7 @@ class Radio:
     def __init__(self, listener: Listener) -> None:
         self._listener = listener
         self._link: int | None = None
-        self._received, self._rest = bytearray(), b''
+        self._received = bytearray()
         self.dropped = 0
 
     @property
@@ -76,7 +66,8 @@ class Radio:
         if self._link is None:
             self._link = self._listener.accept()
             self._received.clear()
-            self._rest = b''
+            if self._link is not None:
+                self._sender = WholePackets(self._link)
         room = RECEIVE_BUFFER - len(self._received)
         if self._link is None or not room:
             return
@@ -108,24 +99,8 @@ class Radio:
 
     def send(self, packet: LogPacket) -> None:
         """Send a packet, unless the one before is still on its way."""
-        if self._link is None:
-            return
-        if self._rest:
-            self._write(self._rest)
-        if self._rest:
+        if self._link is not None and not self._sender.send(LENGTH + packet.encode()):
             self.dropped += 1
-        elif self._link is not None:
-            self._write(LENGTH + packet.encode())
-
-    def _write(self, data: bytes) -> None:
-        assert self._link is not None
-        try:
-            self._rest = data[os.write(self._link, data) :]
-        except BlockingIOError:
-            self._rest = data
-        except OSError:
-            self._rest = b''
-            self._lose()
 
     def close(self) -> None:
         """End the connection."""
@@ -195,7 +170,7 @@ def emulate(
     listener: Listener,
     tell: Callable[[str], None],
 ) -> None:
-    """Run a brick until a signal.
+    """Run a brick until a signal, at the pace of the parameter `real_time_factor`.
 
     The program starts once a PC is connected, as on a brick, which connects only before. If it has
     given up when the next PC connects, robot and program start anew.
@@ -206,6 +181,7 @@ def emulate(
         Receives what happens, line by line.
     """
     radio, pacer = Radio(listener), Pacer()
+    pace = parameters.of(PlantParameters).real_time_factor
     robot: EmulatedRobot | None = None
     shown = ''
     try:
@@ -223,8 +199,8 @@ def emulate(
                 if robot is None:
                     time.sleep(_IDLE_S)
                     continue
-                time.sleep(pacer.delay_s(1.0, time.monotonic()))
-                pacer.on_tick(1.0, time.monotonic())
+                time.sleep(pacer.delay_s(pace, time.monotonic()))
+                pacer.on_tick(pace, time.monotonic())
                 tick = robot.tick()
                 if (state := robot.program.operating_state.value) != shown:
                     shown = state

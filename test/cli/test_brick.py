@@ -38,6 +38,9 @@ LEFT = b'\x1b[D'
             'brick_link.lsb: 0 is not within',
         ),
         (['drive', '--port', 'x', '--set', 'brick_link.x=1'], "brick_link has no parameter 'x'"),
+        (['drive', '--port', 'x', '--set', 'plant_sim.map=track'], 'only brick_link runs here'),
+        (['drive', '--port', 'x', '--set', 'brick_link.output=x'], 'use the options of the'),
+        (['emulate', '--socket', 120 * 'x'], 'AF_UNIX path too long'),
         (['emulate', 'nothing'], 'nothing/parameters.yaml: not found; the folder was not written'),
         (['emulate', '--target', 'x'], "'x' is not one of 'c', 'arm'"),
         (['emulate', '--profile', 'x'], "unknown profile 'x'"),
@@ -140,7 +143,7 @@ def test_a_second_program_at_the_same_device_waits_for_it(tmp_path, domain):
          '--no-record'], stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
         env=environment(domain), cwd=tmp_path, text=True,
     )  # fmt: skip
-    lines = [*iter(drive.stdout.readline, '')] if drive.poll() else [drive.stdout.readline()]
+    lines = [drive.stdout.readline()]
     while 'not connected: Resource temporarily unavailable' not in lines[-1]:
         lines.append(drive.stdout.readline())
         assert lines[-1], lines

@@ -145,7 +145,7 @@ def test_a_mistake_is_one_line_and_exit_status_2(domain, monkeypatch):
     with contextlib.closing(_Locked(domain)):
         done = call('conform', GYRO, '--', *own(GYRO))
     assert done.returncode == 2
-    assert f'another plant or player is running in ROS domain {domain}' in done.stderr
+    assert f'another plant, player or brick_link is running in ROS domain {domain}' in done.stderr
 
 
 class _Locked:

@@ -8,6 +8,8 @@ import socket
 import subprocess
 import threading
 import time
+from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 from generated import need
@@ -16,8 +18,11 @@ from graph import BALLBOT, LAST_RESORT_S, environment, wait_for
 pytest.importorskip('rclpy')
 
 from ballbot_ros.controllers.codegen.application import write_application
-from ballbot_ros.nodes.brick_link import BrickLink, Sender
+from ballbot_ros.errors import RecordingError
+from ballbot_ros.nodes import brick_link
+from ballbot_ros.nodes.brick_link import BrickLink
 from ballbot_ros.nodes.teleop.sticks import KEYBOARD
+from ballbot_ros.nodes.transports.whole_packets import WholePackets
 from ballbot_ros.parameters import BrickLinkParameters, ControllerParameters
 from ballbot_ros.recording.csv_log import read_csv_log
 from ballbot_ros.recording.messages.conversions import decode_sticks
@@ -162,14 +167,14 @@ def test_a_brick_that_reads_nothing_gets_whole_packets_only():
     pc, brick = socket.socketpair()
     pc.setblocking(False)
     brick.setblocking(False)
-    sender, data, sent = Sender(pc.fileno()), b'', []
+    sender, data, sent = WholePackets(pc.fileno()), b'', []
     for number in range(5000):
         sticks = number % 100, -(number % 7)
         if sender.send(stick_frame(sticks)):
             sent.append(sticks)
         elif number % 3 == 0:
             data += brick.recv(1000)  # a bit of room again
-    sender.finish(stick_frame((0, 0)))
+    sender.finish(stick_frame((0, 0)), 0.0)
     with contextlib.suppress(BlockingIOError):
         while part := brick.recv(2**16):
             data += part
@@ -181,9 +186,70 @@ def test_a_brick_that_reads_nothing_gets_whole_packets_only():
     brick.close()
 
 
+def hold(node, brick, sticks=FORWARD):
+    """Let the user hold sticks until the brick has them."""
+    node._sources.report(KEYBOARD, sticks, time.monotonic() + LAST_RESORT_S)
+    time_ms = 2004
+
+    def has_them():
+        nonlocal time_ms
+        time_ms += 100
+        brick.send(time_ms)
+        return sticks in brick.frames()
+
+    wait_for(has_them, what='sticks')
+    return time_ms
+
+
+@pytest.mark.parametrize('words', ['nothing', 'wild values'])
+def test_a_brick_that_falls_silent_gets_neutral_sticks_once(brick, start, words):
+    """It keeps the last ones for ever, and its packets may be all that is lost."""
+    node = start(brick.path, output='')
+    brick.accept()
+    hold(node, brick)
+    if words == 'wild values':
+        wild = LENGTH + replace(packet(2004), sonar_cm=10**9).encode()
+        brick.link.sendall(5 * wild)
+    wait_for(lambda: brick.frames()[-1] == (0, 0), what='neutral sticks')
+    wait_for(lambda: not node._is_heard(time.monotonic()), what='the silence')
+    count = len(brick.frames())
+    time.sleep(0.1)
+    assert len(brick.frames()) == count
+
+
+@pytest.mark.parametrize('error', [RecordingError('disk full'), ZeroDivisionError('a mistake')])
+def test_whatever_ends_the_link_ends_the_node_with_neutral_sticks(brick, start, monkeypatch, error):
+    node = start(brick.path)
+    brick.accept()
+    time_ms = hold(node, brick)
+
+    def fail(*_):
+        raise error
+
+    monkeypatch.setattr(node._messages, 'packet', fail)
+    brick.send(time_ms + 100)
+    wait_for(lambda: node.finished, what='the end')
+    assert brick.frames()[-1] == (0, 0)
+    assert node.exit_status == 1
+    assert str(error) in node.failure
+
+
+def test_a_link_that_carries_nothing_is_not_told_again_and_again(brick, start, monkeypatch):
+    monkeypatch.setattr(brick_link, '_RETRY_S', 0.01)
+    node, told = start(brick.path), []
+    monkeypatch.setattr(
+        node, 'get_logger', lambda: SimpleNamespace(info=told.append, warning=told.append)
+    )
+    for _ in range(20):
+        brick.accept()
+        brick.link.close()
+    wait_for(lambda: node.connections >= 20, what='twenty connections')
+    assert len(told) <= 3
+
+
 def test_a_late_brick_is_found_and_a_restarted_one_begins_a_run(start, tmp_path):
     node = start(tmp_path / 'brick')
-    wait_for(lambda: 'No such file' in node._problem, what='the warning')
+    wait_for(lambda: 'No such file' in node._link_problem, what='the warning')
     brick = Brick(tmp_path / 'brick')
     brick.accept()
     brick.send(61_004, 61_104)

@@ -10,7 +10,7 @@ from ballbot_ros.nodes.middleware import LOCK_FD_ENV, DomainLock
 
 def test_a_second_lock_is_refused_until_the_first_is_released(domain):
     lock = DomainLock(domain)
-    with pytest.raises(BallbotError, match=f'another plant or player .* ROS domain {domain}'):
+    with pytest.raises(BallbotError, match=f'another plant, player .* ROS domain {domain}'):
         DomainLock(domain)
     lock.release()
     DomainLock(domain).release()

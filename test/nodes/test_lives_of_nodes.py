@@ -102,7 +102,7 @@ def test_two_robots_in_two_namespaces_of_one_domain_are_refused(start_node, clie
     second = start_node('plant_sim', remap='__ns:=/b')
     assert second.finish() == 2
     (line,) = second.output.splitlines()
-    assert 'another plant or player is running in ROS domain' in line
+    assert 'another plant, player or brick_link is running in ROS domain' in line
     assert 'set ROS_DOMAIN_ID to another number' in line
     assert first.process.poll() is None
     assert first.interrupt() == 0

@@ -177,7 +177,7 @@ def test_a_live_plant_is_left_alone(recording, domain, start_node, listen):
     for options in ((), ('--topics', '/plant/odom'), ('--topics', '/clock')):
         result = play(*options)
         assert result.returncode == 2, options
-        assert result.stderr.startswith('error: another plant or player is running')
+        assert result.stderr.startswith('error: another plant, player or brick_link is running')
         assert result.stderr.count('\n') == 1
     # Topics that no plant publishes may be played next to one.
     assert play('--topics', '/lcd', '--rate', '10').returncode == 0
@@ -218,7 +218,7 @@ def make_player(domain, monkeypatch, tmp_path):
 
 def test_a_recording_without_clock_gets_one_and_owns_the_domain(make_player, domain):
     player = make_player()
-    with pytest.raises(BallbotError, match='another plant or player'):
+    with pytest.raises(BallbotError, match='another plant, player or brick_link'):
         DomainLock(domain)
     assert player.count_publishers(CLOCK.name) == 1
     player._watch()

@@ -21,12 +21,22 @@ def connect(path: str) -> int:
         return link.detach()
 
 
+def _is_served(path: str) -> bool:
+    try:
+        os.close(connect(path))
+    except ConnectionRefusedError:
+        return False
+    return True
+
+
 class Listener:
     """The brick's side of a socket: takes one connection at a time."""
 
     def __init__(self, path: str) -> None:
         self.path = path
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM | socket.SOCK_NONBLOCK)
+        if Path(path).is_socket() and not _is_served(path):
+            Path(path).unlink()  # left over from a brick that was killed
         self._socket.bind(path)
         self._socket.listen(1)
 

@@ -7,6 +7,8 @@ import os
 import termios
 import tty
 
+from ballbot_ros.errors import TeleopError
+
 
 def connect(path: str) -> int:
     """Open a serial device for raw bytes; return the file descriptor, which does not block.
@@ -16,13 +18,23 @@ def connect(path: str) -> int:
     Raises
     ------
     OSError
-        If it is absent, not accessible, in use, or no serial device.
+        If it is absent, not accessible, or in use.
+    TeleopError
+        If it is no serial device.
     """
     device = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
     try:
         fcntl.flock(device, fcntl.LOCK_EX | fcntl.LOCK_NB)
         tty.setraw(device)
-    except (termios.error, OSError) as error:
+    except termios.error:
         os.close(device)
-        raise OSError(error.args[0], error.args[1]) from None
+        raise TeleopError(f'{path}: not a serial device') from None
+    except OSError:
+        os.close(device)
+        raise
     return device
+
+
+def is_pseudo(path: str) -> bool:
+    """Return whether a device is a pseudo-terminal, which ends for good with its other side."""
+    return path.startswith('/dev/pts/')

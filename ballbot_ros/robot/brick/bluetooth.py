@@ -6,8 +6,10 @@ In the stream of bytes, each follows its length, which is all that separates the
 from __future__ import annotations
 
 import struct
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
+from statistics import median_low
 
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.robot.brick.sensors import NO_DATA_CM, NO_ECHO_CM, battery_mv, quantise
@@ -105,6 +107,9 @@ CLOCK_PERIOD_MS = 2**32
 
 _MAX_BATTERY_MV = battery_mv(100.0)
 _MAX_GAP_MS = 10_000
+_STEPS = 9
+"""Steps of the clock whose median is the period of the packets."""
+
 _WINDOW = 5 * FRAME_SIZE
 """Bytes within which a packet that does not follow the one before needs a successor."""
 
@@ -154,11 +159,12 @@ class LogStream:
     lost_packets : int
         Number of packets missing between those found, by their times.
     period_ms : int
-        Shortest time between two packets so far [ms]; 0 before the second.
+        Usual time between two packets [ms]; 0 before the second.
     """
 
     def __init__(self) -> None:
         self.packets = self.skipped_bytes = self.lost_packets = self.period_ms = 0
+        self._steps_ms: deque[int] = deque(maxlen=_STEPS)
         self._bytes = bytearray()
         self._newest: LogPacket | None = None
         self._is_fresh = True
@@ -246,7 +252,10 @@ class LogStream:
     def _count(self, packet: LogPacket) -> None:
         self.packets += 1
         if self._newest and follows(self._newest, packet):
-            elapsed_ms = elapsed(self._newest, packet)
-            self.period_ms = min(self.period_ms or elapsed_ms, elapsed_ms)
-            self.lost_packets += round(elapsed_ms / self.period_ms) - 1
+            self._steps_ms.append(elapsed(self._newest, packet))
+            self.period_ms = median_low(self._steps_ms)
+            # A wrong clock makes one step longer and the next one shorter.
+            self.lost_packets += round(self._steps_ms[-1] / self.period_ms) - 1
+        else:
+            self._steps_ms.clear()
         self._newest, self._is_fresh = packet, False
