@@ -75,13 +75,14 @@ class Assessment:
             'runs': run.count,
             'outcome': self.outcome.value,
             'reason': self.reason,
-            'complete': run.complete,
+            'real_robot': run.is_real,
+            'complete': run.damage is None if run.is_real else run.complete,
             'damage': run.damage,
             'notices': list(run.notices),
-            'ticks': len(run.trajectory.time),
+            'ticks': None if run.is_real else len(run.trajectory.time),
             'duration_s': run.end,
             'seed': run.attached.parameters.of(GyroParameters).seed
-            if run.attached.has_parameters
+            if run.attached.has_parameters and not run.is_real
             else None,
             'versions': run.attached.versions,
             'pushes': [push.as_json() for push in run.pushes],
@@ -151,13 +152,15 @@ def _walls(run: RunData) -> Walls:
 def shown_metrics(assessment: Assessment) -> dict[str, float]:
     """Return the metrics without times in states that never occurred, and settling of a drive.
 
-    Those of tasks that take no time are left out, too.
+    Those of tasks that take no time are left out, too, and those that a real robot cannot have.
     """
-    without = {'settling_time_s'} if assessment.run.is_driven else set()
+    run = assessment.run
+    without = {'settling_time_s'} if run.is_driven else set()
     return {
         name: value
         for name, value in assessment.metrics.items()
         if name not in without
+        and not (run.is_real and math.isnan(value))
         and not (name.startswith('time_in_') and value == 0.0)
         and not lacks_times(name, value)
     }
@@ -182,6 +185,10 @@ def _outcome(
 ) -> tuple[Verdict, str]:
     if failure := _failure(run):
         return Verdict.FAILED, failure
+    if run.is_real:
+        if run.damage:
+            return Verdict.INCOMPLETE, run.damage
+        return Verdict.NOT_JUDGED, 'the true motion of a real robot is unknown'
     missed = [each.judgement for each in judged if each.verdict is ExpectationVerdict.NOT_MET]
     if missed:
         return Verdict.NOT_MET, ', '.join(map(str, missed))

@@ -91,6 +91,8 @@ class Quantity:
 POSITION = Quantity('position', 'cm', 'position [cm]')
 PITCH = Quantity('pitch', 'deg', 'body pitch [°]')
 DUTY = Quantity('duty', 'percent', 'duty [%]')
+ESTIMATED_POSITION = Quantity('estimated_position', 'cm', 'estimated position [cm]')
+ESTIMATED_PITCH = Quantity('estimated_pitch', 'deg', 'estimated body pitch [°]')
 
 
 class Shade(NamedTuple):

@@ -230,10 +230,11 @@ class TopicStatistics:
 class Extraction:
     """The content of a recording; each event is a tuple of epoch, log time [ns] and content.
 
-    The pushes are by epoch.
+    The pushes are by epoch. `is_real` says whether it was a real robot.
     """
 
     runs: tuple[RecordedRun, ...] = ()
+    is_real: bool = False
     buffers: dict[Topic, SampleBuffer] = field(
         default_factory=lambda: {
             topic: SampleBuffer(code, width) for topic, (code, width, _) in STAMPED_TOPICS.items()
@@ -280,8 +281,9 @@ def extract(recording: RecordingReader, progress: ProgressCallback) -> Extractio
     RecordingError
         If it has no topics of a ballbot, topics of several ballbots, or a malformed message.
     """
-    extraction = Extraction()
-    wanted = _wanted(robot_topics(recording), extraction)
+    topics = robot_topics(recording)
+    extraction = Extraction(is_real=topics.is_real)
+    wanted = _wanted(topics, extraction)
     finder = RunFinder(recording)
     statistics = {
         name: TopicStatistics(name, summary.type_name)
@@ -461,6 +463,6 @@ def _wanted(topics: RobotTopics, extraction: Extraction) -> dict[str, Topic]:
             extraction.notices.append(f'{topics.mismatch(name)}; ignored.')
         elif name in topics.by_name:
             wanted[name] = topic
-        elif topic in STAMPED_TOPICS:
+        elif topic in STAMPED_TOPICS and not extraction.is_real:
             extraction.notices.append(_MISSING.format(name))
     return wanted

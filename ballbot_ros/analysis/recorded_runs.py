@@ -33,8 +33,12 @@ from ballbot_ros.recording.batch import Batch, RawMessage, Rows
 from ballbot_ros.recording.messages.conversions import are_stops, time_ns
 from ballbot_ros.recording.messages.run_reports import decode_announcement, decode_run_status
 from ballbot_ros.recording.messages.topics import (
+    BLUETOOTH_TX,
     HISTORY,
     MOTOR_DUTY,
+    PLANT_IMU,
+    PLANT_JOINT_STATES,
+    PLANT_ODOM,
     RUN,
     RUN_STATUS,
     TOPICS,
@@ -58,6 +62,10 @@ IDENTIFYING_TOPICS = (
 """Topics that identify the robot's namespace, since no other robot has them."""
 
 
+TRUE_MOTION = (PLANT_IMU, PLANT_ODOM, PLANT_JOINT_STATES)
+"""Topics of the true state, which only a simulation knows."""
+
+
 @dataclass(frozen=True)
 class RobotTopics:
     """The robot's topics in a recording, by full name; its namespace is such as ``/robot``, or ''.
@@ -73,6 +81,12 @@ class RobotTopics:
     def well_typed(self) -> dict[str, Topic]:
         """The topics with the correct type, by name."""
         return {n: topic for n, topic in self.by_name.items() if n not in self.wrong_types}
+
+    @property
+    def is_real(self) -> bool:
+        """Whether it was a real robot: its data log is there, and no true motion."""
+        found = {*self.by_name.values()}
+        return BLUETOOTH_TX in found and found.isdisjoint(TRUE_MOTION)
 
     def mismatch(self, name: str) -> str:
         """Return a text about the wrong type of a topic."""
@@ -108,6 +122,14 @@ def robot_topics(reader: RecordingReader) -> RobotTopics:
         {name: ours[name] for name in types},
         {name: found for name, found in types.items() if found != ours[name].type_name},
     )
+
+
+def is_real_robot(reader: RecordingReader) -> bool:
+    """Return whether a recording of any program is one of a real robot."""
+    with suppress(RecordingError):  # of several robots
+        if robot_namespace(reader, [BLUETOOTH_TX]) is not None:
+            return robot_topics(reader).is_real
+    return False
 
 
 def robot_namespace(reader: RecordingReader, marks: Iterable[Topic]) -> str | None:

@@ -19,7 +19,7 @@ from ballbot_ros.analysis.recorded_controller import (
     identity_of,
     load_attached,
 )
-from ballbot_ros.analysis.recorded_runs import RecordedRun
+from ballbot_ros.analysis.recorded_runs import RecordedRun, is_real_robot
 from ballbot_ros.analysis.replay import (
     ReplayedTick,
     RunToRepeat,
@@ -130,6 +130,11 @@ class RecordingReplay:
         *,
         trust_attached_code: bool = False,
     ) -> None:
+        if is_real_robot(reader):
+            raise RecordingError(
+                f'{reader.path}: a recording of a real robot cannot be run again: it lacks the '
+                'samples of most ticks, and the true state'
+            )
         attached = _attached_parameters(reader, scratch)
         announced = any(name.endswith(f'/{PARTICIPANTS.name}') for name in reader.topics())
         if attached is None and not announced:

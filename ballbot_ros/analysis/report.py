@@ -91,7 +91,7 @@ class LoopSection:
 
 def loop_of(run: RunData) -> LoopSection | None:
     """Return the loop of a run; None if it is unknown, as that of another controller."""
-    if not run.has_documents_program:
+    if run.is_real or not run.has_documents_program:
         return None
     # Imported only here: python-control takes two seconds.
     from ballbot_ros.analysis.loop_figure import render_loop
@@ -137,7 +137,7 @@ def report_page(
         assessment=assessment,
         banner=banner(run),
         facts=_facts(run),
-        extent='' if run.complete else f'Only ticks up to {run.end:.3f} s count.',
+        extent='' if run.complete or run.is_real else f'Only ticks up to {run.end:.3f} s count.',
         marks=_MARKS,
         metric_text=metric_text,
         metrics=[
@@ -156,7 +156,7 @@ def report_page(
         topic_statistics=run.topic_statistics,
         statuses=statuses,
         problems=_problems(run),
-        parameters=sorted(parameter_rows(run.attached), key=lambda row: not row.is_changed),
+        parameters=sorted(parameter_rows(run), key=lambda row: not row.is_changed),
         parameter_changes=[
             (each.time, each.tick, printable(each.name), printable(value_text(each.value)))
             for each in run.parameter_changes
@@ -200,13 +200,15 @@ def _facts(run: RunData) -> list[tuple[str, str]]:
         ('Recording', run.path.name),
         ('Run', f'{run.number} of {run.count}'),
         ('Length', f'{run.end:.3f} s'),
-        ('Ticks', str(len(run.trajectory.time))),
+        ('Packets', str(len(run.motion.time)))
+        if run.is_real
+        else ('Ticks', str(len(run.trajectory.time))),
     ]
     if attached.scenario:
         facts.append(('Profile', attached.scenario.profile))
-    if attached.controller:
+    if attached.controller and not run.is_real:
         facts.append(('Controller', attached.controller))
-    if attached.has_parameters:
+    if attached.has_parameters and not run.is_real:
         facts.append(('Plant model', str(run.plant.plant_model)))
         facts.append(('Seed', str(attached.parameters.of(GyroParameters).seed)))
     if parent := Parent.decode(attached.files):

@@ -19,9 +19,10 @@ from ballbot_ros.analysis.run_data import RunData, read_run
 from ballbot_ros.analysis.signals import frame_of
 from ballbot_ros.engine.scenario.metrics import METRICS
 from ballbot_ros.engine.trajectory import Trajectory
-from ballbot_ros.errors import BallbotError, os_errors
+from ballbot_ros.errors import BallbotError
 from ballbot_ros.files import replacing
 from ballbot_ros.parameters import DOCUMENTS_PROGRAM
+from ballbot_ros.recording.messages.recording_files import open_recording
 
 if TYPE_CHECKING:
     import pandas
@@ -109,7 +110,10 @@ class Run:
 
     @property
     def trajectory(self) -> Trajectory:
-        """True position and body pitch, and duty, as arrays that can't be changed."""
+        """True position and body pitch, and duty, as arrays that can't be changed.
+
+        It has no rows for a real robot, whose estimates are in :meth:`frame`.
+        """
         return self._data.trajectory
 
     @property
@@ -162,13 +166,13 @@ class Run:
         name = '' if controller in ('', *DOCUMENTS_PROGRAM) else f', {controller}'
         purpose = f': {scenario.purpose}' if scenario else ''
         return draw_motion(
-            run.trajectory,
+            run.motion,
             f'{run.name}{name}{purpose}',
             run.plant.hold_time,
             scenario.segments if scenario else (),
             run.floor,
             [each for each in run.marked if each.kind is not IntervalKind.STATE],
-            self.earlier.trajectory if self.earlier else None,
+            self.earlier._data.motion if self.earlier else None,
         )
 
     def save(self, path: str | os.PathLike[str]) -> Path:
@@ -191,8 +195,8 @@ class Run:
             raise BallbotError(f'{target}: the name of a recording ends in {_SUFFIX}')
         content = self._recording
         if isinstance(content, Path):
-            with os_errors(BallbotError, content):
-                content = content.read_bytes()
+            with open_recording(content) as reader:
+                content = reader.contents()
         with replacing(target) as unfinished:
             unfinished.write_bytes(content)
         return target

@@ -48,20 +48,25 @@ from ballbot_ros.parameters.timing import SECOND_NS, TICK_NS, TICK_S
 from ballbot_ros.process import ProgressCallback
 from ballbot_ros.recording.messages.conversions import map_grid
 from ballbot_ros.recording.messages.jobs import Jobs
+from ballbot_ros.recording.messages.recording_files import open_recording
 from ballbot_ros.recording.messages.topics import (
+    CONTROLLER_STATE,
     GAMEPAD_JOY,
+    GYRO_IMU,
     MOTOR_DUTY,
     PLANT_IMU,
     PLANT_ODOM,
     Topic,
 )
-from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.recording.rosbag2 import PARAMETERS
 from ballbot_ros.recording.writer import RUN_OUTCOME
 from ballbot_ros.robot.arithmetic import Floats
 from ballbot_ros.robot.brick.brick import Tone
 from ballbot_ros.robot.world.floor_map import FloorMap, OccupancyGrid
 
 Integers = NDArray[np.int64]
+_NOTHING = np.full((0, 2), np.nan)
+_NO_TICKS = Trajectory(np.zeros(0), _NOTHING, _NOTHING, _NOTHING)
 _Event = TypeVar('_Event')
 
 
@@ -96,6 +101,11 @@ class Series:
         missing = self.stamps[indices] != stamps
         return np.where(missing[:, np.newaxis], np.nan, self.values[indices])
 
+    def held(self, stamps: Integers) -> Floats:
+        """Return the newest values at `stamps`, shape (m, k); NaN before the first sample."""
+        rows = np.searchsorted(self.stamps, stamps, side='right') - 1
+        return np.where(rows[:, np.newaxis] < 0, np.nan, self.values[rows.clip(min=0)])
+
 
 @dataclass(frozen=True)
 class RunData:
@@ -107,9 +117,13 @@ class RunData:
         Number of the run in the file, from 1, and number of runs.
     recorded : RecordedRun
         Where the run is in the file.
+    is_real : bool
+        Whether it was a real robot, whose true motion nobody knows.
     trajectory : Trajectory
         The ticks with a sample of each of the three topics (true pitch, true position, duty) that
-        was recorded; the columns of a topic that was not recorded are NaN.
+        was recorded; the columns of a topic that was not recorded are NaN. None of a real robot.
+    motion : Trajectory
+        The motion to show: the trajectory, or of a real robot the estimates of its controller.
     series : mapping of Topic to Series
         The topics of :data:`ballbot_ros.analysis.extraction.STAMPED_TOPICS` that have samples.
     states : tuple of Interval
@@ -148,7 +162,9 @@ class RunData:
     number: int
     count: int
     recorded: RecordedRun
+    is_real: bool
     trajectory: Trajectory
+    motion: Trajectory
     series: Mapping[Topic, Series]
     states: tuple[Interval, ...]
     grid: OccupancyGrid | None
@@ -176,8 +192,8 @@ class RunData:
 
     @property
     def end(self) -> float:
-        """Time of the last tick [s]; 0 if there is none."""
-        return float(self.trajectory.time[-1]) if len(self.trajectory.time) else 0.0
+        """Time of the last tick, or of a real robot's last packet [s]; 0 if there is none."""
+        return float(self.motion.time[-1]) if len(self.motion.time) else 0.0
 
     @property
     def start_ns(self) -> int:
@@ -231,6 +247,14 @@ class RunData:
         drives = OperatingState.FORWARD, OperatingState.RIGHTWARD, OperatingState.BACKWARD
         return is_steered or any(each.name in drives for each in self.states)
 
+    def samples(self, topic: Topic, stamps: Integers) -> Floats:
+        """Return the values of a topic at `stamps`, shape (m, k).
+
+        A real robot's hold until its next packet; those of a simulation are NaN between samples.
+        """
+        series = self.series[topic]
+        return series.held(stamps) if self.is_real else series.at(stamps)
+
     @property
     def complete(self) -> bool:
         """Whether the run is complete from the first to the last tick."""
@@ -247,7 +271,12 @@ class RunData:
         return hashlib.sha256(self.trajectory.duty.astype(np.int8).tobytes()).hexdigest()
 
     def balancing(self, time: Floats) -> NDArray[np.bool_]:
-        """Return a mask of the times [s] at which the controller was calibrated and in control."""
+        """Return a mask of the times [s] at which the controller was calibrated and in control.
+
+        A brick sends its data log only then.
+        """
+        if self.is_real:
+            return np.ones(len(time), np.bool_)
         calibrated = self.attached.parameters.of(ControllerParameters).time_start * 1e-3
         runs = np.asarray(time >= calibrated)
         for each in self.states:
@@ -271,7 +300,7 @@ def read_run(
     RecordingError
         If the file can't be read, is not a recording of a ballbot, or has no such run.
     """
-    with RecordingReader(path) as recording:
+    with open_recording(path) as recording:
         attached = read_attachments(recording.attachments())
         extraction = extract(recording, progress)
         damage = recording.damage
@@ -319,7 +348,7 @@ def run_data(
     runs = extraction.runs
     run = runs[number - 1]
     before, attached = attached, attached.for_run(run.name, extraction.announced)
-    notices = [*extraction.notices, *attached.notices]
+    notices = [*extraction.notices, *_attachment_notices(attached, is_real=extraction.is_real)]
     if len(runs) > 1:
         notices.append(f'The file holds {len(runs)} runs; this is run {number}.')
     series = _series(extraction, run)
@@ -329,12 +358,20 @@ def run_data(
     jobs = Jobs.joined([each for _, each in parts]) if parts else None
     plant = attached.parameters.of(PlantParameters)
     has_map = bool(plant.map) or not extraction.announced.has_parameters(run.name)
-    trajectory, missing = _trajectory(series, run.start_ns, plant.lockstep)
+    if extraction.is_real:
+        notices.insert(0, _real_notice(series))
+        radius = attached.parameters.of(ControllerParameters).ball_radius
+        plant = PlantParameters(hold_time=0.0, ball_radius=radius)
+        trajectory, missing = _NO_TICKS, 0
+        motion = _estimated_motion(series, radius)
+    else:
+        trajectory, missing = _trajectory(series, run.start_ns, plant.lockstep)
+        motion = trajectory
     if jobs is not None and MOTOR_DUTY in series:
         controller = attached.parameters.of(ControllerParameters)
         timing = _timing(series[MOTOR_DUTY], trajectory, jobs, parts[-1][0], controller)
-        trajectory = replace(trajectory, timing=timing)
-    last = trajectory.time[-1] if len(trajectory.time) else 0.0
+        trajectory = motion = replace(trajectory, timing=timing)
+    last = motion.time[-1] if len(motion.time) else 0.0
     if not attached.has_parameters and PLANT_ODOM in series:
         x, y = map(float, series[PLANT_ODOM].values[0])
         plant = replace(plant, start_position_x=x, start_position_y=y)
@@ -350,7 +387,9 @@ def run_data(
         number=number,
         count=len(runs),
         recorded=run,
+        is_real=extraction.is_real,
         trajectory=trajectory,
+        motion=motion,
         series=series,
         states=tuple(
             Interval(start, end, state)
@@ -366,7 +405,7 @@ def run_data(
         attached=attached,
         damage=damage,
         missing_ticks=missing,
-        reached_end=bool(reached_end),
+        reached_end=extraction.is_real or bool(reached_end),
         notices=tuple(notices),
         plant=plant,
         failure=failure,
@@ -409,8 +448,7 @@ def _trajectory(
     if not lockstep and len(sources) > 1 and duty is not None:
         sources.remove(MOTOR_DUTY)  # its stamps are not those of ticks; the newest duty acts
     if not sources:
-        nothing = np.full((0, 2), np.nan)
-        return Trajectory(np.zeros(0), nothing, nothing, nothing), 0
+        return _NO_TICKS, 0
     stamps = series[sources[0]].stamps
     for topic in sources[1:]:
         if not np.array_equal(stamps, series[topic].stamps):
@@ -429,6 +467,38 @@ def _trajectory(
     if len(stamps):
         missing = int((stamps[-1] - start) // TICK_NS + 1 - len(stamps))
     return Trajectory(seconds(stamps) - start * 1e-9, position, psi, duties), max(0, missing)
+
+
+def _estimated_motion(series: Mapping[Topic, Series], ball_radius: float) -> Trajectory:
+    """Return what a real robot's controller took for its motion."""
+    state = series.get(CONTROLLER_STATE)
+    if state is None:
+        return _NO_TICKS
+    estimates = state.values.astype(float)
+    duty = np.full((len(state.time), 2), np.nan)
+    if MOTOR_DUTY in series:
+        duty = series[MOTOR_DUTY].at(state.stamps)[:, :2].astype(float)
+    return Trajectory(state.time, ball_radius * estimates[:, [0, 2]], estimates[:, [1, 3]], duty)
+
+
+def _real_notice(series: Mapping[Topic, Series]) -> str:
+    """Return the line about what the recording of a real robot can't tell."""
+    readings = {MOTOR_DUTY: 'duties', GYRO_IMU: "gyros' readings", GAMEPAD_JOY: 'sticks'}
+    absent = ['true motion', *(name for topic, name in readings.items() if topic not in series)]
+    told = f'{", ".join(absent[:-1])} and {absent[-1]}' if absent[1:] else absent[0]
+    return (
+        'A real robot: position and pitch are the estimates of its controller, at the packets of '
+        f'its data log. Its {told} are unknown; nothing is judged.'
+    )
+
+
+def _attachment_notices(attached: RecordedAttachments, *, is_real: bool) -> Iterator[str]:
+    """Yield the notices about attachments; a real robot lacks most of them."""
+    for each in attached.notices:
+        if not (is_real and each.startswith('No ')):
+            yield each
+    if is_real and not attached.has_parameters:
+        yield f"No {PARAMETERS} of its program is attached; the document's ball is assumed."
 
 
 def _timing(

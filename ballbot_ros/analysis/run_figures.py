@@ -90,6 +90,8 @@ def figure_contents(run: RunData, earlier: RunData | None = None) -> list[Figure
     Motion and duty also show those of an `earlier` run, of which it is a branch.
     """
     figures = FIGURES if run.jobs is None else (*FIGURES, UTILISATION)
+    if run.is_real:
+        figures = (*ESTIMATED_FIGURES, *figures)
     usable = [figure for figure in figures if run.series.keys() >= set(figure.needs)]
     contents = (FigureContent(figure, figure.table(run)) for figure in usable)
     shown = [each for each in contents if all(map(np.size, each.table.values()))]
@@ -234,6 +236,25 @@ def motion_table(run: RunData) -> Table:
     time = odometry.time[np.isin(odometry.stamps, stamps)]
     position, pitch = odometry.at(stamps) * 100.0, np.degrees(body.at(stamps)[:, :2])
     return envelope(time, drawing.POSITION.columns(position) | drawing.PITCH.columns(pitch))
+
+
+def estimated_position_table(
+    run: RunData, quantity: drawing.Quantity = drawing.ESTIMATED_POSITION
+) -> Table:
+    """Return the position of a real robot [cm], as estimated."""
+    return envelope(run.motion.time, quantity.columns(run.motion.position * 100.0))
+
+
+def estimated_pitch_table(
+    run: RunData, quantity: drawing.Quantity = drawing.ESTIMATED_PITCH
+) -> Table:
+    """Return the body pitch of a real robot [°], as estimated."""
+    return envelope(run.motion.time, quantity.columns(np.degrees(run.motion.psi)))
+
+
+def estimated_track_table(run: RunData) -> Table:
+    """Return the track of a real robot [cm], as estimated."""
+    return every_nth(run.motion.time, track_columns(run.motion.position))
 
 
 def estimate_table(run: RunData) -> Table:
@@ -438,6 +459,28 @@ FIGURES = (
     ),
 )
 """The figures of a report, in order."""
+
+ESTIMATED_FIGURES = (
+    RunFigure(
+        'motion',
+        'Estimated position and body pitch',
+        "Position of the ball and body pitch against time in the estimate of the real robot's "
+        'controller, as in figures 9-2 and 9-3 of the document; forward and rightward are '
+        'positive. A gyro that drifts and a ball that slips do not show in it.',
+        (CONTROLLER_STATE,),
+        lambda run: {**estimated_position_table(run), **estimated_pitch_table(run)},
+        (drawing.ESTIMATED_POSITION.panel, drawing.ESTIMATED_PITCH.panel),
+    ),
+    RunFigure(
+        'track',
+        'Estimated track',
+        "The track of the ball from above in the controller's estimate; y of map is leftward.",
+        (CONTROLLER_STATE,),
+        estimated_track_table,
+        draw=_draw_track,
+    ),
+)
+"""The figures of a real robot's motion, whose true one is unknown."""
 
 UTILISATION = RunFigure(
     'utilisation',

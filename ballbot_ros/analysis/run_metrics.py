@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 
 import numpy as np
@@ -96,7 +96,7 @@ def estimated_pitch(run: RunData, stamps: NDArray[np.int64]) -> Floats:
 
 def _controller_state(run: RunData, stamps: NDArray[np.int64], columns: list[int]) -> Floats:
     """Return columns of ``controller/state`` at `stamps`, NaN while it is not active."""
-    values = run.series[CONTROLLER_STATE].at(stamps)[:, columns]
+    values = run.samples(CONTROLLER_STATE, stamps)[:, columns]
     values[~run.balancing(seconds(stamps) - run.start_ns * 1e-9)] = np.nan
     return values
 
@@ -176,6 +176,46 @@ def lowest_battery_v(run: RunData) -> float:
     return float(run.series[BATTERY_STATE].values.min())
 
 
+def _estimates(run: RunData, estimate: Callable[..., Floats]) -> Floats:
+    """Return the estimates at all samples of ``controller/state``."""
+    if CONTROLLER_STATE not in run.series:
+        return np.zeros((0, 2))
+    return estimate(run, run.series[CONTROLLER_STATE].stamps)
+
+
+@RUN_METRICS.metric('time for which the controller was calibrated and in control')
+def controlled_s(run: RunData) -> float:
+    if CONTROLLER_STATE not in run.series:
+        return math.nan
+    time = run.series[CONTROLLER_STATE].time
+    return float(np.diff(time)[run.balancing(time)[1:]].sum())
+
+
+@RUN_METRICS.metric('root mean square of the pitch estimated by the controller')
+def estimated_pitch_rms_deg(run: RunData) -> float:
+    return _rms(np.degrees(_estimates(run, estimated_pitch)))
+
+
+@RUN_METRICS.metric('largest pitch estimated by the controller')
+def peak_estimated_pitch_deg(run: RunData) -> float:
+    return _peak(np.degrees(_estimates(run, estimated_pitch)))
+
+
+@RUN_METRICS.metric("root mean square of the controller's estimated distance from the start")
+def estimated_position_rms_m(run: RunData) -> float:
+    return _rms(_from_start(run))
+
+
+@RUN_METRICS.metric("largest distance from the start in the controller's estimate, in a plane")
+def peak_estimated_position_m(run: RunData) -> float:
+    return _peak(_from_start(run))
+
+
+def _from_start(run: RunData) -> Floats:
+    start = [run.plant.start_position_x, run.plant.start_position_y]
+    return np.asarray(_estimates(run, estimated_position) - start)
+
+
 @RUN_METRICS.metric('root mean square of the error of the estimated pitch')
 def pitch_error_rms_deg(run: RunData) -> float:
     return _rms(np.degrees(pitch_error(run)))
@@ -226,7 +266,7 @@ for _state in OperatingState:
 
 @RUN_METRICS.metric('ticks, up to the last recorded one, whose truth or duty is not in the file')
 def missing_ticks(run: RunData) -> float:
-    return run.missing_ticks
+    return math.nan if run.is_real else run.missing_ticks
 
 
 @RUN_METRICS.metric(
@@ -235,7 +275,7 @@ def missing_ticks(run: RunData) -> float:
 )
 def tick_jitter_ms(run: RunData) -> float:
     duty = run.series.get(MOTOR_DUTY)
-    if duty is None or len(duty.stamps) < 2:
+    if run.is_real or duty is None or len(duty.stamps) < 2:
         return math.nan
     return float(np.diff(duty.stamps).std() * 1e-6)
 
@@ -287,6 +327,11 @@ def _read(values: Mapping[str, str], key: str) -> float:
         return float(values[key])
     except (KeyError, ValueError):
         return math.nan
+
+
+def _peak(values: Floats) -> float:
+    known = values[~np.isnan(values)]
+    return float(np.abs(known).max()) if known.size else math.nan
 
 
 def _rms(values: Floats) -> float:

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ballbot_ros.analysis.parent import Parent
-from ballbot_ros.analysis.recorded_scenario import RecordedAttachments
 from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.errors import printable
 from ballbot_ros.parameters import CONTROLLER, NODES, parameters_of, value_text
@@ -43,7 +42,7 @@ class RecordedSetup:
     @classmethod
     def of(cls, run: RunData) -> RecordedSetup:
         """Return what a run was made with."""
-        rows = parameter_rows(run.attached)
+        rows = parameter_rows(run)
         parameters = {f'{each.node}.{each.name}': each.value for each in rows}
         return cls(parameters or None, dict(_others(run)))
 
@@ -82,11 +81,15 @@ class ParameterRow(NamedTuple):
     is_changed: bool
 
 
-def parameter_rows(attached: RecordedAttachments) -> Iterator[ParameterRow]:
-    """Yield the parameters of a run; nothing if they are unknown."""
+def parameter_rows(run: RunData) -> Iterator[ParameterRow]:
+    """Yield the parameters of a run; nothing if they are unknown.
+
+    Of a real robot, those of its program are known.
+    """
+    attached = run.attached
     if not attached.has_parameters:
         return
-    for node in NODES:
+    for node in (CONTROLLER,) if run.is_real else NODES:
         values = attached.parameters.of_node(node)
         for name, row in parameters_of(node).items():
             value, default = getattr(values, name), value_text(row.default)

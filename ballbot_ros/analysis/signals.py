@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ballbot_ros.analysis.figure_parts import plane_columns
-from ballbot_ros.analysis.run_data import Integers, RunData, Series
+from ballbot_ros.analysis.run_data import Integers, RunData
 from ballbot_ros.analysis.run_metrics import (
     ball_speed,
     commanded_speed,
@@ -107,12 +107,6 @@ def motion_signals(
     return MotionSignals(trajectory.time, position[None], psi[None], duty[None], other, walls)
 
 
-def _held(series: Series, stamps: Integers) -> Floats:
-    """Return the newest values at `stamps`, shape (m, k); NaN before the first sample."""
-    rows = np.searchsorted(series.stamps, stamps, side='right') - 1
-    return np.where(rows[:, np.newaxis] < 0, np.nan, series.values[rows.clip(min=0)])
-
-
 def _sampled(
     name: str,
     unit: str,
@@ -125,8 +119,7 @@ def _sampled(
     """Return the signal in columns of a topic, whose newest value counts if it `is_held`."""
 
     def values(run: RunData, stamps: Integers) -> Floats:
-        series = run.series[topic]
-        samples = _held(series, stamps) if is_held else series.at(stamps)
+        samples = run.series[topic].held(stamps) if is_held else run.samples(topic, stamps)
         return np.asarray(convert(samples[:, columns]))
 
     return Signal(name, unit, values, (topic,), has_planes=columns != slice(1))
@@ -142,9 +135,9 @@ def _speed(run: RunData, stamps: Integers) -> Floats:
 
 
 def _duty(run: RunData, stamps: Integers) -> Floats:
-    duty = run.series[MOTOR_DUTY]
-    held = duty.at(stamps) if run.plant.lockstep else _held(duty, stamps)
-    return held[:, :2]
+    if not run.plant.lockstep:
+        return run.series[MOTOR_DUTY].held(stamps)[:, :2]
+    return run.samples(MOTOR_DUTY, stamps)[:, :2]
 
 
 def _gyro_offset(run: RunData, stamps: Integers) -> Floats:
@@ -184,6 +177,8 @@ estimates and follows. Signs are those of the planes."""
 
 def frame_of(run: RunData) -> pandas.DataFrame:
     """Return the signals of a run, one row per tick; the index is the time since the start [s].
+
+    A real robot has a row per packet of its data log, and no true values.
 
     Position, speed, body pitch, motor rate and torque are the true ones; `gyro` includes its
     offset. A signal without a sample at a tick is NaN. Signals that are sampled less often than the

@@ -24,6 +24,7 @@ from ballbot_ros.recording.columns import (
     has_signals,
 )
 from ballbot_ros.recording.messages.column_hints import column_hints
+from ballbot_ros.recording.messages.recording_files import open_recording
 from ballbot_ros.recording.messages.topics import RUN
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.robot.arithmetic import Floats
@@ -71,7 +72,7 @@ def topics_with_signals(path: Path) -> list[str]:
     RecordingError
         If the file can't be read.
     """
-    with RecordingReader(path) as reader:
+    with open_recording(path) as reader:
         unreadable = reader.unreadable()
         return sorted(
             name
@@ -96,7 +97,7 @@ def read_topic(
         If the file can't be read, a message does not match its type, or the elements of its lists
         change during the run.
     """
-    with RecordingReader(run.path) as reader:
+    with open_recording(run.path) as reader:
         robot = robot_topics(reader)
         samples = _RunSamples(reader, topic, robot.namespace, run)
         finder = RunFinder(reader)

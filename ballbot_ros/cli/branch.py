@@ -133,7 +133,7 @@ def command(
             from ballbot_ros.cli.progress import Progress
             from ballbot_ros.files import temporary_folder
             from ballbot_ros.process import stdout_to_stderr
-            from ballbot_ros.recording.reader import RecordingReader
+            from ballbot_ros.recording.messages.recording_files import open_recording
             from ballbot_ros.run.branch import branch_spec, prove, read_past
             from ballbot_ros.run.execution import execute
             from ballbot_ros.run.future import given_future
@@ -148,7 +148,7 @@ def command(
             names=('--push', '--fault', '--set', '--sticks'),
         )
         future = replace(future, is_live=is_live)
-        with RecordingReader(recording) as reader, temporary_folder() as folder:
+        with open_recording(recording) as reader, temporary_folder() as folder:
             scratch = Path(folder)
             with stdout_to_stderr():  # a controller may print while its class is loaded
                 past = read_past(

@@ -93,7 +93,13 @@ def _read(path: Path) -> ParameterSet:
     # Imported only here: it takes half a second.
     from ballbot_ros.analysis.run_data import read_run
 
-    attached = read_run(path).attached
+    run = read_run(path)
+    if run.is_real:
+        raise RecordingError(
+            f'{path}: a recording of a real robot does not say what its program was generated '
+            "from: give that program's parameter file"
+        )
+    attached = run.attached
     if not attached.has_parameters:
         raise RecordingError(f'{path}: no parameters found, neither attached nor announced')
     return attached.parameters

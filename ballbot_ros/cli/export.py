@@ -15,6 +15,7 @@ from ballbot_ros.parameters.timing import TICK_NS
 from ballbot_ros.recording.columns import load_pyarrow
 from ballbot_ros.recording.export import Exporter
 from ballbot_ros.recording.messages.column_hints import column_hints
+from ballbot_ros.recording.messages.recording_files import open_recording
 from ballbot_ros.recording.messages.topics import OPERATING_STATE
 from ballbot_ros.recording.reader import RecordingReader
 
@@ -45,7 +46,7 @@ def command(
         load_pyarrow()
     console = Console(stderr=True, highlight=False, markup=False, soft_wrap=True)
     folder = output or file.with_name(f'{file.stem}_{file_format}')
-    with RecordingReader(file) as reader, file_progress(f'exporting {file.name}') as progress:
+    with open_recording(file) as reader, file_progress(f'exporting {file.name}') as progress:
         exporter = Exporter(
             reader,
             folder,

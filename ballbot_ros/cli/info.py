@@ -13,6 +13,7 @@ from rich.console import Console
 
 from ballbot_ros.analysis.parent import Parent
 from ballbot_ros.analysis.recorded_controller import ControllerIdentity, decode_controller
+from ballbot_ros.analysis.recorded_runs import is_real_robot
 from ballbot_ros.analysis.recorded_scenario import (
     external_push,
     faults_in,
@@ -26,6 +27,7 @@ from ballbot_ros.errors import printable
 from ballbot_ros.files import own_command
 from ballbot_ros.parameters.yaml_document import parse_data
 from ballbot_ros.process import ProgressCallback
+from ballbot_ros.recording.messages.recording_files import open_recording
 from ballbot_ros.recording.messages.topics import RUN
 from ballbot_ros.recording.overview import read_topics
 from ballbot_ros.recording.reader import AttachedFile, RecordingReader
@@ -47,7 +49,7 @@ def command(file: Path, as_json: bool) -> None:
 
     It may come from any ROS 2 tool, and may be damaged.
     """
-    with RecordingReader(file) as reader:
+    with open_recording(file) as reader:
         with file_progress(f'reading {file.name}') as progress:
             content = _read(reader, progress)
         state = _state(reader)
@@ -69,10 +71,12 @@ def _read(reader: RecordingReader, progress: ProgressCallback) -> dict[str, obje
     metadata.pop(METADATA_NAME, None)
     outcome = metadata.pop(RUN_OUTCOME, None) or None
     attached = read_attachments(reader.attachments())
+    is_real = is_real_robot(reader)
     return {
         'file': str(reader.path),
         'size_bytes': reader.size,
         'library': reader.library,
+        'real_robot': is_real,
         'complete': reader.complete and not reader.being_written,
         'being_written': reader.being_written,
         'missing': reader.damage,
@@ -84,7 +88,7 @@ def _read(reader: RecordingReader, progress: ProgressCallback) -> dict[str, obje
         'outcome': outcome,
         'external_pushes': [push.as_json() for push in outside_pushes_in(reader, runs_ns)],
         'faults': [str(each) for each in faults_in(reader, attached.parameters)],
-        'made_by': _made_by(reader.attachments()),
+        'made_by': _made_by(reader.attachments(), is_real=is_real),
         'parent': (parent := Parent.decode(reader.attachments())) and asdict(parent),
         'topics': {
             name: {
@@ -149,6 +153,8 @@ def _lines(content: Mapping[str, Any], state: str) -> list[tuple[str, str]]:
         lines.append(('outcome', ': '.join(filter(None, words))))
     if pushes := [external_push(each) for each in content['external_pushes']]:
         lines.append(('pushes', outside_pushes(pushes)))
+    if content['real_robot']:
+        lines.append(('robot', 'real: estimates of its controller, without true motion'))
     if parent := content['parent']:
         lines.append(('branch of', str(Parent(**parent))))
     lines += [('fault', each) for each in content['faults']]
@@ -176,8 +182,11 @@ def _state(reader: RecordingReader) -> str:
     return reader.damage or 'complete'
 
 
-def _made_by(attachments: Mapping[str, AttachedFile]) -> dict[str, object]:
-    """Return controller, scenario, seed and versions from the attachments of `ballbot run`."""
+def _made_by(attachments: Mapping[str, AttachedFile], *, is_real: bool) -> dict[str, object]:
+    """Return controller, scenario, seed and versions from the attachments of `ballbot run`.
+
+    A real robot has no seed.
+    """
     scenario, parameters, versions = (
         _attached(attachments.get(name)) for name in (SCENARIO, PARAMETERS, VERSIONS)
     )
@@ -188,7 +197,7 @@ def _made_by(attachments: Mapping[str, AttachedFile]) -> dict[str, object]:
         'controller': identity and asdict(identity),
         'purpose': scenario.get('purpose'),
         'profile': scenario.get('profile'),
-        'seed': next((each['seed'] for each in of_nodes if 'seed' in each), None),
+        'seed': next((each['seed'] for each in of_nodes if 'seed' in each and not is_real), None),
         'versions': {str(name): str(value) for name, value in versions.items()},
     }
     return {name: value for name, value in content.items() if value not in (None, {})}

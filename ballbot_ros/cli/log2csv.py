@@ -8,7 +8,7 @@ import click
 
 from ballbot_ros.analysis.data_log import write_data_log
 from ballbot_ros.cli.options import NEW_FILE, RECORDING
-from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.recording.messages.recording_files import open_recording
 
 
 @click.command('log2csv')
@@ -20,7 +20,7 @@ from ballbot_ros.recording.reader import RecordingReader
 )
 def command(recording: Path, output: Path | None) -> None:
     """Write the brick's data log in RECORDING as CSV, with a file for each run."""
-    with RecordingReader(recording) as reader:
+    with open_recording(recording) as reader:
         written = write_data_log(reader, output or recording.with_suffix('.csv'))
         if written.malformed:
             noun = 'packet' if written.malformed == 1 else 'packets'

@@ -12,7 +12,7 @@ from ballbot_ros.analysis.assessment import Assessment, assess
 from ballbot_ros.analysis.parent import Parent
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.cli.progress import file_progress
-from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.recording.messages.recording_files import open_recording
 from ballbot_ros.robot.world.floor_map import FloorMap
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ def parent_of(path: Path) -> tuple[Path, int] | None:
 
     If the file can't be found, it prints a note.
     """
-    with RecordingReader(path) as reader:
+    with open_recording(path) as reader:
         parent = Parent.decode(reader.attachments())
     if parent is None:
         return None

@@ -19,7 +19,7 @@ from ballbot_ros.analysis.replay import ReplayedTick
 from ballbot_ros.cli.options import RECORDING, trust_option
 from ballbot_ros.cli.progress import Progress
 from ballbot_ros.files import temporary_folder
-from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.recording.messages.recording_files import open_recording
 from ballbot_ros.robot.brick.brick import DeviceInputs
 
 
@@ -36,7 +36,7 @@ def replay_recording(
     The control program is `controller`, or else the recorded one. With `assignments`, it runs with
     these parameters on the recorded inputs, and only its duties and jobs are compared.
     """
-    with RecordingReader(path) as reader, temporary_folder() as scratch:
+    with open_recording(path) as reader, temporary_folder() as scratch:
         replay = RecordingReplay(
             reader, Path(scratch), controller, trust_attached_code=trust_attached_code
         )

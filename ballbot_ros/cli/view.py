@@ -12,7 +12,7 @@ from ballbot_ros.cli.options import RECORDING, code_option, no_browser_option, t
 from ballbot_ros.cli.web_page import open_browser
 from ballbot_ros.files import temporary_folder
 from ballbot_ros.process import DeferredSignals, StopRequest
-from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.recording.messages.recording_files import open_recording
 from ballbot_ros.viewer.address import NEXT_FREE, address_line, network_warning, require_viser
 
 
@@ -74,7 +74,7 @@ def command(
         open_browser(page.address)
     with ExitStack() as stack:
         scratch = Path(stack.enter_context(temporary_folder()))
-        reader = stack.enter_context(RecordingReader(recording))
+        reader = stack.enter_context(open_recording(recording))
 
         def make() -> ContinuedRun:
             past = read_past(

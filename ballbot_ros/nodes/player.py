@@ -24,9 +24,9 @@ from ballbot_ros.nodes.endpoints import TopicPublisher, flush, reliable_qos
 from ballbot_ros.nodes.middleware import DomainLock
 from ballbot_ros.parameters import PLANT, PlayerParameters
 from ballbot_ros.recording.messages.conversions import encode_clock
+from ballbot_ros.recording.messages.recording_files import open_recording
 from ballbot_ros.recording.messages.topics import CLOCK, HISTORY, TOPICS, find_message_class
 from ballbot_ros.recording.playback import Playback
-from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.rosbag2 import QosProfile
 
 POLL_S = 2e-3
@@ -41,7 +41,7 @@ class Player(BallbotNode[PlayerParameters]):
 
     def __init__(self, parameters: PlayerParameters | None = None) -> None:
         super().__init__(PlayerParameters, parameters)
-        self._recording = RecordingReader(self.parameters.file)
+        self._recording = open_recording(self.parameters.file)
         chosen = [name.strip() for name in self.parameters.topics.split(',') if name.strip()]
         self.playback = Playback(
             self._recording,

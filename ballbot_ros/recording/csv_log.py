@@ -8,7 +8,7 @@ from dataclasses import astuple, fields
 from pathlib import Path
 from typing import TextIO
 
-from ballbot_ros.errors import TeleopError, printable
+from ballbot_ros.errors import RecordingError, TeleopError, printable
 from ballbot_ros.robot.brick.bluetooth import CLOCK_PERIOD_MS, LogPacket, PacketError
 
 HEADER = (
@@ -91,7 +91,7 @@ def read_csv_log(path: Path) -> list[LogPacket]:
 
     Raises
     ------
-    TeleopError
+    RecordingError
         If it can't be read, is not such a file, or the times of its packets do not increase. The
         message begins with the path and the number of the line.
     """
@@ -99,19 +99,19 @@ def read_csv_log(path: Path) -> list[LogPacket]:
         # The last line may have been cut off while it was written.
         lines = path.read_text('ascii').rpartition('\n')[0].splitlines()
     except OSError as error:
-        raise TeleopError(f'{path}: {error.strerror}') from None
+        raise RecordingError(f'{path}: {error.strerror}') from None
     except UnicodeDecodeError:
-        raise TeleopError(f'{path}: is not a data log: it is not ASCII text') from None
+        raise RecordingError(f'{path}: is not a data log: it is not ASCII text') from None
     if not lines or lines[0].strip() != HEADER:
-        raise TeleopError(f'{path}: is not a data log: its first line must be {HEADER!r}')
+        raise RecordingError(f'{path}: is not a data log: its first line must be {HEADER!r}')
     packets: list[LogPacket] = []
     for number, line in enumerate(lines[1:], start=2):
         try:
             packet = _packet(line)
         except (ValueError, PacketError) as error:
-            raise TeleopError(f'{path}, line {number}: {error}') from None
+            raise RecordingError(f'{path}, line {number}: {error}') from None
         if packets and not _is_since(packet.time_ms, packets[-1].time_ms + 1):
-            raise TeleopError(
+            raise RecordingError(
                 f'{path}, line {number}: its time, {packet.time_ms} ms, is not after '
                 f'{packets[-1].time_ms} ms; a file holds one run'
             )

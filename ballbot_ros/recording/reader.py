@@ -7,6 +7,7 @@ import struct
 import zlib
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator
+from io import FileIO
 from itertools import chain
 from mmap import ACCESS_READ, ALLOCATIONGRANULARITY, MADV_DONTNEED, mmap
 from pathlib import Path
@@ -102,6 +103,8 @@ class RecordingReader:
     ----------
     path : path-like
         The file.
+    converted : FileIO or None
+        A file of another format, converted to MCAP. It is closed with the reader.
 
     Attributes
     ----------
@@ -118,7 +121,7 @@ class RecordingReader:
         If the file can't be read or is not an MCAP file of ROS 2.
     """
 
-    def __init__(self, path: str | os.PathLike[str]) -> None:
+    def __init__(self, path: str | os.PathLike[str], converted: FileIO | None = None) -> None:
         self.path = Path(path)
         self.library = ''
         self.times: TimeRange | None = None
@@ -128,7 +131,8 @@ class RecordingReader:
         self._attachments: dict[str, AttachedFile] = {}
         self._metadata: dict[str, dict[str, str]] = {}
         with os_errors(RecordingError, self.path):
-            self._file = open_regular(self.path)
+            self._given = open_regular(self.path)
+            self._file = converted or self._given
             magic = self._file.read(len(MCAP0_MAGIC))
         try:
             if magic != MCAP0_MAGIC:
@@ -163,12 +167,12 @@ class RecordingReader:
     @property
     def size(self) -> int:
         """Size of the file [byte]."""
-        return os.fstat(self._file.fileno()).st_size
+        return os.fstat(self._given.fileno()).st_size
 
     @property
     def being_written(self) -> bool:
         """Whether a recorder of this package is still writing the file."""
-        return is_locked(self._file.fileno())
+        return is_locked(self._given.fileno())
 
     @property
     def count(self) -> int:
@@ -353,7 +357,13 @@ class RecordingReader:
 
     def close(self) -> None:
         """Close the file."""
+        self._given.close()
         self._file.close()
+
+    def contents(self) -> bytes:
+        """Return the recording as the bytes of an MCAP file."""
+        self._file.seek(0)
+        return self._file.readall()
 
     def _schema(self, channel: Channel) -> Schema:
         return self._schemas.get(channel.schema_id, _NO_SCHEMA)

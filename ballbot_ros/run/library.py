@@ -29,7 +29,7 @@ from ballbot_ros.parameters.files import (
     plain_values,
     read_parameter_file,
 )
-from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.recording.messages.recording_files import open_recording
 from ballbot_ros.robot.plant.model import PhysicalParameters
 from ballbot_ros.run.branch import branch_spec, prove, read_past
 from ballbot_ros.run.future import RECORDED, given_future
@@ -174,7 +174,7 @@ def branch(
             controller=controller,
             names=('pushes', 'faults', 'parameters', 'sticks'),
         )
-        with RecordingReader(path) as reader:
+        with open_recording(path) as reader:
             past = read_past(reader, number, folder)
             spec = branch_spec(past, future, folder, output=folder)
             recording = folder / f'{spec.name}.mcap'

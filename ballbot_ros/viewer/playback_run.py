@@ -17,7 +17,13 @@ from ballbot_ros.errors import ViewerError
 from ballbot_ros.parameters import ControllerParameters, Dimensions
 from ballbot_ros.parameters.timing import TICK_NS, TICK_S
 from ballbot_ros.process import ProgressCallback
-from ballbot_ros.recording.messages.topics import BATTERY_STATE, PLANT_IMU, PLANT_ODOM, SONAR_RANGE
+from ballbot_ros.recording.messages.topics import (
+    BATTERY_STATE,
+    CONTROLLER_STATE,
+    PLANT_IMU,
+    PLANT_ODOM,
+    SONAR_RANGE,
+)
 from ballbot_ros.robot.arithmetic import Floats
 from ballbot_ros.robot.brick.brick import Tone
 from ballbot_ros.robot.brick.job_times import kernel_constants
@@ -106,7 +112,8 @@ class PlaybackRun:
         number: int | None = None,
     ) -> None:
         run = self._run = read_run(path, number, progress)
-        if not {PLANT_IMU, PLANT_ODOM} <= run.series.keys() or not len(run.trajectory.time):
+        needed = {CONTROLLER_STATE} if run.is_real else {PLANT_IMU, PLANT_ODOM}
+        if not needed <= run.series.keys() or not len(run.motion.time):
             raise ViewerError(f'{path}: nothing to show: it has no poses of the robot')
         self.name, self.number = run.name, run.number
         self.end = run.end
@@ -114,9 +121,10 @@ class PlaybackRun:
         self.dimensions = Dimensions.from_parameters(run.plant)
         floor = run.floor  # the published walls, if no map is attached
         self.floor_map = floor_map_of(floor) if isinstance(floor, OccupancyGrid) else floor
-        x, y = run.trajectory.position[0].tolist()
+        position = run.motion.position
+        x, y = position[0].tolist()
         self.start = (x, -y)
-        self._ball = RolledBall(run.trajectory.position, self.dimensions.ball_radius)
+        self._ball = RolledBall(position, self.dimensions.ball_radius)
         starts = ((push.start, str(each), push.force) for each, push in enumerate(run.pushes))
         ends = ((push.end, str(each), (0.0, 0.0)) for each, push in enumerate(run.pushes))
         self._forces = [*starts, *ends]
@@ -124,8 +132,8 @@ class PlaybackRun:
         self.jobs = run.jobs
         controller = run.attached.parameters.of(ControllerParameters)
         self.interrupt_us = kernel_constants(controller).interrupt_us
-        self._trail_ticks = _trail_ticks(run.trajectory.position)
-        self._trail = [(x, -y) for x, y in run.trajectory.position[self._trail_ticks].tolist()]
+        self._trail_ticks = _trail_ticks(position)
+        self._trail = [(x, -y) for x, y in position[self._trail_ticks].tolist()]
         self._state_times = [interval.start for interval in run.states]
         self._page_times = [time for time, _ in run.pages]
         self._tone_times = [time for time, _ in run.tones]
@@ -139,7 +147,7 @@ class PlaybackRun:
 
         Unless the ball `rolls`, which takes longest, its orientation is left out.
         """
-        motion = self._run.trajectory
+        motion = self._run.motion
         tick = self._tick(time)
         state = bisect_right(self._state_times, time) - 1
         page = bisect_right(self._page_times, time) - 1
@@ -164,7 +172,7 @@ class PlaybackRun:
 
     def _tick(self, time: float) -> int:
         # Allow for 1 µs: the times of a slider are less exact than the stamps of ticks.
-        return max(0, int(np.searchsorted(self._run.trajectory.time, time + 1e-6, 'right')) - 1)
+        return max(0, int(np.searchsorted(self._run.motion.time, time + 1e-6, 'right')) - 1)
 
     def tone(self, start: float, end: float) -> Tone | None:
         """Return the last tone from `start` to before `end` [s]."""

@@ -158,7 +158,9 @@ LACKING = {
     '/battery_state': {'lowest_battery_v'},
     '/gyro': {'gyro_offset_error_x_deg_per_s', 'gyro_offset_error_y_deg_per_s'},
     '/controller/state': {'pitch_error_rms_deg', 'position_error_rms_m', 'speed_error_rms_m_per_s',
-                          'gyro_offset_error_x_deg_per_s', 'gyro_offset_error_y_deg_per_s'},
+                          'gyro_offset_error_x_deg_per_s', 'gyro_offset_error_y_deg_per_s',
+                          'controlled_s', 'estimated_pitch_rms_deg', 'peak_estimated_pitch_deg',
+                          'estimated_position_rms_m', 'peak_estimated_position_m'},
 }  # fmt: skip
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from ballbot_ros.errors import TeleopError
+from ballbot_ros.errors import RecordingError, TeleopError
 from ballbot_ros.recording.csv_log import HEADER, CsvLog, read_csv_log
 from ballbot_ros.robot.brick.bluetooth import LogPacket
 
@@ -122,7 +122,7 @@ ROW = '0,0,8005,0,-123,45,-2048,2048,0,0,255'
 def test_what_is_not_a_log_is_refused_with_its_line(tmp_path, lines, message):
     path = tmp_path / 'log.csv'
     path.write_text('\n'.join([*lines, '']), 'utf-8')
-    with pytest.raises(TeleopError) as refused:
+    with pytest.raises(RecordingError) as refused:
         read_csv_log(path)
     assert str(refused.value).startswith(f'{path}{message}')
     assert '\n' not in str(refused.value)
@@ -131,6 +131,6 @@ def test_what_is_not_a_log_is_refused_with_its_line(tmp_path, lines, message):
 @pytest.mark.parametrize('name', ['missing.csv', ''])
 def test_a_file_that_cannot_be_read_is_refused(tmp_path, name):
     path = tmp_path / name
-    with pytest.raises(TeleopError) as refused:
+    with pytest.raises(RecordingError) as refused:
         read_csv_log(path)
     assert str(refused.value).startswith(f'{path}: ')

@@ -1,0 +1,223 @@
+"""Recordings of a real robot, and the CSV of its data log: runs with fewer topics."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from real_runs import logged_packets, recorded_sticks, write_csv, write_real
+
+import ballbot_ros as bb
+from ballbot_ros.analysis.assessment import assess, shown_metrics
+from ballbot_ros.analysis.report import report_document
+from ballbot_ros.analysis.run_data import read_run
+from ballbot_ros.analysis.signals import signals_of
+from ballbot_ros.parameters import LogFormat
+from ballbot_ros.recording.csv_log import HEADER
+from ballbot_ros.recording.messages.recording_files import open_recording
+from ballbot_ros.recording.messages.topics import CONTROLLER_STATE, GAMEPAD_JOY
+from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.robot.brick.bluetooth import LogPacket
+from ballbot_ros.viewer.playback_run import PlaybackRun
+
+PROGRAM = b'/**/controller:\n  ros__parameters:\n    k_thetadot: 300.0\n'
+KINDS = 'mcap', 'csv'
+
+
+@pytest.fixture(scope='module')
+def files(driven, tmp_path_factory):
+    """The recording of a link to a brick and the CSV, each of the packets of a simulated run."""
+    folder, packets = tmp_path_factory.mktemp('real'), logged_packets(driven[0])
+    attached = [('parameters.yaml', PROGRAM)]
+    sticks = recorded_sticks(driven[0])
+    return {
+        'mcap': write_real(folder / 'brick.mcap', packets, sticks=sticks, attachments=attached),
+        'csv': write_csv(folder / 'log.csv', packets),
+    }
+
+
+@pytest.fixture(scope='module')
+def real(files):
+    return {kind: read_run(path) for kind, path in files.items()}
+
+
+def test_both_files_give_the_same_series(real):
+    mcap, csv = real['mcap'], real['csv']
+    assert mcap.series.keys() - csv.series.keys() == {GAMEPAD_JOY}
+    for topic, series in csv.series.items():
+        np.testing.assert_array_equal(series.values, mcap.series[topic].values)
+        np.testing.assert_allclose(series.time, mcap.series[topic].time, atol=1e-6)
+    np.testing.assert_array_equal(csv.motion.position, mcap.motion.position)
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_the_motion_is_what_the_controller_estimated(driven, real, kind):
+    """The log rounds the pitch to an lsb, and the angle of a motor to a degree."""
+    run, simulated, log = real[kind], read_run(driven[0]), LogFormat()
+    state = simulated.series[CONTROLLER_STATE]
+    first_s = logged_packets(driven[0])[0].time_ms * 1e-3 - simulated.start_ns * 1e-9
+    rows = np.searchsorted(state.time, run.motion.time + first_s - 1e-3)
+    psi = state.values[rows][:, [1, 3]]
+    np.testing.assert_allclose(run.motion.psi, psi, atol=math.radians(log.lsb))
+    position = log.ball_radius * state.values[rows][:, [0, 2]]
+    np.testing.assert_allclose(run.motion.position, position, atol=1e-4)
+    assert run.end == pytest.approx(simulated.end - first_s, abs=0.11)
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_nothing_is_invented(real, kind):
+    run = real[kind]
+    assessment = assess(run)
+    assert run.is_real
+    assert len(run.trajectory.time) == 0
+    assert run.duty_sha256 is None
+    assert (assessment.outcome, assessment.reason) == (
+        'not judged', 'the true motion of a real robot is unknown'
+    )  # fmt: skip
+    assert shown_metrics(assessment).keys() == {
+        'controlled_s', 'estimated_pitch_rms_deg', 'peak_estimated_pitch_deg',
+        'estimated_position_rms_m', 'peak_estimated_position_m', 'lowest_battery_v',
+    }  # fmt: skip
+    content = assessment.as_json()
+    assert (content['ticks'], content['seed'], content['real_robot']) == (None, None, True)
+    assert run.notices[0].startswith('A real robot: position and pitch are the estimates')
+    assert ('sticks' in run.notices[0]) == (kind == 'csv')
+    assert len(run.notices) == (2 if kind == 'csv' else 1), 'only the program may be unknown'
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_the_report_shows_the_estimates_under_their_name(real, kind):
+    page = report_document(assess(real[kind]))
+    assert 'A real robot: position and pitch are the estimates' in page
+    assert 'Estimated track' in page or 'estimated position' in page
+    for absent in ('Plant model', 'Seed', 'Margins', 'plant_sim', 'missing ticks', 'Ticks'):
+        assert absent not in page, absent
+    assert ('k_thetadot' in page) == (kind == 'mcap')
+
+
+def test_a_simulated_run_without_its_truth_is_no_real_one(short, copy):
+    """Its log says nothing of it, since it was not recorded."""
+    hidden = ('/plant/imu', '/plant/odom', '/plant/joint_states', '/bluetooth/tx')
+    run = read_run(copy(short[0], wanted=lambda name: name not in hidden))
+    assert not run.is_real
+    assert any('/plant/imu not found' in each for each in run.notices)
+
+
+def test_a_signal_holds_until_the_next_packet(real):
+    run = real['csv']
+    stamps = run.start_ns + np.arange(0, 200_000_000, 4_000_000)
+    pitch = next(each for each in signals_of(run) if each.name == 'estimated_pitch')
+    shown = pitch.table(run, stamps)['estimated_pitch_x_deg']
+    packets = np.degrees(run.motion.psi[:2, 0])
+    np.testing.assert_allclose(shown, np.repeat(packets, 25), rtol=1e-6)
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_the_viewer_moves_the_robot_by_the_estimates(files, real, kind):
+    playback, motion = PlaybackRun(files[kind]), real[kind].motion
+    for row in (0, 40, len(motion.time) - 1):
+        shown = playback.snapshot(motion.time[row])
+        assert shown.position == tuple(motion.position[row])
+        assert shown.psi == tuple(motion.psi[row])
+    assert 'estimated_pitch_x_deg' in playback.columns
+
+
+def test_a_log_that_was_opened_is_saved_as_a_recording(files, tmp_path):
+    run = bb.open(files['csv'])
+    assert run.verdict == 'not judged'
+    assert len(run.frame()) == len(logged_packets(files['mcap']))
+    saved = run.save(tmp_path / 'saved.mcap')
+    with RecordingReader(saved) as reader, open_recording(files['csv']) as opened:
+        assert list(reader.raw_messages()) == list(opened.raw_messages())
+        assert opened.size == files['csv'].stat().st_size
+
+
+@pytest.mark.parametrize('kind', KINDS)
+@pytest.mark.parametrize(
+    ('words', 'told'),
+    [
+        (['info', '{file}'], 'real: estimates of its controller, without true motion'),
+        (['report', '{file}', '--output', '{new}'], 'not judged: the true motion of a real robot'),
+        (['export', '{file}', '--to', 'csv', '--output', '{new}'], 'controller_state.csv'),
+        (['export', '{file}', '--to', 'csv', '--joined', '--output', '{new}'], 'joined.csv'),
+        (['log2csv', '{file}', '--output', '{new}'], 'data log'),
+        (['compare', '{file}', '{file}'], 'metrics without a difference'),
+    ],
+)  # fmt: skip
+def test_every_command_takes_both_files(command, files, tmp_path, kind, words, told):
+    given = {'file': files[kind], 'new': tmp_path / 'new'}
+    status, stdout, stderr = command(*(word.format(**given) for word in words))
+    assert (status, told in stdout) == (0, True), (stdout, stderr)
+    if words[0] == 'log2csv':
+        assert (tmp_path / 'new').read_bytes() == files['csv'].read_bytes()
+
+
+def test_info_names_no_seed(command, driven, files, tmp_path):
+    program = [('parameters.yaml', b'/**/controller:\n  ros__parameters:\n    seed: 7\n')]
+    path = write_real(tmp_path / 'b.mcap', logged_packets(driven[0])[:5], attachments=program)
+    assert json.loads(command('info', path, '--json')[1])['made_by'] == {}
+
+
+@pytest.mark.parametrize(
+    ('words', 'told'),
+    [
+        (['replay', '{mcap}'], '{mcap}: a recording of a real robot cannot be run again'),
+        (['replay', '{csv}'], '{csv}: a recording of a real robot cannot be run again'),
+        (['branch', '{mcap}', '--at', '2', '--fault', 'gyro_x off'],
+         '{mcap}: a recording of a real robot cannot be run again'),
+        (['codegen', '--output', '{new}', '--params', '{mcap}'],
+         '{mcap}: a recording of a real robot does not say what its program was generated from'),
+        (['repair', '{csv}'], '{csv}: not an MCAP file'),
+        (['identify', '{csv}', '--truth'], '{csv}: a data log has no true states'),
+        (['identify', '{mcap}', '--truth'], '{mcap}: a data log has no true states'),
+        (['info', '{cells}'], '{cells}, line 3: 12 values are needed, not 2'),
+        (['report', '{back}'], '{back}, line 3: its time, 1 ms, is not after 2 ms'),
+        (['view', '{none}', '--no-browser'], '{none}: a data log without packets'),
+        (['info', '{other}'], "{other}: is not a data log: its first line must be 'Time,"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_done_is_said_in_one_line(command, files, tmp_path, words, told):
+    row = '0,0,8005,0,-123,45,-2048,2048,0,0,255'
+    logs = {
+        'cells': [HEADER, f'1,{row}', '1,2'], 'back': [HEADER, f'2,{row}', f'1,{row}'],
+        'none': [HEADER], 'other': ['a,b', '1,2'],
+    }  # fmt: skip
+    paths = {**files, 'new': tmp_path / 'new', **{name: tmp_path / f'{name}.csv' for name in logs}}
+    for name, lines in logs.items():
+        paths[name].write_text('\n'.join([*lines, '']))
+    status, stdout, stderr = command(*(word.format(**paths) for word in words))
+    assert (status, stdout) == (2, '')
+    assert stderr.startswith(f'error: {told.format(**paths)}') or told.format(**paths) in stderr
+    assert len(stderr.splitlines()) == 1
+
+
+def test_a_log_is_known_by_its_content(files, tmp_path):
+    named = tmp_path / 'brick.txt'
+    named.write_bytes(files['csv'].read_bytes())
+    assert read_run(named).is_real
+
+
+INT16, INT32 = st.integers(-(2**15), 2**15 - 1), st.integers(-(10**6), 10**6)
+PACKETS = st.lists(
+    st.tuples(st.integers(1, 1000), INT32, INT32, INT16, INT16, st.integers(0, 255)), min_size=2
+)
+
+
+@settings(max_examples=20, deadline=None)
+@given(start=st.sampled_from([0, 2004, 2**32 - 500]), rows=PACKETS)
+def test_what_a_brick_logs_comes_back(tmp_path_factory, start, rows):
+    times = np.cumsum([row[0] for row in rows])
+    packets = [
+        LogPacket(int(start + time) % 2**32, 0, 0, 8000, 0, b, c, x, y, 0, 0, sonar)
+        for time, (_, b, c, x, y, sonar) in zip(times, rows, strict=True)
+    ]  # fmt: skip
+    path = write_csv(tmp_path_factory.mktemp('log') / 'log.csv', packets)
+    run, log = read_run(path), LogFormat()
+    np.testing.assert_allclose(run.motion.time, (times - times[0]) * 1e-3, atol=1e-6)
+    pitch = np.array([row[3:5] for row in rows]) * log.lsb
+    np.testing.assert_allclose(np.degrees(run.motion.psi), pitch, rtol=1e-6, atol=1e-9)
+    turned = np.array([row[1:3] for row in rows], float)
+    theta = np.radians(log.wheel_radius / log.ball_radius * turned + pitch)
+    np.testing.assert_allclose(run.motion.position, log.ball_radius * theta, rtol=1e-6, atol=1e-9)
