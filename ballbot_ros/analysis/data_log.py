@@ -1,8 +1,9 @@
-"""Conversion of the data log in a recording to CSV, in the format of the gamepad node."""
+"""The data log in a recording, and its conversion to CSV, in the format of the gamepad node."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from ballbot_ros.recording.csv_log import CsvLog
 from ballbot_ros.recording.messages.conversions import log_packet, time_ns
 from ballbot_ros.recording.messages.topics import BLUETOOTH_TX, RUN
 from ballbot_ros.recording.reader import RecordingReader
-from ballbot_ros.robot.brick.bluetooth import PacketError
+from ballbot_ros.robot.brick.bluetooth import LogPacket, PacketError
 
 
 @dataclass(frozen=True)
@@ -23,6 +24,20 @@ class DataLogFiles:
     paths: Sequence[Path]
     topic: str
     malformed: int
+
+
+def last_log(reader: RecordingReader) -> list[LogPacket]:
+    """Return the log packets of the last run of a real robot."""
+    namespace = robot_namespace(reader, [BLUETOOTH_TX]) or ''
+    packets, runs = BLUETOOTH_TX.resolved(namespace), RUN.resolved(namespace)
+    found: list[LogPacket] = []
+    for topic, _, message in reader.messages({packets, runs} & reader.topics().keys()):
+        if topic == runs:
+            found = []
+            continue
+        with suppress(PacketError):
+            found.append(log_packet(message))
+    return found
 
 
 def write_data_log(reader: RecordingReader, output: Path) -> DataLogFiles:

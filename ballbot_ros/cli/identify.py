@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from ballbot_ros.analysis.recorded_runs import is_real_robot
 from ballbot_ros.cli.options import (
     NEW_FILE,
     PATH,
@@ -22,6 +23,7 @@ from ballbot_ros.cli.progress import file_progress
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.parameters import PLANT, ParameterSet, Value
 from ballbot_ros.parameters.files import assign, read_parameter_file
+from ballbot_ros.recording.messages.recording_files import open_recording
 
 if TYPE_CHECKING:
     from ballbot_ros.analysis.identification.experiment import Experiment
@@ -105,7 +107,7 @@ def command(
     Prints which parameters the recordings can tell apart, their values with 95 % intervals, and
     how well the model then describes the readings.
 
-    A data log of the brick, LOG.csv, can take the place of a recording. Unless log_content of the
+    The data log of a real robot, its recording or LOG.csv, can take the place. Unless log_content of the
     controller adds duties to it, it tells little but the height of the body.
 
     Exit status: 0 if a parameter was identified; 2 if none was, for invalid arguments or a file
@@ -171,7 +173,8 @@ def _require_different(recordings: Sequence[Path], checks: Sequence[Path]) -> No
 
 
 def _is_log(path: Path) -> bool:
-    return path.suffix.lower() == '.csv'
+    with open_recording(path) as reader:
+        return is_real_robot(reader)
 
 
 def _known(parameter_file: Path | None, assignments: Sequence[str]) -> dict[str, Value]:

@@ -11,6 +11,7 @@ from real_runs import logged_packets, recorded_sticks, write_csv, write_real
 
 import ballbot_ros as bb
 from ballbot_ros.analysis.assessment import assess, shown_metrics
+from ballbot_ros.analysis.identification.experiment import logged_experiment
 from ballbot_ros.analysis.report import report_document
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.analysis.signals import signals_of
@@ -191,6 +192,13 @@ def test_what_cannot_be_done_is_said_in_one_line(command, files, tmp_path, words
     assert (status, stdout) == (2, '')
     assert stderr.startswith(f'error: {told.format(**paths)}') or told.format(**paths) in stderr
     assert len(stderr.splitlines()) == 1
+
+
+def test_a_robot_is_identified_alike_from_both_files(files):
+    mcap, csv = (logged_experiment(files[kind], {}) for kind in KINDS)
+    assert mcap.readings.keys() == csv.readings.keys()
+    for channel, values in csv.readings.items():
+        np.testing.assert_array_equal(values, mcap.readings[channel])
 
 
 def test_a_log_is_known_by_its_content(files, tmp_path):

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot_ros.analysis.data_log import last_log
 from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.controllers.document.program import mean_delays
 from ballbot_ros.errors import IdentificationError
@@ -30,7 +31,7 @@ from ballbot_ros.parameters import (
     Value,
 )
 from ballbot_ros.parameters.timing import STEP_NS, STEPS_PER_TICK, TICK_MS, TICK_NS, TICK_S
-from ballbot_ros.recording.csv_log import read_csv_log
+from ballbot_ros.recording.messages.recording_files import open_recording
 from ballbot_ros.recording.messages.topics import (
     BATTERY_STATE,
     GYRO_IMU,
@@ -387,7 +388,7 @@ _FALLEN_DEG = 30.0
 
 
 def logged_experiment(path: Path, known: Mapping[str, Value]) -> Experiment:
-    """Return the experiment in a data log, which begins where the robot starts to move.
+    """Return the experiment in the data log of a real robot, from where it starts to move.
 
     Parameters
     ----------
@@ -396,12 +397,13 @@ def logged_experiment(path: Path, known: Mapping[str, Value]) -> Experiment:
 
     Raises
     ------
-    TeleopError
-        If the file is not a data log.
+    RecordingError
+        If the file can't be read.
     IdentificationError
         If it has fewer than two records, or they are too far apart.
     """
-    packets = read_csv_log(path)
+    with open_recording(path) as reader:
+        packets = last_log(reader)
     if len(packets) < 2:
         raise IdentificationError(f'{path}: has {len(packets)} records; at least 2 are needed')
     intervals = np.diff([each.time_ms for each in packets]) % CLOCK_PERIOD_MS

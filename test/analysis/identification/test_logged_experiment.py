@@ -191,11 +191,10 @@ def test_gears_are_in_contact_where_records_show_a_shaft_that_turns(tmp_path):
     assert (contact[begins] == -1.0).all()
 
 
-@pytest.mark.parametrize('count', [0, 1])
-def test_a_log_needs_two_records(tmp_path, count):
-    path = written(tmp_path / 'log.csv', [(100, 0, 0, 0.0, 0.0)] * count)
+def test_a_log_needs_two_records(tmp_path):
+    path = written(tmp_path / 'log.csv', [(100, 0, 0, 0.0, 0.0)])
     message = refusal(IdentificationError, logged_experiment, path, {})
-    assert f'has {count} records; at least 2' in message
+    assert 'has 1 records; at least 2' in message
 
 
 def test_with_its_true_voltages_a_segment_moves_as_the_plant_does(monkeypatch):
