@@ -76,7 +76,7 @@ class Assessment:
             'outcome': self.outcome.value,
             'reason': self.reason,
             'real_robot': run.is_real,
-            'complete': run.damage is None if run.is_real else run.complete,
+            'complete': run.complete,
             'damage': run.damage,
             'notices': list(run.notices),
             'ticks': None if run.is_real else len(run.trajectory.time),
@@ -185,15 +185,13 @@ def _outcome(
 ) -> tuple[Verdict, str]:
     if failure := _failure(run):
         return Verdict.FAILED, failure
-    if run.is_real:
-        if run.damage:
-            return Verdict.INCOMPLETE, run.damage
-        return Verdict.NOT_JUDGED, 'the true motion of a real robot is unknown'
     missed = [each.judgement for each in judged if each.verdict is ExpectationVerdict.NOT_MET]
     if missed:
         return Verdict.NOT_MET, ', '.join(map(str, missed))
     if not run.complete:
         return Verdict.INCOMPLETE, _lack(run)
+    if run.is_real:
+        return Verdict.NOT_JUDGED, 'the true motion of a real robot is unknown'
     if run.attached.scenario is None:
         return Verdict.NOT_JUDGED, 'no scenario is attached'
     unknown = [

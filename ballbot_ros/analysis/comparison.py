@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -35,6 +35,7 @@ from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.analysis.run_figures import (
     RenderedFigure,
     duty_table,
+    estimated_motion_table,
     pitch_table,
     position_table,
     track_table,
@@ -47,7 +48,14 @@ from ballbot_ros.analysis.run_setup import (
     setup_changes,
 )
 from ballbot_ros.errors import BallbotError, similar
-from ballbot_ros.recording.messages.topics import MOTOR_DUTY, PLANT_IMU, PLANT_ODOM, Topic
+from ballbot_ros.parameters import CONTROLLER, ControllerParameters
+from ballbot_ros.recording.messages.topics import (
+    GAMEPAD_JOY,
+    MOTOR_DUTY,
+    PLANT_IMU,
+    PLANT_ODOM,
+    Topic,
+)
 from ballbot_ros.robot.world.floor_map import FloorMap, OccupancyGrid
 
 _FORM = re.compile(
@@ -143,7 +151,9 @@ class ComparedRun:
     trusted : bool
         Whether the run is complete and did not fail.
     tables : dict of str to Table
-        The numbers of each figure, by the figure's name.
+        The numbers of each figure, by the figure's name; of a real robot, as estimated.
+    first_stick, calibrated : float
+        Time of the first stick that is not neutral, or NaN, and of the end of the calibration [s].
     """
 
     letter: str
@@ -158,6 +168,9 @@ class ComparedRun:
     notes: tuple[str, ...]
     setup: RecordedSetup
     duty_sha256: str | None
+    is_real: bool
+    first_stick: float
+    calibrated: float
 
     @classmethod
     def from_assessment(cls, letter: str, assessment: Assessment) -> ComparedRun:
@@ -165,8 +178,14 @@ class ComparedRun:
         run = assessment.run
         sources = _SOURCES.items()
         tables = {each.name: make(run) for each, (topic, make) in sources if topic in run.series}
-        if PLANT_ODOM in run.series:
+        if run.is_real:
+            estimated = estimated_motion_table(run, POSITION, PITCH)
+            tables |= {PITCH.name: estimated, POSITION.name: estimated}
+        if run.is_real or PLANT_ODOM in run.series:
             tables['track'] = track_table(run)
+        sticks = run.series.get(GAMEPAD_JOY)
+        is_moved = sticks is not None and np.nan_to_num(sticks.values).any(axis=1)
+        time_start = run.attached.parameters.of(ControllerParameters).time_start
         return cls(
             letter=letter,
             path=run.path,
@@ -180,7 +199,19 @@ class ComparedRun:
             notes=tuple(banner(run)),
             setup=RecordedSetup.of(run),
             duty_sha256=run.duty_sha256,
+            is_real=run.is_real,
+            first_stick=sticks.time[is_moved][0] if sticks and np.any(is_moved) else math.nan,
+            calibrated=0.0 if run.is_real else time_start * 1e-3,
         )
+
+    def aligned(self, seconds: float) -> ComparedRun:
+        """Return the run on another clock, with positions from its start, so without a map."""
+        tables: dict[str, Table] = {}
+        for name, table in self.tables.items():
+            first = {n: each[0] for n, each in table.items() if name in (POSITION.name, 'track')}
+            first['time_s'] = -seconds
+            tables[name] = {n: each - first.get(n, 0.0) for n, each in table.items()}
+        return replace(self, tables=tables, floor=None)
 
 
 @dataclass(frozen=True)
@@ -193,17 +224,39 @@ class Comparison:
         What was changed between the runs.
     labels : list of str
         For each run: letter, name and what was changed.
+    alignment : str
+        Where the times of real and simulated runs are aligned; '' if none is real.
     """
 
     runs: Sequence[ComparedRun]
     changes: list[SetupChange]
     labels: list[str]
+    alignment: str = ''
 
     @classmethod
     def of(cls, runs: Sequence[ComparedRun]) -> Comparison:
         """Return the comparison of runs."""
         changes = setup_changes([each.setup for each in runs])
-        return cls(runs, changes, labels_of(names_of([each.path for each in runs]), changes))
+        names = names_of([each.path for each in runs])
+        if not any(each.is_real for each in runs):
+            return cls(runs, changes, labels_of(names, changes))
+        names = [
+            f'{name}, {"real robot (estimated)" if each.is_real else "simulated"}'
+            for name, each in zip(names, runs, strict=True)
+        ]
+        times, event = [each.first_stick for each in runs], 'the first stick'
+        if any(map(math.isnan, times)):
+            times, event = [each.calibrated for each in runs], 'the end of the calibration'
+        shown = [each.aligned(max(times) - time) for each, time in zip(runs, times, strict=True)]
+        # A real robot has no other parameters, and its file was made on another occasion.
+        changes = [each for each in changes if each.name.startswith(f'{CONTROLLER}.')]
+        alignment = f'aligned at {event}, at {max(times):.3f} s'
+        return cls(shown, changes, labels_of(names, []), alignment)
+
+    @property
+    def apart(self) -> list[str]:
+        """How far the motion of each later run is from the first one, if times are aligned."""
+        return [_apart(self.runs[0], each) for each in self.runs[1:]] if self.alignment else []
 
     @property
     def change_rows(self) -> list[tuple[str, str]]:
@@ -217,6 +270,20 @@ class Comparison:
         first = self.runs[0].duty_sha256
         same = [each.letter for each in self.runs[1:] if first and each.duty_sha256 == first]
         return f'identical duties: {self.runs[0].letter}, {", ".join(same)}' if same else ''
+
+
+def _apart(first: ComparedRun, other: ComparedRun) -> str:
+    told = []
+    for quantity in (PITCH, POSITION):
+        mine, its = first.tables[quantity.name], other.tables[quantity.name]
+        time, known = mine['time_s'], its['time_s']
+        both = (time >= known[0]) & (time <= known[-1])
+        columns = [quantity.column(plane) for plane in 'xy']
+        gaps = [np.interp(time[both], known, its[each]) - mine[each][both] for each in columns]
+        rms, peak = np.sqrt(np.mean(np.square(gaps))), np.max(np.abs(gaps), initial=0.0)
+        unit, name = quantity.panel.unit, quantity.panel.quantity
+        told.append(f'{name} {number_text(rms)} {unit} rms, {number_text(peak)} {unit} peak')
+    return f'{other.letter} − {first.letter} at the same time: {"; ".join(told)}'
 
 
 def failures(comparison: Comparison, conditions: Iterable[Condition]) -> list[str]:
@@ -267,6 +334,8 @@ def as_json(comparison: Comparison, failed: Sequence[str]) -> dict[str, object]:
         }
     return {
         'changes': [{'name': each.name, 'values': each.values} for each in comparison.changes],
+        'alignment': comparison.alignment or None,
+        'apart': comparison.apart,
         'runs': [
             {
                 'label': label,
@@ -301,12 +370,12 @@ class MetricComparison(NamedTuple):
 
 
 def metric_comparisons(runs: Sequence[ComparedRun]) -> list[MetricComparison]:
-    """Return the metrics that at least one run has."""
+    """Return the metrics that at least one run has, or with a real robot all runs."""
     content = []
+    lacks = any if any(each.is_real for each in runs) else all
     for name in MEANINGS:
         values = [each.metrics[name] for each in runs]
-        nothing = all(math.isnan(value) for value in values)
-        if nothing or (name.startswith('time_in_') and not any(values)):
+        if lacks(map(math.isnan, values)) or (name.startswith('time_in_') and not any(values)):
             continue
         later = []
         for value in values[1:]:

@@ -62,10 +62,6 @@ IDENTIFYING_TOPICS = (
 """Topics that identify the robot's namespace, since no other robot has them."""
 
 
-TRUE_MOTION = (PLANT_IMU, PLANT_ODOM, PLANT_JOINT_STATES)
-"""Topics of the true state, which only a simulation knows."""
-
-
 @dataclass(frozen=True)
 class RobotTopics:
     """The robot's topics in a recording, by full name; its namespace is such as ``/robot``, or ''.
@@ -86,7 +82,7 @@ class RobotTopics:
     def is_real(self) -> bool:
         """Whether it was a real robot: its data log is there, and no true motion."""
         found = {*self.by_name.values()}
-        return BLUETOOTH_TX in found and found.isdisjoint(TRUE_MOTION)
+        return BLUETOOTH_TX in found and not found & {PLANT_IMU, PLANT_ODOM, PLANT_JOINT_STATES}
 
     def mismatch(self, name: str) -> str:
         """Return a text about the wrong type of a topic."""

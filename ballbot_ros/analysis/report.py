@@ -137,7 +137,7 @@ def report_page(
         assessment=assessment,
         banner=banner(run),
         facts=_facts(run),
-        extent='' if run.complete or run.is_real else f'Only ticks up to {run.end:.3f} s count.',
+        extent='' if run.complete else f'Only ticks up to {run.end:.3f} s count.',
         marks=_MARKS,
         metric_text=metric_text,
         metrics=[
@@ -200,9 +200,7 @@ def _facts(run: RunData) -> list[tuple[str, str]]:
         ('Recording', run.path.name),
         ('Run', f'{run.number} of {run.count}'),
         ('Length', f'{run.end:.3f} s'),
-        ('Packets', str(len(run.motion.time)))
-        if run.is_real
-        else ('Ticks', str(len(run.trajectory.time))),
+        ('Packets' if run.is_real else 'Ticks', str(len(run.motion.time))),
     ]
     if attached.scenario:
         facts.append(('Profile', attached.scenario.profile))

@@ -110,10 +110,7 @@ class Run:
 
     @property
     def trajectory(self) -> Trajectory:
-        """True position and body pitch, and duty, as arrays that can't be changed.
-
-        It has no rows for a real robot, whose estimates are in :meth:`frame`.
-        """
+        """True position and body pitch, and duty, as constant arrays; none of a real robot."""
         return self._data.trajectory
 
     @property

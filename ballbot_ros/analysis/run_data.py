@@ -52,7 +52,6 @@ from ballbot_ros.recording.messages.recording_files import open_recording
 from ballbot_ros.recording.messages.topics import (
     CONTROLLER_STATE,
     GAMEPAD_JOY,
-    GYRO_IMU,
     MOTOR_DUTY,
     PLANT_IMU,
     PLANT_ODOM,
@@ -65,6 +64,11 @@ from ballbot_ros.robot.brick.brick import Tone
 from ballbot_ros.robot.world.floor_map import FloorMap, OccupancyGrid
 
 Integers = NDArray[np.int64]
+_REAL = (
+    'A real robot: position and pitch are the estimates of its controller, at the packets of its '
+    'data log. The true ones are unknown, so nothing is judged.'
+)
+_NO_PROGRAM = f"No {PARAMETERS} of its program is attached; the document's ball is assumed."
 _NOTHING = np.full((0, 2), np.nan)
 _NO_TICKS = Trajectory(np.zeros(0), _NOTHING, _NOTHING, _NOTHING)
 _Event = TypeVar('_Event')
@@ -123,7 +127,7 @@ class RunData:
         The ticks with a sample of each of the three topics (true pitch, true position, duty) that
         was recorded; the columns of a topic that was not recorded are NaN. None of a real robot.
     motion : Trajectory
-        The motion to show: the trajectory, or of a real robot the estimates of its controller.
+        What to show: the trajectory, or of a real robot the estimates of its controller.
     series : mapping of Topic to Series
         The topics of :data:`ballbot_ros.analysis.extraction.STAMPED_TOPICS` that have samples.
     states : tuple of Interval
@@ -248,16 +252,15 @@ class RunData:
         return is_steered or any(each.name in drives for each in self.states)
 
     def samples(self, topic: Topic, stamps: Integers) -> Floats:
-        """Return the values of a topic at `stamps`, shape (m, k).
-
-        A real robot's hold until its next packet; those of a simulation are NaN between samples.
-        """
+        """Return the values of a topic at `stamps`, shape (m, k); a real robot's are held."""
         series = self.series[topic]
         return series.held(stamps) if self.is_real else series.at(stamps)
 
     @property
     def complete(self) -> bool:
-        """Whether the run is complete from the first to the last tick."""
+        """Whether the run is complete from the first to the last tick, or packet."""
+        if self.is_real:
+            return self.damage is None
         return self.intact and self.reached_end and self.damage is None
 
     @cached_property
@@ -271,11 +274,8 @@ class RunData:
         return hashlib.sha256(self.trajectory.duty.astype(np.int8).tobytes()).hexdigest()
 
     def balancing(self, time: Floats) -> NDArray[np.bool_]:
-        """Return a mask of the times [s] at which the controller was calibrated and in control.
-
-        A brick sends its data log only then.
-        """
-        if self.is_real:
+        """Return a mask of the times [s] at which the controller was calibrated and in control."""
+        if self.is_real:  # a brick sends packets only then
             return np.ones(len(time), np.bool_)
         calibrated = self.attached.parameters.of(ControllerParameters).time_start * 1e-3
         runs = np.asarray(time >= calibrated)
@@ -348,7 +348,7 @@ def run_data(
     runs = extraction.runs
     run = runs[number - 1]
     before, attached = attached, attached.for_run(run.name, extraction.announced)
-    notices = [*extraction.notices, *_attachment_notices(attached, is_real=extraction.is_real)]
+    notices = [*extraction.notices, *attached.notices]
     if len(runs) > 1:
         notices.append(f'The file holds {len(runs)} runs; this is run {number}.')
     series = _series(extraction, run)
@@ -359,7 +359,9 @@ def run_data(
     plant = attached.parameters.of(PlantParameters)
     has_map = bool(plant.map) or not extraction.announced.has_parameters(run.name)
     if extraction.is_real:
-        notices.insert(0, _real_notice(series))
+        notices = [_REAL, *(each for each in notices if not each.startswith('No '))]
+        if not attached.has_parameters:
+            notices.append(_NO_PROGRAM)
         radius = attached.parameters.of(ControllerParameters).ball_radius
         plant = PlantParameters(hold_time=0.0, ball_radius=radius)
         trajectory, missing = _NO_TICKS, 0
@@ -479,26 +481,6 @@ def _estimated_motion(series: Mapping[Topic, Series], ball_radius: float) -> Tra
     if MOTOR_DUTY in series:
         duty = series[MOTOR_DUTY].at(state.stamps)[:, :2].astype(float)
     return Trajectory(state.time, ball_radius * estimates[:, [0, 2]], estimates[:, [1, 3]], duty)
-
-
-def _real_notice(series: Mapping[Topic, Series]) -> str:
-    """Return the line about what the recording of a real robot can't tell."""
-    readings = {MOTOR_DUTY: 'duties', GYRO_IMU: "gyros' readings", GAMEPAD_JOY: 'sticks'}
-    absent = ['true motion', *(name for topic, name in readings.items() if topic not in series)]
-    told = f'{", ".join(absent[:-1])} and {absent[-1]}' if absent[1:] else absent[0]
-    return (
-        'A real robot: position and pitch are the estimates of its controller, at the packets of '
-        f'its data log. Its {told} are unknown; nothing is judged.'
-    )
-
-
-def _attachment_notices(attached: RecordedAttachments, *, is_real: bool) -> Iterator[str]:
-    """Yield the notices about attachments; a real robot lacks most of them."""
-    for each in attached.notices:
-        if not (is_real and each.startswith('No ')):
-            yield each
-    if is_real and not attached.has_parameters:
-        yield f"No {PARAMETERS} of its program is attached; the document's ball is assumed."
 
 
 def _timing(

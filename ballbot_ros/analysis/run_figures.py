@@ -216,7 +216,9 @@ def pitch_table(run: RunData) -> Table:
 
 
 def track_table(run: RunData) -> Table:
-    """Return the track of the ball in ``map`` [cm]."""
+    """Return the track of the ball in ``map`` [cm], of a real robot as estimated."""
+    if run.is_real:
+        return every_nth(run.motion.time, track_columns(run.motion.position))
     series = run.series[PLANT_ODOM]
     return every_nth(series.time, track_columns(series.values))
 
@@ -238,23 +240,15 @@ def motion_table(run: RunData) -> Table:
     return envelope(time, drawing.POSITION.columns(position) | drawing.PITCH.columns(pitch))
 
 
-def estimated_position_table(
-    run: RunData, quantity: drawing.Quantity = drawing.ESTIMATED_POSITION
+def estimated_motion_table(
+    run: RunData,
+    position: drawing.Quantity = drawing.ESTIMATED_POSITION,
+    pitch: drawing.Quantity = drawing.ESTIMATED_PITCH,
 ) -> Table:
-    """Return the position of a real robot [cm], as estimated."""
-    return envelope(run.motion.time, quantity.columns(run.motion.position * 100.0))
-
-
-def estimated_pitch_table(
-    run: RunData, quantity: drawing.Quantity = drawing.ESTIMATED_PITCH
-) -> Table:
-    """Return the body pitch of a real robot [°], as estimated."""
-    return envelope(run.motion.time, quantity.columns(np.degrees(run.motion.psi)))
-
-
-def estimated_track_table(run: RunData) -> Table:
-    """Return the track of a real robot [cm], as estimated."""
-    return every_nth(run.motion.time, track_columns(run.motion.position))
+    """Return position [cm] and body pitch [°] of a real robot, as estimated."""
+    motion = run.motion
+    columns = position.columns(motion.position * 100.0) | pitch.columns(np.degrees(motion.psi))
+    return envelope(motion.time, columns)
 
 
 def estimate_table(run: RunData) -> Table:
@@ -460,25 +454,18 @@ FIGURES = (
 )
 """The figures of a report, in order."""
 
+_MOTION, _TRACK, *_ = FIGURES
 ESTIMATED_FIGURES = (
-    RunFigure(
-        'motion',
-        'Estimated position and body pitch',
-        "Position of the ball and body pitch against time in the estimate of the real robot's "
-        'controller, as in figures 9-2 and 9-3 of the document; forward and rightward are '
-        'positive. A gyro that drifts and a ball that slips do not show in it.',
-        (CONTROLLER_STATE,),
-        lambda run: {**estimated_position_table(run), **estimated_pitch_table(run)},
-        (drawing.ESTIMATED_POSITION.panel, drawing.ESTIMATED_PITCH.panel),
+    replace(
+        _MOTION,
+        title=f'Estimated {_MOTION.title.lower()}',
+        caption="In the estimate of the real robot's controller, as in figures 9-2 and 9-3 of the "
+        'document. The drift of a gyro and the slip of the ball do not show in it.',
+        needs=(CONTROLLER_STATE,),
+        table=estimated_motion_table,
+        panels=(drawing.ESTIMATED_POSITION.panel, drawing.ESTIMATED_PITCH.panel),
     ),
-    RunFigure(
-        'track',
-        'Estimated track',
-        "The track of the ball from above in the controller's estimate; y of map is leftward.",
-        (CONTROLLER_STATE,),
-        estimated_track_table,
-        draw=_draw_track,
-    ),
+    replace(_TRACK, title='Estimated track', needs=(CONTROLLER_STATE,)),
 )
 """The figures of a real robot's motion, whose true one is unknown."""
 

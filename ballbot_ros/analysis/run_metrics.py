@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from functools import partial
 
 import numpy as np
@@ -176,13 +176,6 @@ def lowest_battery_v(run: RunData) -> float:
     return float(run.series[BATTERY_STATE].values.min())
 
 
-def _estimates(run: RunData, estimate: Callable[..., Floats]) -> Floats:
-    """Return the estimates at all samples of ``controller/state``."""
-    if CONTROLLER_STATE not in run.series:
-        return np.zeros((0, 2))
-    return estimate(run, run.series[CONTROLLER_STATE].stamps)
-
-
 @RUN_METRICS.metric('time for which the controller was calibrated and in control')
 def controlled_s(run: RunData) -> float:
     if CONTROLLER_STATE not in run.series:
@@ -191,29 +184,33 @@ def controlled_s(run: RunData) -> float:
     return float(np.diff(time)[run.balancing(time)[1:]].sum())
 
 
+def _estimates(run: RunData) -> tuple[Floats, Floats]:
+    """Return the estimated pitch [deg] and distance from the start [m] at all samples."""
+    if CONTROLLER_STATE not in run.series:
+        return np.zeros((0, 2)), np.zeros((0, 2))
+    stamps, plant = run.series[CONTROLLER_STATE].stamps, run.plant
+    start = plant.start_position_x, plant.start_position_y
+    return np.degrees(estimated_pitch(run, stamps)), estimated_position(run, stamps) - start
+
+
 @RUN_METRICS.metric('root mean square of the pitch estimated by the controller')
 def estimated_pitch_rms_deg(run: RunData) -> float:
-    return _rms(np.degrees(_estimates(run, estimated_pitch)))
+    return _rms(_estimates(run)[0])
 
 
 @RUN_METRICS.metric('largest pitch estimated by the controller')
 def peak_estimated_pitch_deg(run: RunData) -> float:
-    return _peak(np.degrees(_estimates(run, estimated_pitch)))
+    return _peak(_estimates(run)[0])
 
 
-@RUN_METRICS.metric("root mean square of the controller's estimated distance from the start")
+@RUN_METRICS.metric("root mean square of the controller's estimate of the distance from the start")
 def estimated_position_rms_m(run: RunData) -> float:
-    return _rms(_from_start(run))
+    return _rms(_estimates(run)[1])
 
 
-@RUN_METRICS.metric("largest distance from the start in the controller's estimate, in a plane")
+@RUN_METRICS.metric("largest value of the controller's estimate of the distance from the start")
 def peak_estimated_position_m(run: RunData) -> float:
-    return _peak(_from_start(run))
-
-
-def _from_start(run: RunData) -> Floats:
-    start = [run.plant.start_position_x, run.plant.start_position_y]
-    return np.asarray(_estimates(run, estimated_position) - start)
+    return _peak(_estimates(run)[1])
 
 
 @RUN_METRICS.metric('root mean square of the error of the estimated pitch')
@@ -330,8 +327,7 @@ def _read(values: Mapping[str, str], key: str) -> float:
 
 
 def _peak(values: Floats) -> float:
-    known = values[~np.isnan(values)]
-    return float(np.abs(known).max()) if known.size else math.nan
+    return float(np.nanmax(np.abs(values))) if np.isfinite(values).any() else math.nan
 
 
 def _rms(values: Floats) -> float:

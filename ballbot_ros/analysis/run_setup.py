@@ -82,10 +82,7 @@ class ParameterRow(NamedTuple):
 
 
 def parameter_rows(run: RunData) -> Iterator[ParameterRow]:
-    """Yield the parameters of a run; nothing if they are unknown.
-
-    Of a real robot, those of its program are known.
-    """
+    """Yield the parameters of a run, of a real robot its program's; nothing if unknown."""
     attached = run.attached
     if not attached.has_parameters:
         return

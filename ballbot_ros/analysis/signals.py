@@ -178,12 +178,10 @@ estimates and follows. Signs are those of the planes."""
 def frame_of(run: RunData) -> pandas.DataFrame:
     """Return the signals of a run, one row per tick; the index is the time since the start [s].
 
-    A real robot has a row per packet of its data log, and no true values.
-
     Position, speed, body pitch, motor rate and torque are the true ones; `gyro` includes its
     offset. A signal without a sample at a tick is NaN. Signals that are sampled less often than the
     plant (distance, battery voltage, sticks, and in free-running mode the duty) keep their newest
-    value.
+    value. A real robot has a row per packet.
 
     Raises
     ------

@@ -95,10 +95,7 @@ def _read(path: Path) -> ParameterSet:
 
     run = read_run(path)
     if run.is_real:
-        raise RecordingError(
-            f'{path}: a recording of a real robot does not say what its program was generated '
-            "from: give that program's parameter file"
-        )
+        raise RecordingError(f'{path}: of a real robot; give the parameter file of its program')
     attached = run.attached
     if not attached.has_parameters:
         raise RecordingError(f'{path}: no parameters found, neither attached nor announced')

@@ -78,7 +78,7 @@ def command(
         click.echo(json.dumps(comparison.as_json(compared, failed), indent=2, allow_nan=False))
     else:
         _print_changes(compared, comparison.NOTHING_CHANGED)
-        _print_table(runs, comparison.metric_comparisons(runs), with_same=with_same)
+        _print_table(runs, comparison.metric_comparisons(compared.runs), with_same=with_same)
         for line in failed:
             click.echo(f'failed  {line}')
         if output:
@@ -90,15 +90,16 @@ def _print_changes(comparison: Comparison, nothing: str) -> None:
     console = Console(highlight=False, markup=False, soft_wrap=True)
     rows = comparison.change_rows
     width = max((len(name) for name, _ in rows), default=0)
-    console.print('changed' if rows else nothing)
+    if rows or not comparison.alignment:
+        console.print('changed' if rows else nothing)
     for name, text in rows:
         console.print(f'  {name:<{width}}  {text}')
     for label, each in zip(comparison.labels, comparison.runs, strict=True):
         reason = f': {each.reason}' if each.reason else ''
         controller = f'  {each.controller}' if each.controller else ''
         console.print(f'{label}  {each.path}{controller}  {each.outcome}{reason}')
-    if comparison.identical:
-        console.print(comparison.identical)
+    for line in filter(None, (comparison.identical, comparison.alignment, *comparison.apart)):
+        console.print(line)
 
 
 def _print_table(

@@ -71,7 +71,9 @@ def _read(reader: RecordingReader, progress: ProgressCallback) -> dict[str, obje
     metadata.pop(METADATA_NAME, None)
     outcome = metadata.pop(RUN_OUTCOME, None) or None
     attached = read_attachments(reader.attachments())
-    is_real = is_real_robot(reader)
+    made_by = _made_by(reader.attachments())
+    if is_real := is_real_robot(reader):
+        made_by.pop('seed', None)
     return {
         'file': str(reader.path),
         'size_bytes': reader.size,
@@ -88,7 +90,7 @@ def _read(reader: RecordingReader, progress: ProgressCallback) -> dict[str, obje
         'outcome': outcome,
         'external_pushes': [push.as_json() for push in outside_pushes_in(reader, runs_ns)],
         'faults': [str(each) for each in faults_in(reader, attached.parameters)],
-        'made_by': _made_by(reader.attachments(), is_real=is_real),
+        'made_by': made_by,
         'parent': (parent := Parent.decode(reader.attachments())) and asdict(parent),
         'topics': {
             name: {
@@ -182,11 +184,8 @@ def _state(reader: RecordingReader) -> str:
     return reader.damage or 'complete'
 
 
-def _made_by(attachments: Mapping[str, AttachedFile], *, is_real: bool) -> dict[str, object]:
-    """Return controller, scenario, seed and versions from the attachments of `ballbot run`.
-
-    A real robot has no seed.
-    """
+def _made_by(attachments: Mapping[str, AttachedFile]) -> dict[str, object]:
+    """Return controller, scenario, seed and versions from the attachments of `ballbot run`."""
     scenario, parameters, versions = (
         _attached(attachments.get(name)) for name in (SCENARIO, PARAMETERS, VERSIONS)
     )
@@ -197,7 +196,7 @@ def _made_by(attachments: Mapping[str, AttachedFile], *, is_real: bool) -> dict[
         'controller': identity and asdict(identity),
         'purpose': scenario.get('purpose'),
         'profile': scenario.get('profile'),
-        'seed': next((each['seed'] for each in of_nodes if 'seed' in each and not is_real), None),
+        'seed': next((each['seed'] for each in of_nodes if 'seed' in each), None),
         'versions': {str(name): str(value) for name, value in versions.items()},
     }
     return {name: value for name, value in content.items() if value not in (None, {})}

@@ -19,7 +19,7 @@ from ballbot_ros.nodes.teleop.terminal import KeyPress, can_read_keys
 from ballbot_ros.parameters import VIEWER, ParameterSet, ViewerParameters
 from ballbot_ros.parameters.files import write_parameter_file
 from ballbot_ros.process import StopRequest, stdout_to_stderr
-from ballbot_ros.recording.messages.recording_files import open_recording
+from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.robot.brick.bluetooth import NEUTRAL
 from ballbot_ros.run.branch import branch_spec, read_past
 from ballbot_ros.run.execution import execute
@@ -168,7 +168,7 @@ class _ViewerSession:
         except ValueError:
             raise BallbotError(f'{reference}: not {BACK} and a time in s, such as @3.2') from None
         code = options.controller if isinstance(options.controller, str) else None
-        with open_recording(self._recording) as reader:
+        with RecordingReader(self._recording) as reader:
             past = read_past(reader, None, self._scratch, code)
             future = Future(at=at, sticks=NEUTRAL, is_live=True)
             processes, output = Processes.SEPARATE, options.output

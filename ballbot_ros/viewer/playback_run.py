@@ -17,13 +17,7 @@ from ballbot_ros.errors import ViewerError
 from ballbot_ros.parameters import ControllerParameters, Dimensions
 from ballbot_ros.parameters.timing import TICK_NS, TICK_S
 from ballbot_ros.process import ProgressCallback
-from ballbot_ros.recording.messages.topics import (
-    BATTERY_STATE,
-    CONTROLLER_STATE,
-    PLANT_IMU,
-    PLANT_ODOM,
-    SONAR_RANGE,
-)
+from ballbot_ros.recording.messages.topics import BATTERY_STATE, PLANT_IMU, PLANT_ODOM, SONAR_RANGE
 from ballbot_ros.robot.arithmetic import Floats
 from ballbot_ros.robot.brick.brick import Tone
 from ballbot_ros.robot.brick.job_times import kernel_constants
@@ -112,8 +106,8 @@ class PlaybackRun:
         number: int | None = None,
     ) -> None:
         run = self._run = read_run(path, number, progress)
-        needed = {CONTROLLER_STATE} if run.is_real else {PLANT_IMU, PLANT_ODOM}
-        if not needed <= run.series.keys() or not len(run.motion.time):
+        has_poses = run.is_real or {PLANT_IMU, PLANT_ODOM} <= run.series.keys()
+        if not has_poses or not len(run.motion.time):
             raise ViewerError(f'{path}: nothing to show: it has no poses of the robot')
         self.name, self.number = run.name, run.number
         self.end = run.end

@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from real_runs import logged_packets, recorded_sticks, write_csv, write_real
 
 import ballbot_ros as bb
 from ballbot_ros.analysis.assessment import assess, shown_metrics
+from ballbot_ros.analysis.comparison import ComparedRun, Comparison
 from ballbot_ros.analysis.identification.experiment import logged_experiment
 from ballbot_ros.analysis.report import report_document
 from ballbot_ros.analysis.run_data import read_run
@@ -84,7 +86,6 @@ def test_nothing_is_invented(real, kind):
     content = assessment.as_json()
     assert (content['ticks'], content['seed'], content['real_robot']) == (None, None, True)
     assert run.notices[0].startswith('A real robot: position and pitch are the estimates')
-    assert ('sticks' in run.notices[0]) == (kind == 'csv')
     assert len(run.notices) == (2 if kind == 'csv' else 1), 'only the program may be unknown'
 
 
@@ -169,7 +170,7 @@ def test_info_names_no_seed(command, driven, files, tmp_path):
         (['branch', '{mcap}', '--at', '2', '--fault', 'gyro_x off'],
          '{mcap}: a recording of a real robot cannot be run again'),
         (['codegen', '--output', '{new}', '--params', '{mcap}'],
-         '{mcap}: a recording of a real robot does not say what its program was generated from'),
+         '{mcap}: of a real robot; give the parameter file of its program'),
         (['repair', '{csv}'], '{csv}: not an MCAP file'),
         (['identify', '{csv}', '--truth'], '{csv}: a data log has no true states'),
         (['identify', '{mcap}', '--truth'], '{mcap}: a data log has no true states'),
@@ -199,6 +200,63 @@ def test_a_robot_is_identified_alike_from_both_files(files):
     assert mcap.readings.keys() == csv.readings.keys()
     for channel, values in csv.readings.items():
         np.testing.assert_array_equal(values, mcap.readings[channel])
+
+
+@pytest.mark.parametrize('kind', KINDS)
+@pytest.mark.parametrize('real_first', [True, False])
+def test_a_real_run_lies_over_the_simulated_one(command, files, driven, tmp_path, kind, real_first):
+    """Here the real robot is the simulated one, so they differ only by the error of estimates."""
+    pair = [files[kind], driven[0]] if real_first else [driven[0], files[kind]]
+    status, stdout, _ = command('compare', *pair, '--json')
+    content = json.loads(stdout)
+    assert status == 0
+    event = 'the first stick' if kind == 'mcap' else 'the end of the calibration'
+    assert content['alignment'].startswith(f'aligned at {event}')
+    labels = [each['label'] for each in content['runs']]
+    assert sorted(label.partition(', ')[2] for label in labels) == [
+        'real robot (estimated)', 'simulated'
+    ]  # fmt: skip
+    (apart,) = content['apart']
+    pitch, position = map(float, re.findall(r'([0-9.]+) (?:°|cm) rms', apart))
+    assert pitch < 0.5
+    assert position < 1.0
+    assert content['changes'] == ([{
+        'name': 'controller.k_thetadot',
+        'values': ['300', '380'] if real_first else ['380', '300'],
+    }] if kind == 'mcap' else [])  # fmt: skip
+
+
+def test_curves_of_a_later_start_are_shifted_to_the_first_stick(files, driven, tmp_path):
+    packets, sticks = logged_packets(driven[0]), recorded_sticks(driven[0])
+    first = next(time for time, pair in sticks if any(pair))
+    moved = [(time, pair if time >= first + 3.0 else (0, 0)) for time, pair in sticks]
+    path = write_real(tmp_path / 'late.mcap', packets, sticks=moved)
+    late, run = (
+        ComparedRun.from_assessment(letter, assess(read_run(each)))
+        for letter, each in (('A', path), ('B', driven[0]))
+    )
+    compared = Comparison.of([late, run])
+    assert compared.runs[0].tables['pitch']['time_s'][0] == 0.0
+    shift = late.first_stick - run.first_stick
+    assert shift == pytest.approx(3.0 - run.calibrated, abs=0.05)
+    np.testing.assert_allclose(
+        compared.runs[1].tables['pitch']['time_s'], run.tables['pitch']['time_s'] + shift
+    )
+    assert compared.runs[1].tables['position']['position_x_cm'][0] == 0.0
+
+
+def test_the_page_says_which_run_is_real(command, files, driven, tmp_path):
+    folder = tmp_path / 'compared'
+    assert command('compare', files['mcap'], driven[0], '--output', folder)[0] == 0
+    page = (folder / 'index.html').read_text('utf-8')
+    assert 'Times are aligned at the first stick' in page
+    assert 'real robot (estimated)' in page
+    assert {each.stem for each in folder.glob('*.png')} == {'pitch', 'position', 'duty', 'track'}
+
+
+def test_two_simulated_runs_are_not_aligned(command, short):
+    content = json.loads(command('compare', short[0], short[0], '--json')[1])
+    assert (content['alignment'], content['apart']) == (None, [])
 
 
 def test_a_log_is_known_by_its_content(files, tmp_path):

@@ -18,8 +18,6 @@ from ballbot_ros.recording.rosbag2 import RecordedTopic
 from ballbot_ros.recording.writer import RecordingWriter
 from ballbot_ros.robot.brick.bluetooth import elapsed
 
-_CSV = '.csv'
-
 
 def open_recording(path: str | os.PathLike[str]) -> RecordingReader:
     """Open an MCAP file, or a data log as the recording that a link to the brick would have made.
@@ -32,7 +30,7 @@ def open_recording(path: str | os.PathLike[str]) -> RecordingReader:
     path = Path(path)
     with os_errors(RecordingError, path), open_regular(path) as file:
         is_log = file.read(len(HEADER)) == HEADER.encode()
-    if not is_log and path.suffix.lower() != _CSV:
+    if not is_log and path.suffix.lower() != '.csv':
         return RecordingReader(path)
     with temporary_folder() as folder:
         recording = Path(folder, 'log.mcap')
@@ -43,11 +41,7 @@ def open_recording(path: str | os.PathLike[str]) -> RecordingReader:
 
 
 def _convert(path: Path, recording: Path) -> None:
-    """Write the recording that a link to the brick would have made.
-
-    Log times and stamps are those of the brick's clock, and the numbers mean what they mean in the
-    document's program.
-    """
+    """Write a data log as a recording, on the brick's clock and with the document's values."""
     packets = read_csv_log(path)
     if not packets:
         raise RecordingError(f'{path}: a data log without packets')
