@@ -30,7 +30,9 @@ def write_csv(path, packets):
     return path
 
 
-def write_real(path, packets, *, sticks=(), attachments=(), delay_ns=7_000_000):
+def write_real(
+    path, packets, *, sticks=(), attachments=(), log_content='pitch', delay_ns=7_000_000
+):
     """Write what a link to a brick records of packets; return the path.
 
     `sticks` are pairs of a time since the first packet [s] and what was sent.
@@ -49,7 +51,7 @@ def write_real(path, packets, *, sticks=(), attachments=(), delay_ns=7_000_000):
 
         for name, data in attachments:
             writer.add_attachment(name, 'application/yaml', data)
-        messages = BrickMessages(make, LogFormat())
+        messages = BrickMessages(make, LogFormat(log_content=log_content))
         messages.begin(WALL_NS, '1 00:16:53:00:00:01')
         delay[0] = delay_ns
         waiting = [(WALL_NS + round(time * 1e9), each) for time, each in sticks]

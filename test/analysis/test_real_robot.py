@@ -3,6 +3,7 @@
 import json
 import math
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,11 +17,17 @@ from ballbot_ros.analysis.comparison import ComparedRun, Comparison
 from ballbot_ros.analysis.identification.experiment import logged_experiment
 from ballbot_ros.analysis.report import report_document
 from ballbot_ros.analysis.run_data import read_run
+from ballbot_ros.analysis.run_figures import figure_contents
 from ballbot_ros.analysis.signals import signals_of
 from ballbot_ros.parameters import LogFormat
 from ballbot_ros.recording.csv_log import HEADER
 from ballbot_ros.recording.messages.recording_files import open_recording
-from ballbot_ros.recording.messages.topics import CONTROLLER_STATE, GAMEPAD_JOY
+from ballbot_ros.recording.messages.topics import (
+    CONTROLLER_STATE,
+    GAMEPAD_JOY,
+    GYRO_IMU,
+    MOTOR_DUTY,
+)
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.robot.brick.bluetooth import LogPacket
 from ballbot_ros.viewer.playback_run import PlaybackRun
@@ -93,7 +100,13 @@ def test_nothing_is_invented(real, kind):
 def test_the_report_shows_the_estimates_under_their_name(real, kind):
     page = report_document(assess(real[kind]))
     assert 'A real robot: position and pitch are the estimates' in page
-    assert 'Estimated track' in page or 'estimated position' in page
+    motion, track, *others = (each.figure for each in figure_contents(real[kind]))
+    assert (motion.title, track.title) == ('Estimated position and body pitch', 'Estimated track')
+    assert [each.label for each in motion.panels] == [
+        'estimated position [cm]', 'estimated body pitch [°]'
+    ]  # fmt: skip
+    sticks = ['sticks'] if kind == 'mcap' else []
+    assert [each.name for each in others] == [*sticks, 'sonar', 'battery']
     for absent in ('Plant model', 'Seed', 'Margins', 'plant_sim', 'missing ticks', 'Ticks'):
         assert absent not in page, absent
     assert ('k_thetadot' in page) == (kind == 'mcap')
@@ -154,6 +167,22 @@ def test_every_command_takes_both_files(command, files, tmp_path, kind, words, t
     assert (status, told in stdout) == (0, True), (stdout, stderr)
     if words[0] == 'log2csv':
         assert (tmp_path / 'new').read_bytes() == files['csv'].read_bytes()
+
+
+def test_logged_duties_and_gyros_are_shown_and_nothing_is_made_of_them(driven, real, tmp_path):
+    packets = [
+        replace(each, data1=7, data2=-9, adc3=601, adc4=598) for each in logged_packets(driven[0])
+    ]
+    path = write_real(tmp_path / 'brick.mcap', packets, log_content='duties_and_gyros')
+    run = read_run(path)
+    assert run.motion.duty.tolist() == [[7, -9]] * len(packets)
+    assert {MOTOR_DUTY, GYRO_IMU} <= run.series.keys()
+    assessment = assess(run)
+    assert shown_metrics(assessment) == shown_metrics(assess(real['mcap']))
+    assert (run.duty_sha256, assessment.outcome) == (None, 'not judged')
+    assert 'duty' in [each.figure.name for each in figure_contents(run)]
+    assert 'Limit cycle' not in report_document(assessment)
+    assert 'duty_x_percent' in PlaybackRun(path).columns
 
 
 def test_info_names_no_seed(command, driven, files, tmp_path):
