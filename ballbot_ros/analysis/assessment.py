@@ -154,13 +154,12 @@ def shown_metrics(assessment: Assessment) -> dict[str, float]:
 
     Those of tasks that take no time are left out, too, and those that a real robot cannot have.
     """
-    run = assessment.run
-    without = {'settling_time_s'} if run.is_driven else set()
+    without = {'settling_time_s'} if assessment.run.is_driven else set()
     return {
         name: value
         for name, value in assessment.metrics.items()
         if name not in without
-        and not (run.is_real and math.isnan(value))
+        and not (assessment.run.is_real and math.isnan(value))
         and not (name.startswith('time_in_') and value == 0.0)
         and not lacks_times(name, value)
     }

@@ -250,8 +250,8 @@ class Comparison:
         shown = [each.aligned(max(times) - time) for each, time in zip(runs, times, strict=True)]
         # A real robot has no other parameters, and its file was made on another occasion.
         changes = [each for each in changes if each.name.startswith(f'{CONTROLLER}.')]
-        alignment = f'aligned at {event}, at {max(times):.3f} s'
-        return cls(shown, changes, labels_of(names, []), alignment)
+        labels, at = labels_of(names, []), f'{max(times):.3f} s'
+        return cls(shown, changes, labels, f'aligned at {event}, at {at}')
 
     @property
     def apart(self) -> list[str]:
@@ -278,7 +278,7 @@ def _apart(first: ComparedRun, other: ComparedRun) -> str:
         mine, its = first.tables[quantity.name], other.tables[quantity.name]
         time, known = mine['time_s'], its['time_s']
         both = (time >= known[0]) & (time <= known[-1])
-        columns = [quantity.column(plane) for plane in 'xy']
+        columns = map(quantity.column, 'xy')
         gaps = [np.interp(time[both], known, its[each]) - mine[each][both] for each in columns]
         rms, peak = np.sqrt(np.mean(np.square(gaps))), np.max(np.abs(gaps), initial=0.0)
         unit, name = quantity.panel.unit, quantity.panel.quantity

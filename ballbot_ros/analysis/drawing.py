@@ -353,7 +353,7 @@ def draw_motion(
     marked: Iterable[Interval] = (),
     earlier: Trajectory | None = None,
 ) -> Figure:
-    """Draw position, body pitch and duty against time, like the document's figures 8-2 and 8-3.
+    """Draw position, pitch and duty, if known, against time, as in figures 8-2 and 8-3.
 
     With a map, or if the ball moves in both planes, the track is drawn next to them. The gyro
     calibration, up to `hold_time` [s], is shaded, and so are the segments of the sticks and the
@@ -376,14 +376,15 @@ def draw_motion(
             draw_line(track, before['map_x_cm'], before['map_y_cm'], line)
         draw_track(track, track_columns(position), Line(BLUE))
         legend_above(track)
-    panels, table = tuple(each.panel for each in (POSITION, PITCH, DUTY)), _table(trajectory)
+    quantities = (POSITION, PITCH, DUTY)[: 2 if np.isnan(trajectory.duty).all() else 3]
+    panels, table = tuple(each.panel for each in quantities), _table(trajectory)
     if earlier is not None:
         panels, table = with_earlier(panels, table, _table(earlier))
     shaded = _intervals(trajectory, hold_time, segments, marked)
-    lines = _stack(history, [panel.row(table) for panel in panels], shaded, (3, 3, 2))
+    lines = _stack(history, [each.row(table) for each in panels], shaded, (3, 3, 2)[: len(panels)])
     name_intervals(lines[0], shaded)
     # Below the axes, on the right, next to the axis label.
-    lines[2].legend(loc='upper right', bbox_to_anchor=(1.0, -0.2), ncols=2, frameon=False)
+    lines[-1].legend(loc='upper right', bbox_to_anchor=(1.0, -0.2), ncols=2, frameon=False)
     return figure
 
 

@@ -161,6 +161,8 @@ class Run:
         run, scenario = self._data, self._data.attached.scenario
         controller = run.attached.controller.rpartition(':')[2]
         name = '' if controller in ('', *DOCUMENTS_PROGRAM) else f', {controller}'
+        if run.is_real:
+            name = ', real robot (estimated)'
         purpose = f': {scenario.purpose}' if scenario else ''
         return draw_motion(
             run.motion,

@@ -96,10 +96,9 @@ def _read(path: Path) -> ParameterSet:
     run = read_run(path)
     if run.is_real:
         raise RecordingError(f'{path}: of a real robot; give the parameter file of its program')
-    attached = run.attached
-    if not attached.has_parameters:
+    if not run.attached.has_parameters:
         raise RecordingError(f'{path}: no parameters found, neither attached nor announced')
-    return attached.parameters
+    return run.attached.parameters
 
 
 def check(folder: Path) -> int:

@@ -107,9 +107,8 @@ def command(
     Prints which parameters the recordings can tell apart, their values with 95 % intervals, and
     how well the model then describes the readings.
 
-    A data log of the brick, LOG.csv or the recording of a real robot, can take the place of a
-    recording. Unless log_content of the controller adds duties to it, it tells little but the
-    height of the body.
+    A data log, LOG.csv or the recording of a real robot, has no duties unless log_content of the
+    controller adds them. Without, it tells little but the height of the body.
 
     Exit status: 0 if a parameter was identified; 2 if none was, for invalid arguments or a file
     that is neither a recording of a ballbot nor a data log.

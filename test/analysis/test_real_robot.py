@@ -143,6 +143,9 @@ def test_a_log_that_was_opened_is_saved_as_a_recording(files, tmp_path):
     run = bb.open(files['csv'])
     assert run.verdict == 'not judged'
     assert len(run.frame()) == len(logged_packets(files['mcap']))
+    figure = run.plot()
+    assert 'duty [%]' not in [axes.get_ylabel() for axes in figure.axes]
+    assert figure.get_suptitle() == 'log, real robot (estimated)'
     saved = run.save(tmp_path / 'saved.mcap')
     with RecordingReader(saved) as reader, open_recording(files['csv']) as opened:
         assert list(reader.raw_messages()) == list(opened.raw_messages())
