@@ -87,12 +87,15 @@ _DRAWN_FIRST = (
     'wheel_radius', 'wheel_width', 'body_width', 'body_height', 'ball_mass', 'wheel_mass',
     'body_mass',
 )  # fmt: skip
-"""Parameters, of several nodes, that are drawn first, in this order; the others follow in the order
-of their declaration. The hashes depend on the order."""
+_DRAWN_LAST = ('lsb',)
+"""Parameters, of several nodes, that are drawn first, in this order, and last; the others are drawn
+in the order of their declaration. The hashes depend on the order."""
 
 
 def _order_of_draws(name):
-    return _DRAWN_FIRST.index(name) if name in _DRAWN_FIRST else len(_DRAWN_FIRST)
+    if name in _DRAWN_FIRST:
+        return _DRAWN_FIRST.index(name)
+    return len(_DRAWN_FIRST) + (name in _DRAWN_LAST)
 
 
 def random_run(seed, model):

@@ -236,6 +236,7 @@ def test_parameters_can_be_set_while_the_keyboard_drives(make):
     node.terminal = SimpleNamespace(
         apply_parameters=lambda: applied.append(node.parameters.gp_max), close=lambda: None
     )
+    node._display = node.terminal
     node.apply_parameters()
     assert applied == [50]
 

@@ -32,7 +32,7 @@ from ballbot_ros.parameters import (
     PlantParameters,
     parameters_of,
 )
-from ballbot_ros.parameters.controller import LogContent
+from ballbot_ros.parameters.nodes import LogContent
 from ballbot_ros.robot.brick.brick import Brick, DeviceInputs
 from ballbot_ros.run.machine_checks import GOLDEN_SCENARIOS
 
