@@ -8,6 +8,7 @@ from pathlib import Path
 
 import click
 
+from ballbot_ros.analysis.recorded_runs import is_real_robot
 from ballbot_ros.cli.options import RECORDING, code_option, no_browser_option, trust_option
 from ballbot_ros.cli.web_page import open_browser
 from ballbot_ros.files import temporary_folder
@@ -47,8 +48,9 @@ def command(
 ) -> int:
     """Show the last run of RECORDING in a browser, and that of OTHER as its ghost.
 
-    "Live", or a drag of the robot, lets the robot go on from the present moment: push it, drive it,
-    tune it, choose a fault. The recorded run goes on as its ghost. "Keep" writes the recording.
+    "Live", or a drag of the robot, lets a simulated robot go on from the present moment: push it,
+    drive it, tune it, choose a fault. The recorded run goes on as its ghost. "Keep" writes the
+    recording.
 
     Serves the page until Ctrl-C or SIGTERM. The page has the keys of `ballbot play`: space pauses,
     → and ← skip 5 s, . goes one tick on, Home goes to the start, End pauses at the end, l restarts
@@ -65,6 +67,7 @@ def command(
         from ballbot_ros.run.continued_page import ContinuedPage
         from ballbot_ros.run.continued_run import ContinuedRun
         from ballbot_ros.viewer.page import UPDATE_S, Page
+        from ballbot_ros.viewer.recording_page import RecordingPage
 
     page = Page(runs[0].dimensions, ' and '.join(run.name for run in runs), host, port)
     if warning := network_warning(host):
@@ -82,7 +85,13 @@ def command(
             )
             return ContinuedRun(past, scratch)
 
-        shown = ContinuedPage(page, runs, make, lambda kept: click.echo(f'kept {kept}'))
+        shown: RecordingPage
+        if is_real_robot(reader):
+            shown = RecordingPage(page, runs)  # nobody knows how to go on from there
+        else:
+            live = ContinuedPage(page, runs, make, lambda kept: click.echo(f'kept {kept}'))
+            stack.callback(live.close)
+            shown = live
         stop = stack.enter_context(StopRequest())
         last = time.monotonic()
         while not stop.signal:
@@ -91,6 +100,5 @@ def command(
             if page.has_clients:
                 shown.update(now - last)
             last = now
-        shown.close()
     page.stop()
     return 0

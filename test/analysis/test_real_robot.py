@@ -139,6 +139,31 @@ def test_the_viewer_moves_the_robot_by_the_estimates(files, real, kind):
     assert 'estimated_pitch_x_deg' in playback.columns
 
 
+@pytest.mark.parametrize('kind', KINDS)
+def test_the_page_of_a_real_robot_offers_no_other_future(command, files, monkeypatch, kind):
+    pytest.importorskip('viser')
+
+    class AtOnce:
+        """A signal that has come already."""
+
+        signal = 15
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *_):
+            pass
+
+    def refuse(*_):
+        raise AssertionError('a page that can become live')
+
+    monkeypatch.setattr('ballbot_ros.cli.view.StopRequest', AtOnce)
+    monkeypatch.setattr('ballbot_ros.run.continued_page.ContinuedPage', refuse)
+    status, output, _ = command('view', files[kind], '--no-browser', '--port', 0)
+    assert status == 0
+    assert 'http' in output
+
+
 def test_a_log_that_was_opened_is_saved_as_a_recording(files, tmp_path):
     run = bb.open(files['csv'])
     assert run.verdict == 'not judged'
