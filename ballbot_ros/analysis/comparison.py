@@ -48,7 +48,7 @@ from ballbot_ros.analysis.run_setup import (
     setup_changes,
 )
 from ballbot_ros.errors import BallbotError, similar
-from ballbot_ros.parameters import CONTROLLER, ControllerParameters
+from ballbot_ros.parameters import CONTROLLER
 from ballbot_ros.recording.messages.topics import (
     GAMEPAD_JOY,
     MOTOR_DUTY,
@@ -185,7 +185,6 @@ class ComparedRun:
             tables['track'] = track_table(run)
         sticks = run.series.get(GAMEPAD_JOY)
         is_moved = sticks is not None and np.nan_to_num(sticks.values).any(axis=1)
-        time_start = run.attached.parameters.of(ControllerParameters).time_start
         return cls(
             letter=letter,
             path=run.path,
@@ -201,7 +200,7 @@ class ComparedRun:
             duty_sha256=run.duty_sha256,
             is_real=run.is_real,
             first_stick=sticks.time[is_moved][0] if sticks and np.any(is_moved) else math.nan,
-            calibrated=0.0 if run.is_real else time_start * 1e-3,
+            calibrated=run.calibrated,
         )
 
     def aligned(self, seconds: float) -> ComparedRun:

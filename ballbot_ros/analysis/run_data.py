@@ -273,12 +273,15 @@ class RunData:
             return None
         return hashlib.sha256(self.trajectory.duty.astype(np.int8).tobytes()).hexdigest()
 
+    @property
+    def calibrated(self) -> float:
+        """When the calibration ended [s]: a brick sends packets only from then on."""
+        program = self.attached.parameters.of(ControllerParameters)
+        return 0.0 if self.is_real else program.time_start * 1e-3
+
     def balancing(self, time: Floats) -> NDArray[np.bool_]:
         """Return a mask of the times [s] at which the controller was calibrated and in control."""
-        if self.is_real:  # a brick sends packets only then
-            return np.ones(len(time), np.bool_)
-        calibrated = self.attached.parameters.of(ControllerParameters).time_start * 1e-3
-        runs = np.asarray(time >= calibrated)
+        runs = np.asarray(time >= self.calibrated)
         for each in self.states:
             if each.name in (OperatingState.CALIBRATION, OperatingState.OUT_OF_CONTROL):
                 runs &= (time < each.start) | (time > each.end)

@@ -77,8 +77,8 @@ def command(
     if as_json:
         click.echo(json.dumps(comparison.as_json(compared, failed), indent=2, allow_nan=False))
     else:
-        _print_changes(compared, comparison.NOTHING_CHANGED)
-        _print_table(runs, comparison.metric_comparisons(compared.runs), with_same=with_same)
+        print_changes(compared, comparison.NOTHING_CHANGED)
+        print_table(runs, comparison.metric_comparisons(compared.runs), with_same=with_same)
         for line in failed:
             click.echo(f'failed  {line}')
         if output:
@@ -86,7 +86,8 @@ def command(
     return 1 if failed else 0
 
 
-def _print_changes(comparison: Comparison, nothing: str) -> None:
+def print_changes(comparison: Comparison, nothing: str) -> None:
+    """Print what was changed, or that it is `nothing`, and the runs with their verdicts."""
     console = Console(highlight=False, markup=False, soft_wrap=True)
     rows = comparison.change_rows
     width = max((len(name) for name, _ in rows), default=0)
@@ -102,9 +103,10 @@ def _print_changes(comparison: Comparison, nothing: str) -> None:
         console.print(line)
 
 
-def _print_table(
+def print_table(
     runs: Sequence[ComparedRun], rows: Sequence[MetricComparison], *, with_same: bool
 ) -> None:
+    """Print the metrics that differ, or all of them."""
     shown = [row for row in rows if with_same or not row.is_same]
     console = Console(highlight=False, markup=False)
     table = Table('metric', 'unit', Column(runs[0].letter, justify='right'))

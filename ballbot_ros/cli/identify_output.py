@@ -96,12 +96,17 @@ class IdentifyOutput:
             if _allowed(row) != row.value
         ]
 
-    def parameter_file(self) -> str:
-        """Return a parameter file with the identified parameters, within their bounds."""
+    @property
+    def parameters(self) -> ParameterSet:
+        """The identified parameters, within their bounds."""
         parameters = ParameterSet()
         for row in self.identified:
             parameters.set(PLANT, row.name, _allowed(row))
-        return format_parameters(parameters, [PLANT], [row.name for row in self.identified])
+        return parameters
+
+    def parameter_file(self) -> str:
+        """Return a parameter file with the identified parameters."""
+        return format_parameters(self.parameters, [PLANT], [row.name for row in self.identified])
 
     def as_json(self) -> dict[str, object]:
         """Return the content as JSON; a number that is not finite or does not exist is null."""

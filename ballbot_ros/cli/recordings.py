@@ -58,6 +58,8 @@ def read_playback_runs(path: Path, other: Path | None) -> list[PlaybackRun]:
     """Read a run and its ghost, by default that of which it is a branch; warn of another map."""
     ghost = (other, None) if other else parent_of(path)
     runs = [read_playback_run(path), *([read_playback_run(*ghost)] if ghost else [])]
+    if ghost:
+        runs[1].align_with(runs[0])
     if ghost and not _same_map(runs[0].floor_map, runs[1].floor_map):
         click.echo(f'note: {ghost[0]} is on another map; the map shown is that of {path}', err=True)
     return runs

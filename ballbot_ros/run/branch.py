@@ -342,7 +342,7 @@ def _sticks(
     begun = segments[-1].end if segments else 0.0
     end = math.inf if future.sticks == RECORDED else future.at
     samples = _samples(past, number)
-    segments += _steps([each for each in samples if begun <= each[0] / SECOND_NS < end], begun)
+    segments += held_sticks([each for each in samples if begun <= each[0] / SECOND_NS < end], begun)
     if future.sticks != RECORDED and (value := future.sticks[number]):
         begun = segments[-1].end if segments else 0.0
         first_ns = -(-round(future.at * SECOND_NS) // SLOW_PERIOD_NS) * SLOW_PERIOD_NS
@@ -351,7 +351,7 @@ def _sticks(
     return StickSignal(tuple(each for each in segments if each.start < duration))
 
 
-def _steps(samples: Sequence[tuple[int, int]], begun: float) -> Iterator[Segment]:
+def held_sticks(samples: Sequence[tuple[int, int]], begun: float) -> Iterator[Segment]:
     """Yield segments from a time on [s] for samples that are held; none where they are 0."""
     points: list[tuple[float, float]] = []
     for value, group in groupby((*samples, (0, 0)), itemgetter(1)):

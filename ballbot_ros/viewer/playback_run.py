@@ -79,7 +79,7 @@ class PlaybackRun:
     name, number : str, int
         Its name, and its number in the file, from 1.
     end : float
-        Time of the last tick [s].
+        Time of its last tick [s].
     damage : str or None
         What is missing in the file, according to the reader; None if nothing is.
     start : tuple of float
@@ -110,7 +110,7 @@ class PlaybackRun:
         if not has_poses or not len(run.motion.time):
             raise ViewerError(f'{path}: nothing to show: it has no poses of the robot')
         self.name, self.number = run.name, run.number
-        self.end = run.end
+        self.end, self._ahead = run.end, 0.0
         self.damage = run.damage
         self.dimensions = Dimensions.from_parameters(run.plant)
         floor = run.floor  # the published walls, if no map is attached
@@ -132,6 +132,15 @@ class PlaybackRun:
         self._page_times = [time for time, _ in run.pages]
         self._tone_times = [time for time, _ in run.tones]
 
+    def align_with(self, other: PlaybackRun) -> None:
+        """Take the time of another run: of a real and a simulated one, calibrations end together.
+
+        From then on, times count from the start of the other one.
+        """
+        if self._run.is_real != other._run.is_real:
+            self._ahead = self._run.calibrated - other._run.calibrated
+            self.end = self._run.end - self._ahead
+
     def clock_us(self, time: float) -> int:
         """Return the sim time at a time [s] of the run [µs], as that of its jobs."""
         return self._run.recorded.start_ns // 1000 + round(time * 1e6)
@@ -141,8 +150,8 @@ class PlaybackRun:
 
         Unless the ball `rolls`, which takes longest, its orientation is left out.
         """
-        motion = self._run.motion
-        tick = self._tick(time)
+        motion, tick = self._run.motion, self._tick(time)
+        time += self._ahead
         state = bisect_right(self._state_times, time) - 1
         page = bisect_right(self._page_times, time) - 1
         x, y = motion.position[tick].tolist()
@@ -166,7 +175,8 @@ class PlaybackRun:
 
     def _tick(self, time: float) -> int:
         # Allow for 1 µs: the times of a slider are less exact than the stamps of ticks.
-        return max(0, int(np.searchsorted(self._run.motion.time, time + 1e-6, 'right')) - 1)
+        newest = time + self._ahead + 1e-6
+        return max(0, int(np.searchsorted(self._run.motion.time, newest, 'right')) - 1)
 
     def tone(self, start: float, end: float) -> Tone | None:
         """Return the last tone from `start` to before `end` [s]."""
@@ -191,7 +201,8 @@ class PlaybackRun:
         After the end of the run they are NaN.
         """
         own = min(ticks, self.ticks)
-        stamps = self._run.start_ns + TICK_NS * np.arange(own)
+        start_ns = self._run.start_ns + round(self._ahead / TICK_S) * TICK_NS
+        stamps = start_ns + TICK_NS * np.arange(own)
         table: dict[str, Floats] = {}
         for signal in signals_of(self._run):
             if not set(signal.columns).isdisjoint(names):
