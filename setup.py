@@ -180,7 +180,7 @@ setup(
         PACKAGE: ['py.typed'],
         f'{PACKAGE}.analysis': ['templates/*.html', 'assets/*.js'],
         f'{PACKAGE}.controllers': ['templates/*.jinja'],
-        f'{PACKAGE}.controllers.codegen': ['templates/*', 'target/*'],
+        f'{PACKAGE}.controllers.codegen': ['templates/*', 'templates/*/*', 'target/*'],
         f'{PACKAGE}.lab.search': ['templates/*.html'],
         f'{PACKAGE}.lab.studies': ['templates/*.html'],
         f'{PACKAGE}.viewer': ['assets/*'],
@@ -216,6 +216,7 @@ setup(
             f'lqg = {PACKAGE}.controllers.lqg:LQG',
             f'drift_filter = {PACKAGE}.controllers.drift_filter:DriftFilter',
             f'mpc = {PACKAGE}.controllers.mpc:MPC',
+            f'commissioning = {PACKAGE}.controllers.commissioning:Commissioning',
         ],
         'console_scripts': [
             f'ballbot = {PACKAGE}.cli.main:main',

@@ -1,15 +1,19 @@
 """Applications generated and built for tests, and their parameters."""
 
+import json
 import random
 import shutil
+import subprocess
+from pathlib import Path
 
 import pytest
 from parts import values_of
 
 from ballbot_ros.controllers.codegen.application import read_tasks, write_application
-from ballbot_ros.controllers.codegen.compiled_program import BrickProcess, CompiledProgram
+from ballbot_ros.controllers.codegen.implementation import compose_controller
+from ballbot_ros.controllers.codegen.programs import program_of
 from ballbot_ros.controllers.codegen.toolchain import TARGETS, build, missing_tool
-from ballbot_ros.parameters import CONTROLLER
+from ballbot_ros.parameters import CONTROLLER, ControllerParameters, ParameterSet
 
 
 class Built:
@@ -23,8 +27,39 @@ class Built:
         self.command = build(self.folder, TARGETS[target], self.scratch, flags)
 
     def program(self):
-        machine = BrickProcess(self.command)
-        return CompiledProgram(machine.exchange, self.tasks, self.parameters.mode == 'autonomous')
+        return program_of(self.parameters).start(self.command, self.tasks, self.parameters)
+
+
+def commissioning(**user):
+    """Return controller parameters for the commissioning program, with some of its own."""
+    parameters = ParameterSet()
+    parameters.set(CONTROLLER, 'implementation', 'commissioning')
+    for name, value in user.items():
+        parameters.set(CONTROLLER, f'user.{name}', value)
+    compose_controller(parameters)
+    return parameters.of(ControllerParameters)
+
+
+SHORT = {
+    'pause_time': 0.02, 'rest_time': 0.1, 'port_time': 0.024, 'step_time': 0.004,
+    'play_time': 0.012, 'play_pulses': 9, 'tilt_time': 0.04,
+}  # fmt: skip
+"""Durations of a commissioning program that ends soon, after 2.1 s."""
+
+
+def branch_counts(made, source):
+    """Return the execution count of each branch of a source, by line and number."""
+    done = subprocess.run(
+        ['gcov', '--json-format', '--stdout', '-b', source.replace('.c', '.o')],
+        cwd=made.scratch, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    files = json.loads(done.stdout)['files']
+    [file] = [file for file in files if Path(file['file']).name == source]
+    return {
+        (source, line['line_number'], number): branch['count']
+        for line in file['lines']
+        for number, branch in enumerate(line['branches'])
+    }
 
 
 def need(target):

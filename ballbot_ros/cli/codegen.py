@@ -22,6 +22,9 @@ from ballbot_ros.controllers.codegen.folder_check import (
     ProgramCost,
     read_folder_parameters,
 )
+from ballbot_ros.controllers.codegen.generated_program import GeneratedProgram
+from ballbot_ros.controllers.codegen.implementation import compose_controller
+from ballbot_ros.controllers.codegen.programs import BALANCE, COMMISSIONING, PROGRAMS
 from ballbot_ros.controllers.codegen.toolchain import (
     ARM,
     CLOCK_HZ,
@@ -41,9 +44,13 @@ from ballbot_ros.parameters.files import read_parameter_file
 from ballbot_ros.robot.brick.bluetooth import SAFE_LOG_MS
 
 
-def generate(folder: Path, parameter_file: Path | None, mode: str | None) -> None:
+def generate(
+    folder: Path, generated: GeneratedProgram, parameter_file: Path | None, mode: str | None
+) -> None:
     """Write the application into `folder`."""
     parameters = _read(parameter_file) if parameter_file else ParameterSet()
+    parameters.set(CONTROLLER, 'implementation', generated.implementation)
+    compose_controller(parameters)
     if mode:
         parameters.set(CONTROLLER, 'mode', mode)
     values = parameters.of(ControllerParameters)
@@ -51,8 +58,9 @@ def generate(folder: Path, parameter_file: Path | None, mode: str | None) -> Non
         print(path)
     again = own_command('codegen', '--check', folder)
     print(f'parameters {parameter_hash(values)}; check with: {again}')
-    _warn_of_dead_time(parameters)
-    _warn_of_fast_log(values.log_count)
+    if generated is BALANCE:
+        _warn_of_dead_time(parameters)
+        _warn_of_fast_log(values.log_count)
 
 
 def _warn_of_dead_time(parameters: ParameterSet) -> None:
@@ -135,8 +143,9 @@ def check(folder: Path) -> int:
             if target is ARM:
                 cost = built.cost(sequences[-MEASURED_SEQUENCES:])
                 _print_cost(console, cost)
-                values = parameters.of(ControllerParameters)
-                print(write_times(folder, values, cost.instructions))
+                if cost.instructions:
+                    values = parameters.of(ControllerParameters)
+                    print(write_times(folder, values, cost.instructions))
     if skipped:
         raise CodegenError(skipped)
     return 0
@@ -183,6 +192,13 @@ def _time(instructions: int) -> tuple[str, str, str]:
 @click.command('codegen')
 @click.option('--output', type=PATH, help='Folder to write.')
 @click.option(
+    '--program',
+    'name',
+    type=Choice([*PROGRAMS]),
+    help='With --output: the program that balances, or the one that measures gyros and motors on a '
+    'stand.  [default: balance]',
+)
+@click.option(
     '--params',
     type=PATH,
     help='With --output: file with the parameters, or recording to take those of the last run.  '
@@ -201,22 +217,28 @@ def _time(instructions: int) -> tuple[str, str, str]:
     'emulated ARM processor, and to measure; writes times.yaml there.',
 )
 def command(
-    output: Path | None, params: Path | None, mode: str | None, checked: Path | None
+    output: Path | None,
+    name: str | None,
+    params: Path | None,
+    mode: str | None,
+    checked: Path | None,
 ) -> int:
-    """Generate the controller as C, an nxtOSEK application; or check such a folder.
+    """Generate a program as C, an nxtOSEK application; or check such a folder.
 
     Exit status: 0 if it was written, or is equal; 1 if it differs; 2 for invalid arguments, or
     if a tool that a check needs is missing.
     """
     if (output is None) == (checked is None):
         raise click.UsageError('give either --output DIR or --check DIR')
-    if checked and (params or mode):
+    if checked and (name or params or mode):
         raise click.UsageError(
-            "--params and --mode require --output; --check uses the folder's own parameters"
+            '--program, --params and --mode require --output; --check uses what the folder has'
         )
+    if mode and name == COMMISSIONING.name:
+        raise click.UsageError(f'--mode: the program {name} does not drive')
     if checked:
         with ProgressLines(f'checking {checked}', stderr_console()):
             return check(checked)
     assert output
-    generate(output, params, mode)
+    generate(output, PROGRAMS[name or BALANCE.name], params, mode)
     return 0

@@ -10,6 +10,7 @@ from ballbot_ros.controllers.codegen.folder_check import (
     path_steps,
     random_steps,
 )
+from ballbot_ros.controllers.codegen.programs import program_of
 from ballbot_ros.controllers.document.axis import TS1_MS
 from ballbot_ros.engine.closed_loop import ClosedLoop
 from ballbot_ros.engine.scenario.reader import load_scenario, scenario_names
@@ -38,15 +39,21 @@ def scenario_steps(parameters: ParameterSet, scenario: Scenario) -> Iterator[Pro
 def check_sequences(parameters: ParameterSet) -> list[InputSequence]:
     """Return the inputs of a check with these parameters.
 
-    They are those of every shipped scenario, random sequences, and one through all modes.
+    For the document's program they are those of every shipped scenario, random sequences, and one
+    through all modes; for another one, a random sequence that lasts until its end.
     """
+    controller = parameters.of(ControllerParameters)
+    duration = program_of(controller).duration
+    if duration:
+        ticks = duration(controller) + RANDOM_TICKS
+        steps = list(random_steps(0, ticks, out_of_range=True))
+        return [InputSequence('sequence to the end', steps)]
     sequences = []
     for name in scenario_names():
         scenario = load_scenario(name)
         together = ParameterSet(scenario.parameters)
         together.update(parameters)
         sequences.append(InputSequence(name, list(scenario_steps(together, scenario))))
-    controller = parameters.of(ControllerParameters)
     calibration = int(controller.time_start) // TS1_MS
     ticks = min(calibration, 2500) + RANDOM_TICKS
     for seed in range(RANDOM_SEQUENCES):

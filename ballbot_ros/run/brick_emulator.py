@@ -9,10 +9,10 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from ballbot_ros.controllers.codegen.application import read_tasks
-from ballbot_ros.controllers.codegen.compiled_program import BrickProcess, CompiledProgram
+from ballbot_ros.controllers.codegen.compiled_program import CompiledProgram
 from ballbot_ros.controllers.codegen.folder_check import read_folder_parameters
+from ballbot_ros.controllers.codegen.programs import program_of
 from ballbot_ros.controllers.codegen.toolchain import TARGETS, build
-from ballbot_ros.controllers.document.program import ControlMode
 from ballbot_ros.controllers.interface import OperatingState
 from ballbot_ros.engine.closed_loop import ClosedLoop, Tick
 from ballbot_ros.engine.pacer import Pacer
@@ -117,7 +117,7 @@ class EmulatedRobot(ClosedLoop):
 
     def sample(self) -> DeviceInputs:
         """Return the samples of the devices, and a packet if the program will read one."""
-        is_reading = self._compiled.control_mode == ControlMode.CONTROL
+        is_reading = self._compiled.reads_packets
         return super().sample()._replace(sticks=self._radio.packet() if is_reading else None)
 
     def tick(self) -> Tick:
@@ -160,8 +160,8 @@ def compiled_program(folder: Path, implementation: str) -> Iterator[Callable[[],
     parameters = read_folder_parameters(folder).of(ControllerParameters)
     with temporary_folder() as scratch:
         command = build(folder, TARGETS[implementation], Path(scratch))
-        tasks, autonomous = read_tasks(folder), parameters.mode == 'autonomous'
-        yield lambda: CompiledProgram(BrickProcess(command).exchange, tasks, autonomous)
+        tasks = read_tasks(folder)
+        yield lambda: program_of(parameters).start(command, tasks, parameters)
 
 
 def emulate(
@@ -206,6 +206,6 @@ def emulate(
                     shown = state
                     tell(f'{tick.truth.stamp_ns * 1e-9:.1f} s  {state}')
                 if tick.outputs.tones:
-                    tell('beep: the gyros are calibrated')
+                    tell('beep')
     finally:
         radio.close()

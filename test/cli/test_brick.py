@@ -7,10 +7,12 @@ import subprocess
 import time
 
 import pytest
-from generated import need
+from generated import SHORT, commissioning, need
 from graph import BALLBOT, LAST_RESORT_S, environment, wait_for
 from terminal import REPEAT_S, Terminal
 
+from ballbot_ros.controllers.codegen.application import write_application
+from ballbot_ros.controllers.commissioning import END
 from ballbot_ros.nodes.transports import serial_port
 from ballbot_ros.recording.csv_log import read_csv_log
 from ballbot_ros.recording.messages.conversions import decode_sticks
@@ -19,7 +21,9 @@ from ballbot_ros.recording.messages.topics import (
     BLUETOOTH_TX,
     CONTROLLER_STATE,
     GAMEPAD_JOY,
+    GYRO_IMU,
     JOINT_STATES,
+    MOTOR_DUTY,
     RUN,
 )
 from ballbot_ros.recording.reader import RecordingReader
@@ -128,6 +132,42 @@ def test_a_maker_generates_drives_and_records(command, tmp_path, domain, monkeyp
     assert sticks[-1] == (0, 0)
     assert packets[-1].rev_c < -30
     assert attached == {'parameters.yaml', 'versions.yaml'}
+
+
+def test_a_maker_commissions_a_robot_on_a_stand(command, tmp_path, domain, monkeypatch):
+    """Without a key, until the program has ended; the log has all of its phases."""
+    need('c')
+    pytest.importorskip('rclpy')
+    monkeypatch.chdir(tmp_path)
+    write_application(tmp_path / 'mine', commissioning(**SHORT))
+    emulator = subprocess.Popen(
+        [*BALLBOT, 'brick', 'emulate', 'mine', '--profile', 'stand'], stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT, env=environment(domain), text=True,
+    )  # fmt: skip
+    port = re.search('/dev/pts/[0-9]+', emulator.stdout.readline()).group()
+    drive = subprocess.Popen(
+        [*BALLBOT, 'brick', 'drive', '--port', port, '--program', 'mine', '--device', '',
+         '--no-keyboard', '--output', 'run', '--log', 'log.csv'], env=environment(domain),
+        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+    )  # fmt: skip
+    for _ in range(END + 2):
+        wait_for_line(emulator.stdout, 'beep')
+    time.sleep(REPEAT_S)
+    drive.send_signal(signal.SIGINT)
+    assert drive.wait(LAST_RESORT_S) == 0
+    emulator.send_signal(signal.SIGTERM)
+    emulator.communicate(timeout=LAST_RESORT_S)
+    with RecordingReader('run/brick.mcap') as reader:
+        counts = {name: each.message_count for name, each in reader.topics().items()}
+    packets = read_csv_log(tmp_path / 'log.csv')
+    assert counts[f'/{MOTOR_DUTY.name}'] == counts[f'/{GYRO_IMU.name}'] == len(packets)
+    assert {packet.adc1 for packet in packets} == {*range(END + 1)}
+    assert 590 < packets[5].adc3 < 620
+
+
+def wait_for_line(stream, text):
+    while text not in (line := stream.readline()):
+        assert line, f'ended before {text!r}'
 
 
 def test_a_second_program_at_the_same_device_waits_for_it(tmp_path, domain):

@@ -6,11 +6,13 @@ import shutil
 from pathlib import Path
 
 import pytest
+from generated import SHORT as SHORT_PHASES
 from generated import need
 from graph import call, record
 
 from ballbot_ros.cli import codegen
 from ballbot_ros.controllers.codegen.application import program_sha256
+from ballbot_ros.controllers.codegen.programs import BALANCE
 from ballbot_ros.engine import scenario_steps
 from ballbot_ros.errors import CodegenError
 from ballbot_ros.parameters import ControllerParameters
@@ -73,7 +75,7 @@ def test_it_warns_of_log_packets_that_a_real_link_may_not_bear(
     monkeypatch.setattr(codegen, '_warn_of_dead_time', lambda parameters: None)
     path = tmp_path / 'parameters.yaml'
     path.write_text(f'/**/controller:\n  ros__parameters: {{log_count: {log_count}}}\n')
-    codegen.generate(tmp_path / 'c', path, None)
+    codegen.generate(tmp_path / 'c', BALANCE, path, None)
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == bool(period)
     for line in lines:
@@ -91,10 +93,31 @@ def test_it_uses_the_parameters_of_a_recorded_run(tmp_path):
     assert 'const float k_i = -0.008f;' in (tmp_path / 'c/ballbot_parameters.c').read_text()
 
 
+def test_it_writes_the_commissioning_program_and_checks_it(command, tmp_path, monkeypatch):
+    need('c')
+    need('arm')
+    monkeypatch.chdir(tmp_path)
+    values = ', '.join(f'user.{name}: {value}' for name, value in SHORT_PHASES.items())
+    Path('mine.yaml').write_text(f'controller: {{ros__parameters: {{{values}}}}}\n')
+    words = ('--output', 'c', '--program', 'commissioning', '--params', 'mine.yaml')
+    status, _, errors = command('codegen', *words)
+    assert (status, errors) == (0, '')
+    status, output, _ = command('codegen', '--check', 'c')
+    assert status == 0, output
+    assert output.count(': 679 ticks of 1 sequences') == 2
+    assert 'task_ts1' in output
+    assert 'times.yaml' not in output
+    Path('mine.yaml').write_text('controller: {ros__parameters: {user.rest_tim: 1.0}}\n')
+    status, _, errors = command('codegen', *words)
+    assert status == 2
+    assert 'rest_tim' in errors
+    assert 'did you mean' in errors
+
+
 def test_an_untouched_folder_is_equal_and_is_measured(tmp_path, parameters, few_sequences, capsys):
     need('c')
     need('arm')
-    codegen.generate(tmp_path / 'c', parameters, None)
+    codegen.generate(tmp_path / 'c', BALANCE, parameters, None)
     assert codegen.check(tmp_path / 'c') == 0
     text = capsys.readouterr().out
     for loop in ('software in the loop (this machine)',
@@ -144,7 +167,7 @@ def test_a_folder_that_was_edited_differs(
     tmp_path, parameters, few_sequences, capsys, file, right, wrong, what
 ):
     need('c')
-    codegen.generate(tmp_path / 'c', parameters, None)
+    codegen.generate(tmp_path / 'c', BALANCE, parameters, None)
     path = tmp_path / 'c' / file
     text = path.read_text()
     assert right in text
@@ -157,7 +180,7 @@ def test_a_folder_that_was_edited_differs(
 
 def test_a_program_that_makes_invalid_device_calls_is_refused(tmp_path, parameters, few_sequences):
     need('c')
-    codegen.generate(tmp_path / 'c', parameters, None)
+    codegen.generate(tmp_path / 'c', BALANCE, parameters, None)
     path = tmp_path / 'c/ballbot_controller.c'
     path.write_text(path.read_text().replace('#define BRAKE 1', '#define BRAKE 0'))
     with pytest.raises(CodegenError, match='made invalid device calls: faults 0x2'):
@@ -170,6 +193,9 @@ def test_a_program_that_makes_invalid_device_calls_is_refused(tmp_path, paramete
         ((), ['either --output DIR or --check DIR']),
         (('--output', 'a', '--check', 'b'), ['either --output DIR or --check DIR']),
         (('--check', 'b', '--mode', 'remote'), ['--mode require --output']),
+        (('--check', 'b', '--program', 'balance'), ['--program', 'require --output']),
+        (('--output', 'a', '--program', 'balanc'), ['balanc', 'commissioning']),
+        (('--output', 'a', '--program', 'commissioning', '--mode', 'remote'), ['does not drive']),
         (('--output', 'a', '--mode', 'flying'), ['flying', 'autonomous']),
         (('--output', 'a', '--params', 'none.yaml'), ['none.yaml']),
         (('--check', 'nowhere'), ['nowhere', 'not found']),
@@ -226,7 +252,7 @@ def test_a_check_that_could_not_run_does_not_count_as_passed(
     tmp_path, parameters, few_sequences, tools, monkeypatch, capsys
 ):
     need('c')
-    codegen.generate(tmp_path / 'c', parameters, None)
+    codegen.generate(tmp_path / 'c', BALANCE, parameters, None)
     monkeypatch.setenv('PATH', tools('gcc', 'as', 'ld'))
     with pytest.raises(CodegenError, match='processor in the loop was not checked: arm-none-eabi'):
         codegen.check(tmp_path / 'c')

@@ -5,8 +5,8 @@ from generated import random_values
 from hypothesis import strategies as st
 from laws import given
 
-from ballbot_ros.controllers.codegen.application import state_bytes
 from ballbot_ros.controllers.codegen.folder_check import random_steps
+from ballbot_ros.controllers.codegen.programs import BALANCE
 from ballbot_ros.controllers.document.program import INITIAL_STATE, ControlProgram
 
 INPUTS = (
@@ -32,4 +32,4 @@ def test_a_restarted_program_equals_a_new_one(parameters, past, future, ticks, w
     used.state = used.state._replace(**PLATFORM)
     for step in random_steps(future, 50, out_of_range=wild):
         assert parts.tick(used, *step) == parts.tick(fresh, *step)
-        assert state_bytes(used) == state_bytes(fresh)
+        assert BALANCE.state_bytes(used) == BALANCE.state_bytes(fresh)

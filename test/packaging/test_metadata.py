@@ -262,7 +262,7 @@ def test_every_subpackage_is_installed(setup):
 def test_every_template_is_installed(setup, package, more_than):
     folder = ROOT / 'ballbot_ros' / package.replace('.', '/')
     patterns = setup['package_data'][f'ballbot_ros.{package}']
-    installed = {file for pattern in patterns for file in folder.glob(pattern)}
+    installed = {file for pattern in patterns for file in folder.glob(pattern) if file.is_file()}
     there = {
         file
         for file in folder.rglob('*')

@@ -5,7 +5,7 @@ import os
 import socket
 
 import pytest
-from generated import need
+from generated import SHORT, commissioning, need
 
 from ballbot_ros.controllers.codegen.application import write_application
 from ballbot_ros.controllers.document.program import ControlMode
@@ -224,3 +224,31 @@ def test_the_folder_decides_about_the_program_and_the_profile_about_the_robot(fo
         emulator_parameters(folder / 'x', 'ideal')
     with pytest.raises(BallbotError, match="unknown profile 'x'"):
         emulator_parameters(folder, 'x')
+
+
+def test_the_commissioning_program_takes_the_sticks_and_logs_as_in_python(tmp_path, wire):
+    """Nobody drives, but a PC sends its neutral sticks while packets arrive."""
+    need('c')
+    write_application(tmp_path / 'program', commissioning(**SHORT))
+    parameters = emulator_parameters(tmp_path / 'program', 'stand')
+    ordinary, radio = ClosedLoop(parameters), Radio(wire)
+    radio.poll()
+    stream, found, expected = LogStream(), [], []
+    with compiled_program(tmp_path / 'program', 'c') as start:
+        robot = EmulatedRobot(parameters, start(), radio)
+        for number in range(600):
+            if number % 5 == 0:
+                wire.pc.sendall(stick_frame(NEUTRAL))
+            radio.poll()
+            tick, other = robot.tick(), ordinary.tick()
+            assert tick.outputs.duty == other.outputs.duty
+            assert tick.outputs.tones == other.outputs.tones
+            assert radio.packet() is None
+            expected += other.outputs.log
+            if tick.outputs.log:
+                found += stream.feed(wire.pc.recv(999))
+    assert found == expected
+    assert len(found) == 120
+    assert {packet.adc1 for packet in found} == {*range(7)}
+    assert max(packet.data1 for packet in found) > 90
+    radio.close()

@@ -11,17 +11,10 @@ import os
 import struct
 import subprocess
 import weakref
-from collections.abc import Callable, Sequence
-from dataclasses import fields
-from typing import IO, NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import IO, Any, NamedTuple
 
-from ballbot_ros.controllers.codegen.application import STATE_SIZE, named_values
-from ballbot_ros.controllers.document.program import (
-    TASK_NUMBERS,
-    ControlMode,
-    job_time,
-    operating_state,
-)
+from ballbot_ros.controllers.document.program import ControlMode
 from ballbot_ros.controllers.interface import BUS_BUSY, SAME_TICK, Estimates, OperatingState
 from ballbot_ros.errors import CodegenError
 from ballbot_ros.parameters import ControllerParameters
@@ -32,10 +25,8 @@ from ballbot_ros.robot.brick.schedule import TaskTiming
 MAX_DUE = 8
 _REQUEST = struct.Struct(f'<IiiiHHHBbbB{MAX_DUE}s2x')
 _ANSWER_HEADER = struct.Struct(f'<bbBBBBBx{MAX_DUE}Hbbhhhhxx6I16s')
-ANSWER_SIZE = _ANSWER_HEADER.size + STATE_SIZE
 _SIZES = struct.Struct('<HH')
 _MAX_REASON_LENGTH = 200
-_ESTIMATES = [[f'{plane}.{each.name}' for each in fields(Estimates)] for plane in 'xy']
 GRACE_S = 1.0
 
 
@@ -71,13 +62,19 @@ class Answer(NamedTuple):
 class BrickProcess:
     """A running process of the compiled program, started by the command from ``toolchain.build``.
 
+    Parameters
+    ----------
+    state_size : int
+        Size of the C structure ``ballbot``.
+
     Raises
     ------
     CodegenError
         If it does not start.
     """
 
-    def __init__(self, command: Sequence[str]) -> None:
+    def __init__(self, command: Sequence[str], state_size: int) -> None:
+        self._answer_size = _ANSWER_HEADER.size + state_size
         # Keep error output in memory, independent of free disk space, until the process is closed.
         errors = os.fdopen(os.memfd_create('errors'), 'w+b')
         try:
@@ -98,10 +95,10 @@ class BrickProcess:
         self._to, self._from, self._errors = self._process.stdin, self._process.stdout, errors
         self.close = weakref.finalize(self, _end, self._process, errors)
         sizes = _SIZES.unpack(self._read(_SIZES.size))
-        if sizes != (_REQUEST.size, ANSWER_SIZE):
+        if sizes != (expected := (_REQUEST.size, self._answer_size)):
             raise CodegenError(
-                f'{command[-1]}: records of {sizes} bytes, not {(_REQUEST.size, ANSWER_SIZE)}: the '
-                'folder was made by another version'
+                f'{command[-1]}: records of {sizes} bytes, not {expected}: the folder was made by '
+                'another version'
             )
 
     def exchange(self, request: bytes) -> Answer:
@@ -109,7 +106,7 @@ class BrickProcess:
         with contextlib.suppress(BrokenPipeError):
             self._to.write(request)
             self._to.flush()
-        return _decode_answer(self._read(ANSWER_SIZE))
+        return _decode_answer(self._read(self._answer_size))
 
     def _read(self, size: int) -> bytes:
         data = self._from.read(size)
@@ -156,7 +153,7 @@ def _end(process: subprocess.Popen[bytes], errors: IO[bytes]) -> None:
 
 
 class CompiledProgram:
-    """The generated C, with the interface of the Python ``ControlProgram``.
+    """The generated C, with the interface of a control program in Python.
 
     It uses the same :class:`Brick`, which here stands for the firmware: the brick, not the program,
     writes the other fields of the log packet and the text of the display. The tasks are those of
@@ -166,28 +163,48 @@ class CompiledProgram:
     ----------
     exchange : callable
         Runs a tick in a process of the program, as :meth:`BrickProcess.exchange` does.
+    named_values : callable
+        Returns the values in the C structure by name.
 
     Attributes
     ----------
+    x, y : Estimates
+        Of the planes; of nothing, if the program estimates nothing.
+    control_mode : ControlMode or None
+        The mode that tells which path a task takes; None if the program has none.
     state : bytes
         The C structure ``ballbot`` after the last tick.
     stack_bytes : tuple of int
         Maximum stack usage of each task so far.
     """
 
+    x = y = Estimates()
+    control_mode: ControlMode | None = None
+    operating_state = OperatingState.CALIBRATION
+
     def __init__(
-        self, exchange: Callable[[bytes], Answer], tasks: Sequence[TaskTiming], autonomous: bool
+        self,
+        exchange: Callable[[bytes], Answer],
+        tasks: Sequence[TaskTiming],
+        parameters: ControllerParameters,
+        named_values: Callable[[bytes], Mapping[str, Any]],
     ) -> None:
-        self._exchange = exchange
-        self._autonomous = autonomous
+        self.exchange = exchange
+        self._parameters = parameters
+        self._named_values = named_values
         self.tasks = tasks
         self._numbers = {timing.name: number for number, timing in enumerate(tasks)}
         self.brick = Brick()
-        self.x = self.y = Estimates(*[0.0] * len(fields(Estimates)))
-        self.control_mode = ControlMode.CALIBRATION
-        self.operating_state = OperatingState.CALIBRATION
         self.state = b''
         self.stack_bytes: tuple[int, ...] = ()
+
+    @property
+    def reads_packets(self) -> bool:
+        """Whether its next tick takes a packet from the radio."""
+        return True
+
+    def _publish(self, values: Mapping[str, Any]) -> None:
+        """Take over what the program's data tell."""
 
     def retune(self, parameters: ControllerParameters) -> None:
         """Raise CodegenError: the gains are constants of the compiled program."""
@@ -221,9 +238,8 @@ class CompiledProgram:
         )
 
     def job_time(self, task: str, outputs: DeviceOutputs, times: JobTimes) -> float:
-        """Return how long the job takes that has just run [µs]."""
-        number = TASK_NUMBERS[task]
-        return job_time(times, number, self.control_mode, bool(outputs.log), bool(outputs.tones))
+        """Return the declared time of a task, as for other controllers [µs]."""
+        return times.own
 
     def _run_tasks(self, tasks: Sequence[str], inputs: DeviceInputs, is_bus_busy: bool) -> None:
         brick = self.brick
@@ -237,7 +253,7 @@ class CompiledProgram:
             )  # fmt: skip
         except struct.error as error:
             raise CodegenError(f"a reading is out of its device's range: {error}") from None
-        answer = self._exchange(request)
+        answer = self.exchange(request)
         if answer.faults:
             raise CodegenError(
                 f'the compiled controller made invalid device calls: faults {answer.faults:#x}'
@@ -253,12 +269,4 @@ class CompiledProgram:
             brick.show_status(answer.page)
         self.state = answer.state
         self.stack_bytes = answer.stack_bytes
-        values = named_values(answer.state)
-        self.x, self.y = (Estimates(*(values[name] for name in plane)) for plane in _ESTIMATES)
-        self.control_mode = ControlMode(int(values['control_mode']))
-        self.operating_state = operating_state(
-            self.control_mode,
-            self._autonomous,
-            bool(values['flag_avoid']),
-            bool(values['flag_auto']),
-        )
+        self._publish(self._named_values(answer.state))

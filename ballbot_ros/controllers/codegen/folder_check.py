@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ballbot_ros.controllers.codegen.application import (
     PARAMETER_FILE,
-    members,
-    named_values,
     read_tasks,
-    state_bytes,
 )
-from ballbot_ros.controllers.codegen.compiled_program import Answer, BrickProcess, CompiledProgram
+from ballbot_ros.controllers.codegen.compiled_program import Answer, CompiledProgram
+from ballbot_ros.controllers.codegen.implementation import compose_controller
+from ballbot_ros.controllers.codegen.programs import program_of
 from ballbot_ros.controllers.codegen.toolchain import (
     Memory,
     Target,
@@ -26,13 +25,13 @@ from ballbot_ros.controllers.codegen.toolchain import (
     measure_memory,
 )
 from ballbot_ros.controllers.document.axis import TS1_MS
-from ballbot_ros.controllers.document.program import ControlMode, ControlProgram
+from ballbot_ros.controllers.document.program import ControlMode
 from ballbot_ros.controllers.interface import SAME_TICK
 from ballbot_ros.errors import CodegenError
 from ballbot_ros.parameters import ControllerParameters, ParameterSet
 from ballbot_ros.parameters.files import read_parameter_file
 from ballbot_ros.parameters.timing import BATTERY_PERIOD_NS, MILLISECOND_NS, SLOW_PERIOD_NS
-from ballbot_ros.robot.brick.brick import UINT32_MASK, DeviceInputs, DeviceOutputs
+from ballbot_ros.robot.brick.brick import UINT32_MASK, DeviceInputs
 from ballbot_ros.robot.brick.schedule import Schedule
 from ballbot_ros.robot.brick.sensors import NO_DATA_CM, NO_ECHO_CM
 
@@ -145,7 +144,8 @@ def compare(
     CodegenError
         If the compiled program has ended.
     """
-    python = ControlProgram(parameters)
+    generated = program_of(parameters)
+    python = generated.counterpart(parameters)
     # That of the folder may differ.
     schedule, compiled_schedule = Schedule(python.tasks), Schedule(compiled.tasks)
     ticks = 0
@@ -157,24 +157,16 @@ def compare(
             expected = python.run(schedule.due(elapsed_ms), systick_ms, inputs)
             outputs = compiled.run(compiled_schedule.due(elapsed_ms), systick_ms, inputs)
             ticks += 1
-            state = state_bytes(python)
-            if outputs != expected or members(compiled.state) != state:
-                return EquivalenceResult(
-                    ticks, _difference(step, expected, outputs, state, compiled)
-                )
+            state, in_c = generated.state_bytes(python), compiled.state
+            if outputs != expected or generated.members(in_c) != state:
+                wanted = {**generated.named_values(state), **asdict(expected)}
+                got = {**generated.named_values(in_c), **asdict(outputs)}
+                return EquivalenceResult(ticks, _difference(step, wanted, got))
     return EquivalenceResult(ticks)
 
 
-def _difference(
-    step: ProgramInput,
-    expected: DeviceOutputs,
-    outputs: DeviceOutputs,
-    state: bytes,
-    compiled: CompiledProgram,
-) -> str:
+def _difference(step: ProgramInput, wanted: Mapping[str, Any], got: Mapping[str, Any]) -> str:
     """Return the first difference in the order of computation: data, then outputs."""
-    wanted = {**named_values(state), **asdict(expected)}
-    got = {**named_values(compiled.state), **asdict(outputs)}
     # Compare the values as text: zeros of different sign are equal as numbers.
     name = next(name for name in wanted if repr(wanted[name]) != repr(got[name]))
     return f'at {step.elapsed_ms} ms {name} is {got[name]!r} in C and {wanted[name]!r} in Python'
@@ -204,7 +196,7 @@ class TaskCall(NamedTuple):
     """A call of a task: what determines its path, and its instructions."""
 
     task: str
-    control_mode: ControlMode
+    control_mode: ControlMode | None
     has_logged: bool
     has_tone: bool
     instructions: int
@@ -224,11 +216,15 @@ class TaskCall(NamedTuple):
 def path_instructions(calls: Iterable[TaskCall]) -> dict[str, int]:
     """Return the most instructions of each path, by parameter; none of a path not taken.
 
+    Only the document's program has parameters for its paths.
+
     If each call of task_ts1 in control sends a packet, or each of task_ts3 starts a tone, the
     addition is 0.
     """
     most: dict[str, int] = {}
     for call in calls:
+        if call.control_mode is None:
+            continue
         most[call.path] = max(most.get(call.path, 0), call.instructions)
     for path, base in _ADDED_TO.items():
         if path in most:
@@ -248,11 +244,13 @@ class ProgramCost(NamedTuple):
 
 
 def read_folder_parameters(folder: Path) -> ParameterSet:
-    """Return the parameters of a generated folder; raise CodegenError if it is not one."""
+    """Return the parameters of a generated folder; raise BallbotError if it is not valid."""
     file = folder / PARAMETER_FILE
     if not file.is_file():
         raise CodegenError(f'{file}: not found; the folder was not written by ballbot codegen')
-    return read_parameter_file(file)
+    parameters = read_parameter_file(file)
+    compose_controller(parameters)
+    return parameters
 
 
 class BuiltApplication:
@@ -271,14 +269,15 @@ class BuiltApplication:
         self._command = build(folder, target, scratch)
         self._stack = [0] * len(self._tasks)
 
-    def _program(self, exchange: Callable[[bytes], Answer]) -> CompiledProgram:
-        return CompiledProgram(exchange, self._tasks, self._parameters.mode == 'autonomous')
+    def _start(self) -> CompiledProgram:
+        parameters = self._parameters
+        return program_of(parameters).start(self._command, self._tasks, parameters)
 
     def compare(self, sequences: Sequence[InputSequence]) -> EquivalenceResult:
         """Run the C and the Python program on the same inputs until they differ."""
         ticks = 0
         for sequence in sequences:
-            program = self._program(BrickProcess(self._command).exchange)
+            program = self._start()
             result = compare(self._parameters, program, sequence.steps)
             ticks += result.ticks
             if result.difference:
@@ -304,13 +303,14 @@ class BuiltApplication:
         return [call for sequence in sequences for call in self._calls(sequence)]
 
     def _calls(self, sequence: InputSequence) -> Iterator[TaskCall]:
-        process, requests = BrickProcess(self._command), list[bytes]()
+        program, requests = self._start(), list[bytes]()
+        exchange = program.exchange
 
-        def exchange(request: bytes) -> Answer:
+        def recorded(request: bytes) -> Answer:
             requests.append(request)
-            return process.exchange(request)
+            return exchange(request)
 
-        program = self._program(exchange)
+        program.exchange = recorded
         schedule = Schedule(self._tasks)
         paths = []
         for elapsed_ms, systick_ms, inputs in sequence.steps:

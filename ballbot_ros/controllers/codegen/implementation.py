@@ -360,7 +360,7 @@ def _controller(parameters: ControllerParameters, loaded: LoadedController) -> I
 
 def _compiled(parameters: ControllerParameters) -> Callable[[], Program]:
     from ballbot_ros.controllers.codegen.application import read_tasks, write_application
-    from ballbot_ros.controllers.codegen.compiled_program import BrickProcess, CompiledProgram
+    from ballbot_ros.controllers.codegen.programs import BALANCE
     from ballbot_ros.controllers.codegen.toolchain import TARGETS, build
     from ballbot_ros.files import temporary_folder
 
@@ -374,8 +374,7 @@ def _compiled(parameters: ControllerParameters) -> Callable[[], Program]:
     def make() -> Program:
         # Refer to `scratch`, so that its folder exists as long as programs may be created.
         assert scratch
-        exchange = BrickProcess(command).exchange
-        return CompiledProgram(exchange, tasks, parameters.mode == 'autonomous')
+        return BALANCE.start(command, tasks, parameters)
 
     return make
 

@@ -9,14 +9,16 @@ from parts import values_of
 
 import ballbot_ros
 from ballbot_ros.controllers.codegen.application import (
-    PLANE_VARIABLES,
-    PROGRAM_VARIABLES,
     application_files,
-    c_parameters,
     parameter_hash,
     read_tasks,
     write_application,
     write_times,
+)
+from ballbot_ros.controllers.codegen.programs import (
+    PLANE_VARIABLES,
+    PROGRAM_VARIABLES,
+    c_parameters,
 )
 from ballbot_ros.controllers.document.axis import TS1_MS, ProgramConstants
 from ballbot_ros.errors import CodegenError

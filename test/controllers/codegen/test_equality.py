@@ -1,7 +1,6 @@
 """The compiled program equals the Python one, bit for bit, on this machine and on ARM."""
 
 import json
-import subprocess
 from collections import Counter
 from dataclasses import replace
 from functools import lru_cache
@@ -11,7 +10,7 @@ from typing import get_args
 import numpy as np
 import parts
 import pytest
-from generated import Built, need, random_values
+from generated import Built, branch_counts, need, random_values
 from parts import AT_REST, values_of
 
 from ballbot_ros.controllers.codegen.folder_check import ProgramInput, compare, random_steps
@@ -299,21 +298,6 @@ def test_the_duties_of_the_closed_loop_are_the_golden_ones(target, name):
         expected = load_golden().scenarios[name]
     scenario.parameters.set(CONTROLLER, 'implementation', target)
     assert duty_sha256(scenario) == expected
-
-
-def branch_counts(made, source):
-    """Return the execution count of each branch of a source, by line and number."""
-    done = subprocess.run(
-        ['gcov', '--json-format', '--stdout', '-b', source.replace('.c', '.o')],
-        cwd=made.scratch, capture_output=True, text=True, check=True,
-    )  # fmt: skip
-    files = json.loads(done.stdout)['files']
-    [file] = [file for file in files if Path(file['file']).name == source]
-    return {
-        (source, line['line_number'], number): branch['count']
-        for line in file['lines']
-        for number, branch in enumerate(line['branches'])
-    }
 
 
 def test_the_inputs_reach_the_branches_of_the_generated_c(built, capsys):

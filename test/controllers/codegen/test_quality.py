@@ -4,7 +4,7 @@ import re
 import subprocess
 
 import pytest
-from generated import Built, need, need_command
+from generated import Built, commissioning, need, need_command
 from parts import values_of
 
 from ballbot_ros.controllers.codegen.toolchain import TARGET_FOLDER, TARGETS, WARNINGS, build
@@ -99,10 +99,11 @@ def test_a_constant_with_a_name_of_the_platforms_does_not_build(built, tmp_path)
         build(made.folder, TARGETS['c'], tmp_path / 'taken')
 
 
-@pytest.fixture(scope='module')
-def application(tmp_path_factory):
+@pytest.fixture(scope='module', params=['balance', 'commissioning'])
+def application(request, tmp_path_factory):
     need('c')
-    return Built(values_of(CONTROLLER), 'c', tmp_path_factory.mktemp('quality'))
+    values = values_of(CONTROLLER) if request.param == 'balance' else commissioning()
+    return Built(values, 'c', tmp_path_factory.mktemp('quality'))
 
 
 def cppcheck(application, *options):
