@@ -20,8 +20,8 @@ PAUSE, REST, PORTS, RAMP, PLAY, TILT, END = range(7)
 """The phases, by the number that the log has in ADC S1.
 
 Rest: motors off. Ports: a pulse on motor B, then on C. Ramp: both from 0 to 100 %, to -100 % and
-back. Play: pulses in the pattern + + - -, each with a pause. Tilt: motors off, the user tilts the
-robot forward, then to the right. The last phase does not end.
+back. Play: pulses in the pattern + + - -, each with a pause, every four of them 1 % stronger. Tilt:
+motors off, the user tilts the robot forward, then to the right. The last phase does not end.
 """
 
 LOG_TICKS = 5
@@ -46,7 +46,7 @@ class CommissioningParameters:
     port_duty: int = quantity(30, '%', (1, MAX_DUTY), 'duty of that pulse')
     step_time: float = time(0.1, 'time for which the ramp holds each duty')
     play_time: float = time(0.2, 'pulse for the gear play, and pause after it')
-    play_duty: int = quantity(40, '%', (1, MAX_DUTY), 'duty of these pulses')
+    play_duty: int = quantity(40, '%', (1, MAX_DUTY), 'duty of the first of these pulses')
     play_pulses: int = quantity(40, '1', (1, 1000), 'number of these pulses')
     tilt_time: float = time(5.0, 'time to tilt the robot forward, and to the right')
 
@@ -85,8 +85,9 @@ def duty_in(p: Constants, phase: int, ticks: int) -> Duty:
     elif phase == PLAY:
         part = ticks // p.play_ticks
         if part % 2 == 0:
-            duty = p.play_duty if part % 8 < 4 else -p.play_duty
-            return duty, duty
+            # Not all alike: else the encoder's rounding to whole degrees would be alike, too.
+            duty = min(MAX_DUTY, p.play_duty + part // 8)
+            return (duty, duty) if part % 8 < 4 else (-duty, -duty)
     return 0, 0
 
 

@@ -53,8 +53,8 @@ def test_each_phase_has_its_duties(run):
     assert duties(run, PORTS) == [*6 * [(30, 0)], *6 * [(0, 0)], *6 * [(0, 30)], *6 * [(0, 0)]]
     levels = [*range(101), *range(99, -101, -1), *range(-99, 1)]
     assert duties(run, RAMP) == [(level, level) for level in levels]
-    signs = [1, 1, -1, -1, 1, 1, -1, -1, 1]
-    pulses = [duty for sign in signs for duty in (*3 * [40 * sign], 0, 0, 0)]
+    levels = [40, 40, -40, -40, 41, 41, -41, -41, 42]
+    pulses = [duty for level in levels for duty in (*3 * [level], 0, 0, 0)]
     assert duties(run, PLAY) == [(duty, duty) for duty in pulses]
 
 

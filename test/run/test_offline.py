@@ -65,6 +65,14 @@ RUNS = (
     ('hardware_autonomous', 'controller.implementation=drift_filter', 'plant_sim.duration=8'),
     ('push', *TIMED, 'controller.control_instructions=76000', 'controller.kernel_defect=true'),
     ('push', *TIMED, 'controller.implementation=pid', 'plant_sim.duration=3.03'),
+    (
+        'stationary',
+        'controller.implementation=commissioning',
+        'controller.user.rest_time=0.1',
+        'controller.user.pause_time=0.1',
+        'controller.user.port_time=0.1',
+        'plant_sim.duration=2',
+    ),
 )
 
 

@@ -237,7 +237,7 @@ _MEANINGS = {
     'play_ticks': 'length of a pulse for the gear play, and of the pause after it',
     'tilt_ticks': 'time to tilt the robot into each direction',
     'port_duty': 'duty of a pulse on one motor alone',
-    'play_duty': 'duty of a pulse for the gear play',
+    'play_duty': 'duty of the first pulses for the gear play',
 }
 
 

@@ -22,7 +22,7 @@ from ballbot_ros.engine.scenario_steps import check_sequences
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.parameters import ControllerParameters, ParameterSet
 
-VALUES = commissioning(**SHORT)
+VALUES = commissioning(**SHORT, play_duty=99)
 
 
 def drawn_values(seed):
@@ -57,9 +57,9 @@ def test_a_changed_duration_or_duty_changes_both(built):
     steps = steps_to_the_end(VALUES, 1)
     assert not compare(VALUES, built('c', values=VALUES).program(), steps).difference
     for number, (name, value) in enumerate(
-        {'rest_time': 0.104, 'step_time': 0.008, 'play_duty': 41, 'port_duty': 3}.items()
+        {'rest_time': 0.104, 'step_time': 0.008, 'play_duty': 98, 'port_duty': 3}.items()
     ):
-        other = commissioning(**{**SHORT, name: value})
+        other = commissioning(**{**SHORT, 'play_duty': 99, name: value})
         made = built('c', values=other, name=str(number))
         assert not compare(other, made.program(), steps).difference
         assert 'in C and' in compare(VALUES, made.program(), steps).difference, name

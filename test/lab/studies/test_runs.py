@@ -76,6 +76,11 @@ VARIED_LAWS = {
         'controller.model.body_mass': np.linspace(0.6, 0.8, 4),
         'plant_sim.body_mass': np.linspace(0.6, 0.8, 4),
     },
+    'commissioning': {
+        'controller.user.pause_time': np.array([0.1, 0.2] * 2),
+        'controller.user.rest_time': np.linspace(0.1, 0.4, 4),
+        'controller.user.port_duty': np.array([20, 30] * 2),
+    },
 }
 
 

@@ -55,15 +55,22 @@ static S8 ramp_duty(U32 step)
     return (S8)duty;
 }
 
-/* Returns the duty of a pulse for the gear play: + + - -, each with a pause. */
+/* Returns the duty of a pulse for the gear play: + + - -, each with a pause, then 1 % stronger. */
 static S8 play_pulse(U32 part)
 {
-    S8 duty = 0;
+    const U32 stronger = part / 8U;
+    S32 duty = 0;
 
     if ((part % 2U) == 0U) {
-        duty = ((part % 8U) < 4U) ? play_duty : (S8)(-play_duty);
+        duty = (S32)play_duty + (S32)stronger;
+        if (duty > MAX_DUTY) {
+            duty = MAX_DUTY;
+        }
+        if ((part % 8U) >= 4U) {
+            duty = -duty;
+        }
     }
-    return duty;
+    return (S8)duty;
 }
 
 /* Duties of both motors in a tick of a phase. */
