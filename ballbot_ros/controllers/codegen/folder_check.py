@@ -158,7 +158,7 @@ def compare(
             outputs = compiled.run(compiled_schedule.due(elapsed_ms), systick_ms, inputs)
             ticks += 1
             state, in_c = generated.state_bytes(python), compiled.state
-            if outputs != expected or generated.members(in_c) != state:
+            if outputs != expected or in_c[: len(state)] != state:  # padding may follow
                 wanted = {**generated.named_values(state), **asdict(expected)}
                 got = {**generated.named_values(in_c), **asdict(outputs)}
                 return EquivalenceResult(ticks, _difference(step, wanted, got))

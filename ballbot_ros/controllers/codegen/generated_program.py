@@ -109,13 +109,9 @@ class GeneratedProgram:
         """Return the Python program's data in the layout of the C structure, without padding."""
         return self._members.pack(*self.state_of(counterpart))
 
-    def members(self, state: bytes) -> bytes:
-        """Return a C structure without its padding."""
-        return state[: self._members.size]
-
     def named_values(self, state: bytes) -> dict[str, Any]:
         """Return every member of a C structure by its name in C, such as ``x.theta``."""
-        values = self._members.unpack(self.members(state))
+        values = self._members.unpack_from(state)
         return dict(zip((each.name for each in self.variables), values, strict=True))
 
     def start(
