@@ -9,7 +9,6 @@ import struct
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
-from statistics import median_low
 
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.robot.brick.sensors import NO_DATA_CM, NO_ECHO_CM, battery_mv, quantise
@@ -253,7 +252,7 @@ class LogStream:
         self.packets += 1
         if self._newest and follows(self._newest, packet):
             self._steps_ms.append(elapsed(self._newest, packet))
-            self.period_ms = median_low(self._steps_ms)
+            self.period_ms = sorted(self._steps_ms)[(len(self._steps_ms) - 1) // 2]
             # A wrong clock makes one step longer and the next one shorter.
             self.lost_packets += round(self._steps_ms[-1] / self.period_ms) - 1
         else:
