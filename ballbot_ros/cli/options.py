@@ -7,7 +7,7 @@ import os
 import shlex
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import click
 from click.core import ParameterSource
@@ -19,9 +19,6 @@ from ballbot_ros.run.requirements import Processes
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
-
-
-F = TypeVar('F', bound=Callable[..., Any])
 
 
 class _Path(click.Path):
@@ -88,7 +85,7 @@ class FloatRange(click.FloatRange):
         return number
 
 
-def set_option_like(example: str) -> Callable[[F], F]:
+def set_option_like(example: str) -> Callable[[Any], Any]:
     """Return the option that sets parameters, with an example for its help."""
     return click.option(
         '--set',
