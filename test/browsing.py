@@ -334,5 +334,5 @@ def another(browser, address):
 def wait_until(condition, browser):
     deadline = time.monotonic() + LAST_RESORT_S
     while not condition():
-        assert time.monotonic() < deadline, 'it did not happen'
+        assert time.monotonic() < deadline, f'it did not happen: {browser.text()[:2000]}'
         browser.page.wait_for_timeout(50)

@@ -22,6 +22,17 @@ def press(browser, name):
     browser.page.get_by_role('button', name=name, exact=True).click()
 
 
+def is_at_the_first_tick(browser):
+    """Go there, and return whether the page shows it; one that is very busy may miss it once."""
+    page = browser.page
+    page.keyboard.press(' ')
+    page.wait_for_timeout(300)  # the time that is shown changes
+    page.keyboard.press('Home')
+    page.keyboard.press('.')
+    page.wait_for_timeout(1000)
+    return browser.shown_time() == pytest.approx(0.004, abs=0.01)
+
+
 @pytest.mark.timeout(600)
 def test_a_recorded_run_becomes_live_and_is_kept(tmp_path, monkeypatch, domain):
     monkeypatch.chdir(tmp_path)
@@ -30,10 +41,7 @@ def test_a_recorded_run_becomes_live_and_is_kept(tmp_path, monkeypatch, domain):
         with browsing(address) as browser:
             page = browser.page
             page.get_by_role('button', name='Live').wait_for()
-            page.keyboard.press(' ')
-            page.keyboard.press('Home')
-            page.keyboard.press('.')
-            wait_until(lambda: browser.shown_time() == pytest.approx(0.004, abs=0.01), browser)
+            wait_until(lambda: is_at_the_first_tick(browser), browser)
             press(browser, 'Live')
             browser.wait_for_text('live since 0.00 s')
             wait_until(lambda: 'ghost x' in browser.text(), browser)
