@@ -7,7 +7,15 @@ from pathlib import Path
 
 import click
 
-from ballbot_ros.cli.options import NEW_FILE, PATH, Choice, set_option_like
+from ballbot_ros.cli.options import (
+    NEW_FILE,
+    PATH,
+    Choice,
+    device_option,
+    log_option,
+    no_keyboard_option,
+    set_option_like,
+)
 from ballbot_ros.cli.progress import Progress
 from ballbot_ros.controllers.codegen.application import PARAMETER_FILE, write_application
 from ballbot_ros.controllers.codegen.toolchain import TARGETS
@@ -32,11 +40,11 @@ def command() -> None:
     type=PATH,
     help="Folder of the brick's program, or its parameter file.  [default: the document's values]",
 )
-@click.option('--device', help='Gamepad, by its number or part of its name.  [default: any]')
-@click.option('--no-keyboard', is_flag=True, help='Do not use the keys of the terminal.')
+@device_option
+@no_keyboard_option
 @click.option('--output', type=PATH, help='Folder for the recording.  [default: runs/<date>_brick]')
 @click.option('--no-record', is_flag=True, help='Write no recording.')
-@click.option('--log', type=NEW_FILE, help='File for the data log, as CSV.')
+@log_option
 @set_option_like('brick_link.deadzone=0.1')
 def drive(
     address: str,

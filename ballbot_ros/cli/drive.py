@@ -7,10 +7,12 @@ from pathlib import Path
 import click
 
 from ballbot_ros.cli.options import (
-    NEW_FILE,
     PATH,
     controller_option,
+    device_option,
+    log_option,
     no_browser_option,
+    no_keyboard_option,
     no_wait_option,
     page_options,
     set_option,
@@ -29,15 +31,15 @@ from ballbot_ros.run.requirements import require_rclpy
     '--start', nargs=2, type=float, metavar='X Y', help='Start position in the frame map [m].'
 )
 @click.option('--profile', help='Device profile, such as hardware.  [default: ideal]')
-@click.option('--device', help='Gamepad, by its number or part of its name.  [default: any]')
-@click.option('--no-keyboard', is_flag=True, help='Do not use the keys of the terminal.')
+@device_option
+@no_keyboard_option
 @click.option(
     '--output',
     type=PATH,
     help='Folder for the recording.  [default: runs/<date>_drive]',
 )
 @click.option('--no-record', is_flag=True, help='Write no recording.')
-@click.option('--log', type=NEW_FILE, help='File for the data log of the brick, as CSV.')
+@log_option
 @set_option
 @controller_option
 @click.option(

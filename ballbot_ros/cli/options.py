@@ -119,6 +119,21 @@ processes_option = click.option(
 """Selects how a run is executed."""
 
 
+device_option = click.option(
+    '--device', help='Gamepad, by its number or part of its name.  [default: any]'
+)
+"""Selects the gamepad that drives."""
+
+no_keyboard_option = click.option(
+    '--no-keyboard', is_flag=True, help='Do not use the keys of the terminal.'
+)
+"""Leaves the keys to others."""
+
+log_option = click.option(
+    '--log', type=NEW_FILE, help='File for the data log of the brick, as CSV.'
+)
+"""Keeps what the brick logs."""
+
 no_browser_option = click.option(
     '--no-browser', is_flag=True, help='Open no browser; only print the address of the page.'
 )

@@ -13,7 +13,7 @@ from pathlib import Path
 from threading import Event, Thread
 from typing import TYPE_CHECKING
 
-from ballbot_ros.errors import BallbotError, RecordingError, TeleopError, one_line, os_errors
+from ballbot_ros.errors import BallbotError, TeleopError, one_line
 from ballbot_ros.nodes.base import BallbotNode
 from ballbot_ros.nodes.gamepad_teleop import TeleopInputs
 from ballbot_ros.nodes.middleware import DomainLock
@@ -29,7 +29,7 @@ from ballbot_ros.recording.csv_log import CsvLog
 from ballbot_ros.recording.messages.brick_messages import BrickMessages
 from ballbot_ros.recording.messages.run_messages import Send
 from ballbot_ros.recording.messages.topics import SCENARIO, Topic
-from ballbot_ros.recording.rosbag2 import RecordedTopic, media_type
+from ballbot_ros.recording.rosbag2 import RecordedTopic
 from ballbot_ros.recording.writer import RecordingWriter
 from ballbot_ros.robot.brick.bluetooth import NEUTRAL, LogPacket, LogStream, stick_frame
 from ballbot_ros.robot.brick.sensors import NO_DATA_CM, NO_ECHO_CM
@@ -82,16 +82,8 @@ class BrickOutput:
         self._wall_ns = time.time_ns() - time.monotonic_ns()
         if not parameters.output:
             return
-        folder = parameters.attachments
-        with os_errors(RecordingError, folder):
-            files = sorted(Path(folder).iterdir()) if folder else []
-            attachments = {each.name: each.read_bytes() for each in files}
-        path = Path(parameters.output)
-        with os_errors(RecordingError, path.parent):
-            path.parent.mkdir(parents=True, exist_ok=True)
-        self._writer = RecordingWriter(path)
-        for name, data in attachments.items():
-            self._writer.add_attachment(name, media_type(name), data)
+        path, folder = Path(parameters.output), parameters.attachments
+        self._writer = RecordingWriter.with_attachments(path, folder)
 
     @property
     def now_ns(self) -> int:

@@ -13,7 +13,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
-from ballbot_ros.errors import RecordingError, os_errors
+from ballbot_ros.errors import RecordingError
 from ballbot_ros.lockstep.lockstep import RunIdentity
 from ballbot_ros.lockstep.participants import Objection
 from ballbot_ros.lockstep.recording_order import Arrival, ArrivalOrder, Stream
@@ -35,7 +35,7 @@ from ballbot_ros.recording.messages.conversions import encode_header, is_stop
 from ballbot_ros.recording.messages.raw import decoder, has_stamp, same_content, stamp_of
 from ballbot_ros.recording.messages.run_reports import decode_run_status
 from ballbot_ros.recording.messages.topics import Topic, find_message_class
-from ballbot_ros.recording.rosbag2 import RELIABLE_LATCHED, QosProfile, media_type
+from ballbot_ros.recording.rosbag2 import RELIABLE_LATCHED, QosProfile
 from ballbot_ros.recording.writer import RUN_PARTICIPANTS, RecordingWriter
 from ballbot_ros.viewer.derived_messages import DerivedChannels, DerivedMessages
 
@@ -211,15 +211,7 @@ class Recorder(BallbotNode[RecorderParameters]):
         super().__init__(RecorderParameters, parameters)
         new = f'runs/{datetime.now():%Y-%m-%d_%H-%M-%S}/ballbot.mcap'
         path = Path(self.parameters.output or new)
-        folder = self.parameters.attachments
-        with os_errors(RecordingError, folder):
-            files = sorted(Path(folder).iterdir()) if folder else []
-            attachments = {each.name: each.read_bytes() for each in files}
-        with os_errors(RecordingError, path):
-            path.parent.mkdir(parents=True, exist_ok=True)
-        self._writer = RecordingWriter(path)
-        for name, data in attachments.items():
-            self._writer.add_attachment(name, media_type(name), data)
+        self._writer = RecordingWriter.with_attachments(path, self.parameters.attachments)
         self._channels = RecordedChannels(self)
         self._derived = DerivedChannels(
             self._writer,

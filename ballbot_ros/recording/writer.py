@@ -13,7 +13,7 @@ from mcap.records import Channel, Schema
 from mcap.well_known import MessageEncoding, Profile, SchemaEncoding
 from numpy.typing import NDArray
 
-from ballbot_ros.errors import RecordingError
+from ballbot_ros.errors import RecordingError, os_errors
 from ballbot_ros.recording.mcap_writer import McapWriter, MessageBlock
 from ballbot_ros.recording.rosbag2 import (
     DERIVED,
@@ -23,6 +23,7 @@ from ballbot_ros.recording.rosbag2 import (
     QosProfile,
     RecordedTopic,
     TimeRange,
+    media_type,
     offered_qos_profiles,
     parse_offered_qos,
     serialized_metadata,
@@ -92,6 +93,25 @@ class RecordingWriter:
         with self._writing():
             self._writer = McapWriter(self._stream, Profile.ROS2, 'ballbot_ros', chunk_size)
             self._writer.flush()
+
+    @classmethod
+    def with_attachments(cls, path: Path, folder: str) -> RecordingWriter:
+        """Create a file, and its folder, with the files of a folder attached; '' for none.
+
+        Raises
+        ------
+        RecordingError
+            If a file or folder can't be read or written.
+        """
+        with os_errors(RecordingError, folder):
+            files = sorted(Path(folder).iterdir()) if folder else []
+            attachments = {each.name: each.read_bytes() for each in files}
+        with os_errors(RecordingError, path):
+            path.parent.mkdir(parents=True, exist_ok=True)
+        writer = cls(path)
+        for name, data in attachments.items():
+            writer.add_attachment(name, media_type(name), data)
+        return writer
 
     def __enter__(self) -> RecordingWriter:
         return self
