@@ -103,7 +103,10 @@ def drive(
     help='Listen on this Unix socket instead of a pseudo-terminal.',
 )
 @click.option(
-    '--profile', default='hardware', show_default=True, help='Device profile of the robot.'
+    '--profile',
+    default='hardware',
+    show_default=True,
+    help='Device profile of the robot, or a file.',
 )
 @set_option_like('gyro_driver.noise=0.5')
 def emulate(

@@ -37,6 +37,7 @@ COMMANDS = {
     'tune': 'Search for parameters that are best on many robots.',
     'falsify': 'Search for runs that violate what is required.',
     'identify': 'Identify physical parameters from recordings.',
+    'commission': 'Measure gyros and motors of your own robot.',
     'twin': 'Simulate the twin of a real robot, and compare both.',
     'new': 'Start a controller of your own: a package that runs.',
     'conform': 'Test a node of your own against its contract.',

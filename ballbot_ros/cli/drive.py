@@ -30,7 +30,7 @@ from ballbot_ros.run.requirements import require_rclpy
 @click.option(
     '--start', nargs=2, type=float, metavar='X Y', help='Start position in the frame map [m].'
 )
-@click.option('--profile', help='Device profile, such as hardware.  [default: ideal]')
+@click.option('--profile', help='Device profile, such as hardware, or a file.  [default: ideal]')
 @device_option
 @no_keyboard_option
 @click.option(

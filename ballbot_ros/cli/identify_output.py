@@ -283,18 +283,19 @@ def _finite(value: float | None) -> float | None:
 
 
 def _number(value: float) -> str:
-    return _typeset(f'{value:.6g}')
+    return typeset(f'{value:.6g}')
 
 
-def _typeset(number: str) -> str:
+def typeset(number: str) -> str:
+    """Return a number with the signs of print for minus and infinity."""
     return number.replace('inf', '∞').replace('e-0', 'e-').replace('-', '−')
 
 
 def _three_digits(value: float) -> str:
-    return _typeset(f'{value:#.3g}'.removesuffix('.'))
+    return typeset(f'{value:#.3g}'.removesuffix('.'))
 
 
 def _percent(relative: float) -> str:
     """Return a half width in percent."""
     percent = 100.0 * relative
-    return _typeset(f'± {percent:.3g}' if percent >= 10.0 else f'± {percent:.2g}')
+    return typeset(f'± {percent:.3g}' if percent >= 10.0 else f'± {percent:.2g}')

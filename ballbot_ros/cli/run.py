@@ -38,7 +38,9 @@ from ballbot_ros.run.requirements import Processes
     type=PATH,
     help='Folder for recording and picture.  [default: runs/<date>_<scenario>]',
 )
-@click.option('--profile', help="Device profile, such as hardware.  [default: the scenario's]")
+@click.option(
+    '--profile', help="Device profile, such as hardware, or a file.  [default: the scenario's]"
+)
 @click.option(
     '--params',
     'parameter_file',

@@ -24,7 +24,7 @@ HEADINGS = 'priority', 'period [ms]', 'time [µs]', 'share', 'worst [µs]', 'sim
 
 
 @click.command('schedule')
-@click.option('--profile', help='Device profile, such as hardware.  [default: ideal]')
+@click.option('--profile', help='Device profile, such as hardware, or a file.  [default: ideal]')
 @click.option('--params', 'parameter_file', type=PATH, help='Parameter file.')
 @set_option
 @controller_option

@@ -17,7 +17,7 @@ from ballbot_ros.parameters import PLANT
     '--profile',
     default='hardware',
     show_default=True,
-    help='Device profile, for what the log does not tell.',
+    help='Device profile, or a file, for what the log does not tell.',
 )
 @click.option(
     '--output',

@@ -19,6 +19,11 @@ MAX_TEXT = 2**18
 """Longest text of a document [byte]; parsing takes up to 400 times as much memory."""
 
 
+def is_yaml_path(reference: str) -> bool:
+    """Return whether something is given by the path of a YAML file instead of its name."""
+    return '/' in reference or reference.endswith(('.yaml', '.yml'))
+
+
 class YamlError(BallbotError):
     """A file that can't be read or is not YAML."""
 

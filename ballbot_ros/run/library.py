@@ -70,7 +70,7 @@ def simulate(
     seed : int or None
         Seed of the device noise and jitter; None for that of `parameters` or scenario.
     profile : str or None
-        Device profile, ``'ideal'`` or ``'hardware'``; None for the scenario's.
+        Device profile, such as ``'hardware'``, or a parameter file; None for the scenario's.
     parameters : mapping or path-like or None
         Values that override the scenario and the instance of a controller: by ``node.param``, such
         as ``{'plant_sim.duration': 60}`` or ``{'controller.user.kp': 3}``, or a parameter file.

@@ -32,6 +32,7 @@ from ballbot_ros.parameters import (
 )
 from ballbot_ros.parameters.files import assign, assign_values, read_parameter_file
 from ballbot_ros.parameters.timing import TICK_S
+from ballbot_ros.parameters.yaml_document import is_yaml_path
 from ballbot_ros.robot.brick.faults import all_faults
 from ballbot_ros.robot.world.floor_map import is_file_name
 from ballbot_ros.robot.world.world import World
@@ -266,7 +267,7 @@ def _follow_scenario(reference: str, options: RunOptions, parameters: ParameterS
                 f'{_origin(options, node, "scenario")}{node}.scenario cannot be set: the scenario '
                 f'is {reference}'
             )
-    if '/' in reference or reference.endswith(('.yaml', '.yml')):
+    if is_yaml_path(reference):
         reference = str(Path(reference).resolve())
     parameters.set(GAMEPAD, 'scenario', reference)
     if not parameters.is_set(GAMEPAD, 'device'):

@@ -33,9 +33,10 @@ def test_every_command_is_on_the_page_of_commands():
     assert [name for name in COMMANDS if f'`ballbot {name}' not in page] == []
 
 
-def test_the_output_in_the_readme_is_what_the_command_prints():
+def test_the_list_of_the_scenarios_is_what_the_command_prints():
+    page = (PROJECT / 'docs/scenarios.md').read_text(encoding='utf-8')
     said = call('scenarios').stdout
-    assert indent(f'$ scripts/run scenarios\n{said}', ' ' * 4) in README
+    assert indent(f'$ scripts/run scenarios\n{said}', ' ' * 4) in page
 
 
 def test_every_node_is_in_the_table_of_nodes():

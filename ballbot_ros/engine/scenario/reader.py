@@ -38,8 +38,8 @@ from ballbot_ros.parameters import (
     parameters_of,
 )
 from ballbot_ros.parameters.changes import IMPLEMENTATION, TimedChange, changes_text, checked_change
-from ballbot_ros.parameters.files import leaves, read_parameter_file
-from ballbot_ros.parameters.yaml_document import YamlDocument, yaml_text
+from ballbot_ros.parameters.files import leaves, plain_value, read_parameter_file
+from ballbot_ros.parameters.yaml_document import YamlDocument, is_yaml_path, yaml_text
 from ballbot_ros.robot.brick.faults import Fault, fault_texts
 from ballbot_ros.robot.plant.ground_truth import FORCE_LIMIT
 from ballbot_ros.robot.world.floor_map import is_file_name, load_map
@@ -257,7 +257,10 @@ class ScenarioReader(ExpectationReader):
             if required not in data:
                 raise self._error((), f'{required} is missing')
         self._check_lines_of_text(data, ('purpose', 'profile'))
-        parameters = self._parameters(data, profile)
+        own = self._profile(data)
+        given = own if profile is None else profile
+        values = self._load_profile(given)
+        parameters = self._parameters(data, ParameterSet(values))
         plant = parameters.of(PlantParameters)
         # Parameters may shorten a run, which then does not reach everything.
         duration = max(plant.duration, float(cast(float, data['duration'])))
@@ -265,7 +268,7 @@ class ScenarioReader(ExpectationReader):
         scenario = Scenario(
             name=self._document.path.stem,
             purpose=str(data['purpose']),
-            profile=str(data.get('profile', IDEAL)) if profile is None else profile,
+            profile=IDEAL if is_yaml_path(given) else given,
             parameters=parameters,
             vertical=self._signal(sticks.get('vertical', []), ('sticks', 'vertical'), duration),
             horizontal=self._signal(
@@ -274,20 +277,41 @@ class ScenarioReader(ExpectationReader):
             pushes=tuple(self._pushes(data.get('pushes', []), duration)),
             faults=self._faults(data, duration),
             expectations=tuple(self._expectations(data.get('expectations', {}), plant)),
-            text=yaml_text({**data, 'profile': profile})
-            if profile is not None
-            else read_text(self._document.path),
+            text=self._text(data, given, values),
         )
         properties = self._properties(data.get('properties', {}), plant, scenario.events)
         return replace(scenario, properties=properties)
 
-    def _parameters(self, data: Mapping[str, object], profile: str | None) -> ParameterSet:
+    def _profile(self, data: Mapping[str, object]) -> str:
+        """Return the document's device profile; a path is one from the document's folder."""
+        name = str(data.get('profile', IDEAL))
+        if is_yaml_path(name):
+            name = str(self._document.path.parent / name)
         try:
-            parameters = self._load_profile(str(data.get('profile', IDEAL)))
-        except ScenarioError as error:
+            self._load_profile(name)
+        except BallbotError as error:
             raise self._error(('profile',), str(error)) from None
-        if profile is not None:
-            parameters = self._load_profile(profile)
+        return name
+
+    def _text(self, data: Mapping[str, object], profile: str, values: ParameterSet) -> str:
+        """Return a document like this one with a profile, which needs no other file for that."""
+        if not is_yaml_path(profile):
+            if profile == str(data.get('profile', IDEAL)):
+                return read_text(self._document.path)
+            return yaml_text({**data, 'profile': profile})
+        keys = {*data, *cast('Mapping[str, object]', data.get('start', {}))}
+        replaced = {name for key, (_, name) in _PARAMETERS.items() if key in keys}
+        replaced |= {name for key, name in _START.items() if key in keys} | (keys & {'map'})
+        nodes: dict[str, dict[str, object]] = {}
+        for node, name, value in values:
+            if name not in replaced:
+                nodes.setdefault(node, {})[name] = plain_value(value)
+        for node, own in cast('Mapping[str, Any]', data.get('parameters', {})).items():
+            nodes[node] = {**nodes.pop(node, {}), **own}
+        return yaml_text({**data, 'profile': IDEAL, 'parameters': nodes})
+
+    def _parameters(self, data: Mapping[str, object], parameters: ParameterSet) -> ParameterSet:
+        """Return the parameters of a profile with those of the document, which replace them."""
         for key, (node, name) in _PARAMETERS.items():
             if key in data:
                 self._set(parameters, node, name, data[key], (key,))
@@ -508,7 +532,7 @@ def load_scenario(
     shipped = share_directory() / 'config/scenarios' / f'{name_or_file}.yaml'
     if name_or_file in scenario_names():
         path = shipped
-    elif name_or_file.endswith(('.yaml', '.yml')) or '/' in name_or_file:
+    elif is_yaml_path(name_or_file):
         path = Path(name_or_file)
     else:
         raise ScenarioError(
@@ -527,16 +551,23 @@ def scenario_of(name_or_file: str) -> Scenario:
 def load_profile(name: str) -> ParameterSet:
     """Return the values that the profile `name` sets; ``ideal`` sets none and keeps the defaults.
 
+    A profile of your own is a parameter file, given by its path.
+
     Raises
     ------
-    ScenarioError
-        If the profile does not exist.
+    ScenarioError, YamlError, ParameterError
+        If the profile does not exist, or its file can't be read.
     """
     if name == IDEAL:
         return ParameterSet()
+    if is_yaml_path(name):
+        return read_parameter_file(name)
     folder = share_directory() / 'config/profiles'
     known = [IDEAL, *[path.stem for path in sorted(folder.glob('*.yaml'))]]
     if name not in known:
         hint = did_you_mean(name, known)
-        raise ScenarioError(f'unknown profile {name!r}{hint}; known: {", ".join(known)}')
+        raise ScenarioError(
+            f'unknown profile {name!r}{hint}; known: {", ".join(known)} '
+            '(for your own profile, give the path of its file, ending in .yaml)'
+        )
     return read_parameter_file(folder / f'{name}.yaml')

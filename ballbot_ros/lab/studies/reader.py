@@ -59,7 +59,7 @@ from ballbot_ros.parameters import (
 )
 from ballbot_ros.parameters.files import leaves
 from ballbot_ros.parameters.timing import TICK_S
-from ballbot_ros.parameters.yaml_document import YamlDocument
+from ballbot_ros.parameters.yaml_document import YamlDocument, is_yaml_path
 from ballbot_ros.robot.brick.faults import WORDS, Fault, all_faults, fault_texts
 from ballbot_ros.robot.world.floor_map import is_file_name
 from ballbot_ros.run.requirements import Processes
@@ -262,10 +262,10 @@ class StudyReader(DistributionReader):
         return fixed, values
 
     def _options(self, data: Mapping[str, object], values: Mapping[str, object]) -> RunOptions:
-        profile, controller = data.get('profile'), data.get('controller')
+        profile, controller = self._profile(data), data.get('controller')
         if profile is not None:
             try:
-                load_profile(str(profile))
+                load_profile(profile)
             except BallbotError as error:
                 raise self._error(('profile',), str(error)) from None
         if self._controller is not None:
@@ -274,22 +274,26 @@ class StudyReader(DistributionReader):
             controller = resolve_reference(str(controller), self._document.path.parent)
         return RunOptions(
             processes=Processes.NONE,
-            profile=None if profile is None else str(profile),
+            profile=profile,
             values=values,
             parameter_file=self._parameter_file,
             controller=controller,
             record=False,
         )
 
+    def _profile(self, data: Mapping[str, object]) -> str | None:
+        """Return the device profile, if there is one; a path is one from the study's folder."""
+        profile = data.get('profile')
+        if isinstance(profile, str) and is_yaml_path(profile):
+            return str((self._document.path.parent / profile).resolve())
+        return None if profile is None else str(profile)
+
     def _scenario(self, reference: str, data: Mapping[str, object]) -> str:
         """Return the name of a shipped scenario unchanged, or the path of a file."""
-        if reference not in scenario_names() and (
-            '/' in reference or reference.endswith(('.yaml', '.yml'))
-        ):
+        if reference not in scenario_names() and is_yaml_path(reference):
             reference = str((self._document.path.parent / reference).resolve())
-        profile = data.get('profile')
         try:
-            load_scenario(reference, None if profile is None else str(profile))
+            load_scenario(reference, self._profile(data))
         except BallbotError as error:
             raise self._error(('scenario',), str(error)) from None
         return reference
@@ -493,7 +497,7 @@ def shipped_file(reference: str, folder: str, what: str) -> Path:
     names = shipped_names(folder)
     if reference in names:
         return share_directory() / folder / f'{reference}.yaml'
-    if reference.endswith(('.yaml', '.yml')) or '/' in reference:
+    if is_yaml_path(reference):
         return Path(reference)
     raise StudyError(
         f'unknown {what} {reference!r}{did_you_mean(reference, names)}; '

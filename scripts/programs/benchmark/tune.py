@@ -32,6 +32,7 @@ from ballbot_ros.parameters import (
 from ballbot_ros.parameters.files import read_parameter_file
 from ballbot_ros.robot.world.clearance import clearance
 from benchmark.challenge import challenge
+from benchmark.commissioning import commissioning
 from benchmark.identification import identification
 from benchmark.redesign import redesign
 from benchmark.search import searches
@@ -222,7 +223,7 @@ def _falls(outcomes: Iterable[Outcome]) -> str:
 
 EXPERIMENTS: dict[str, Callable[[], None]] = {
     each.__name__: each
-    for each in (speed, drive, track, gains, stand, redesign, searches, challenge)
+    for each in (speed, drive, track, gains, stand, redesign, searches, challenge, commissioning)
 }
 
 RANDOM_ROBOTS: dict[str, Callable[[int], None]] = {identification.__name__: identification}

@@ -154,9 +154,43 @@ def test_a_missing_file_is_named_by_its_path(name):
         load_scenario(name)
 
 
-@pytest.mark.parametrize('name', ['', 'real', 'two\nlines', '../ballbot'])
+@pytest.mark.parametrize('name', ['', 'real', 'two\nlines'])
 def test_the_error_for_an_unknown_profile_lists_the_known_ones(name):
     assert 'ideal' in refusal(ScenarioError, load_profile, name)
+
+
+OWN = """\
+/**/gyro_driver: {ros__parameters: {noise: 0.5, drift: 0.25}}
+/**/plant_sim: {ros__parameters: {plant_model: nonlinear, dead_zone: 3.0, start_pitch_x: 0.1}}
+/**: {ros__parameters: {ball_radius: 0.03}}
+"""
+
+
+def test_a_profile_of_your_own_is_a_file_next_to_the_scenario(tmp_path, monkeypatch):
+    """And the text of the scenario, which is recorded, needs no other file."""
+    folder, elsewhere = tmp_path / 'mine', tmp_path / 'elsewhere'
+    for each in (folder, elsewhere):
+        each.mkdir()
+    (folder / 'own.yaml').write_text(OWN)
+    (folder / 'push.yaml').write_text(
+        HEAD + 'profile: own.yaml\nplant_model: linear\nstart: {pitch_x_deg: 2}\n'
+        'parameters: {gyro_driver: {drift: 0.0}, /**: {ball_radius: 0.027}}\n'
+    )
+    monkeypatch.chdir(elsewhere)
+    scenario = load_scenario('../mine/push.yaml')
+    plant, gyro = (scenario.parameters.of(cls) for cls in (PlantParameters, GyroParameters))
+    assert (plant.dead_zone, gyro.noise) == (3.0, 0.5)
+    assert (plant.plant_model, plant.start_pitch_x) == ('linear', math.radians(2.0))
+    assert (gyro.drift, plant.ball_radius) == (0.0, 0.027)
+    (elsewhere / 'push.yaml').write_text(scenario.text)
+    again = load_scenario('./push.yaml')
+    assert {*again.parameters} == {*scenario.parameters}
+    assert again.text == scenario.text
+    assert again.profile == scenario.profile == 'ideal'
+    # A path that is given in place of it is one from the current folder, as always.
+    given = load_scenario('./push.yaml', '../mine/own.yaml')
+    assert given.parameters.of(GyroParameters).noise == 0.5
+    assert refusal(BallbotError, load_scenario, './push.yaml', 'own.yaml').startswith('own.yaml: ')
 
 
 MISTAKES = [
@@ -171,6 +205,7 @@ MISTAKES = [
     (HEAD + 'seed: -1\n', 3, '-1 is not within'),
     (HEAD + 'seed: 1.5\n', 3, '1.5 is not a whole number'),
     (HEAD + 'profile: real\n', 3, "unknown profile 'real'"),
+    (HEAD + 'profile: real.yaml\n', 3, 'real.yaml: No such file'),
     (HEAD + 'start: 4\n', 3, 'is not a mapping'),
     (
         HEAD + 'start:\n  pitch_x_deg: 90\n',

@@ -16,6 +16,7 @@ from ballbot_ros.parameters import ROBOT_CLASSES, ControllerParameters, PlantPar
 HEAD = 'purpose: x\nscenario: push\nruns: 100\n'
 STICK = 'purpose: x\nscenario: square\nruns: 100\n'
 VARY = HEAD + 'vary:\n  '
+FORCE = 'push.1.force: {uniform: [0.0, 2.0]}\n'
 GRID = 'purpose: x\nscenario: push\nsampling: grid\nvary:\n  plant_sim.backlash: '
 FULL = """purpose: everything at once
 scenario: push
@@ -53,6 +54,17 @@ def read(tmp_path_factory):
         return read_study(str(path), **options)
 
     return read_text
+
+
+def test_a_profile_of_your_own_is_a_file_next_to_the_study(tmp_path, monkeypatch):
+    folder = tmp_path / 'mine'
+    folder.mkdir()
+    (folder / 'own.yaml').write_text('plant_sim: {ros__parameters: {dead_zone: 3.0}}')
+    (folder / 'study.yaml').write_text(VARY.replace('vary', 'profile: own.yaml\nvary') + FORCE)
+    monkeypatch.chdir(tmp_path)
+    study = read_study('mine/study.yaml')
+    assert study.spec.parameters.of(PlantParameters).dead_zone == 3.0
+    assert 'own.yaml' not in study.spec.scenario.text
 
 
 def test_controller_and_parameters_can_be_other_ones(read, tmp_path):
