@@ -24,7 +24,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _COLOURS = BLUE, ORANGE
-_POINTS, _HEIGHT = 3.0, 3.2
+_SIZES = 5.0, 2.5
+"""Of the points of both devices: those behind are larger, so that they can be seen."""
+
+_HEIGHT = 3.2
 
 
 def render_commissioning(found: Commissioning) -> bytes:
@@ -50,19 +53,19 @@ def render_commissioning(found: Commissioning) -> bytes:
 
 def _draw_rests(axes: Axes, found: Commissioning) -> None:
     """Draw how far the gyros drift from their offsets."""
-    for color, (name, rests) in zip(_COLOURS, found.rests.items(), strict=True):
+    for color, size, (name, rests) in zip(_COLOURS, _SIZES, found.rests.items(), strict=True):
         for number, rest in enumerate(rests):
             offset = rest.offset.value
             label = '' if number else name
-            draw_line(axes, rest.time, rest.means - offset, Line(color, _POINTS, '.', label))
+            draw_line(axes, rest.time, rest.means - offset, Line(color, size, '.', label))
             draw_line(axes, rest.time, rest.drift_curve - offset, Line(color, 1.0))
     _label(axes, 'time at rest [s]', 'reading − offset [°/s]')
 
 
 def _draw_ramps(axes: Axes, found: Commissioning) -> None:
     """Draw the speed over the duty, and the fit at the mean voltage of each log."""
-    for color, (name, ramp) in zip(_COLOURS, found.ramps.items(), strict=False):
-        draw_line(axes, ramp.duty, ramp.speed, Line(color, _POINTS, '.', name))
+    for color, size, (name, ramp) in zip(_COLOURS, _SIZES, found.ramps.items(), strict=False):
+        draw_line(axes, ramp.duty, ramp.speed, Line(color, size, '.', name))
     for ramp in found.ramps.values():
         duty = np.linspace(-100.0, 100.0, 401)
         for number in np.unique(ramp.log):
@@ -73,11 +76,11 @@ def _draw_ramps(axes: Axes, found: Commissioning) -> None:
 
 def _draw_voltages(axes: Axes, found: Commissioning) -> None:
     """Draw the speed at full duty over the voltage of the battery, as in figure 6-4."""
-    for color, (name, ramp) in zip(_COLOURS, found.ramps.items(), strict=False):
+    for color, size, (name, ramp) in zip(_COLOURS, _SIZES, found.ramps.items(), strict=False):
         is_fast = np.abs(ramp.duty) > 50.0  # where a rounded angle matters little
         full = ramp.speed * ramp.speed_at(np.full_like(ramp.duty, 100.0), ramp.battery)
         full /= np.where(is_fast, ramp.speed_at(ramp.duty, ramp.battery), 1.0)
-        draw_line(axes, ramp.battery[is_fast], full[is_fast], Line(color, _POINTS, '.', name))
+        draw_line(axes, ramp.battery[is_fast], full[is_fast], Line(color, size, '.', name))
         ends = np.array([ramp.battery.min() - 0.1, ramp.battery.max() + 0.1])
         draw_line(axes, ends, ramp.speed_at(np.full(2, 100.0), ends), Line(color, 1.0))
     _label(axes, 'battery [V]', 'speed at a duty of 100 % [rad/s]')
@@ -85,9 +88,9 @@ def _draw_voltages(axes: Axes, found: Commissioning) -> None:
 
 def _draw_plays(axes: Axes, found: Commissioning) -> None:
     """Draw what the first pulse after each reversal turned a motor less than the second."""
-    for color, (name, turns) in zip(_COLOURS, found.plays.items(), strict=False):
+    for color, size, (name, turns) in zip(_COLOURS, _SIZES, found.plays.items(), strict=False):
         numbers = np.arange(1.0, len(turns) + 1.0)
-        draw_line(axes, numbers, turns, Line(color, 1.5 * _POINTS, '.', name))
+        draw_line(axes, numbers, turns, Line(color, 1.5 * size, '.', name))
     (play,) = (each.estimate for each in found.parameters if each.name == 'backlash')
     low, high = (math.degrees(play.value + side * play.half_width) for side in (-1.0, 1.0))
     axes.axhspan(low, high, color=GRAY, alpha=0.3, linewidth=0.0, label='gear play')
