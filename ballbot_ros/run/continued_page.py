@@ -41,7 +41,7 @@ from ballbot_ros.viewer.overlay import (
 from ballbot_ros.viewer.page import Page
 from ballbot_ros.viewer.playback_run import PlaybackRun
 from ballbot_ros.viewer.plots import PlotData, PlotKind, ghost_columns, plot_data
-from ballbot_ros.viewer.recording_page import RATE_LABELS, RecordingPage
+from ballbot_ros.viewer.recording_page import RATE_LABELS, RecordingPage, take_request
 from ballbot_ros.viewer.scene import PERIOD
 from ballbot_ros.viewer.shapes import ForceArrow
 from ballbot_ros.viewer.snapshot import WINDOW_S, History, Snapshot
@@ -119,8 +119,10 @@ class ContinuedPage(RecordingPage):
 
     def update(self, seconds: float) -> None:
         """Show the state after another `seconds` of wall time."""
-        requests = self.page.overlay.take()
-        if self._run is None and (self._todo.qsize() or Press(LIVE.name) in requests):
+        requests, live = self.page.overlay.take(), Press(LIVE.name)
+        if self._run is None and (self._todo.qsize() or live in requests):
+            while requests and (request := requests.pop(0)) != live:
+                take_request(self.clock, request)  # from before, as on a page that was busy
             self._go_live(self.clock.time)
         elif self._run is None:
             self.play(seconds, requests, further=(LIVE,))

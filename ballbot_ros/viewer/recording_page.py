@@ -280,7 +280,9 @@ class RecordingPage:
         """Show the recorded state after another `seconds`, with further buttons."""
         for request in requests:
             take_request(self.clock, request)
-        start, end = self.clock.advance(seconds)
+        # Nobody would see the beginning while a slow browser still prepares to draw.
+        is_seen = self.page.overlay.is_drawn
+        start, end = self.clock.advance(seconds if is_seen else 0.0)
         if self.clock.rate in _RATES_WITH_TONES and (tone := self.runs[0].tone(start, end)):
             self.panel.play(tone)
         self.page.overlay.show(playback_overlay(self.clock, self._timeline, further))

@@ -22,6 +22,7 @@ from ros_client import Client  # noqa: E402
 from scipy import ndimage  # noqa: E402
 from std_srvs.srv import SetBool  # noqa: E402
 from websockets.asyncio.server import ServerConnection  # noqa: E402
+from websockets.sync.client import connect  # noqa: E402
 
 from ballbot_ros.recording.messages.conversions import body_pitch, odometry_position, stamp_ns  # noqa: E402
 from ballbot_ros.recording.messages.topics import (  # noqa: E402
@@ -381,6 +382,21 @@ def test_a_recorded_run_follows_keys_and_time_line(recording, domain):
             assert browser.errors == []
         process.terminate()
         assert process.wait(LAST_RESORT_S) == 0
+
+
+def test_a_recorded_run_waits_until_a_page_has_drawn_it(recording):
+    run = PlaybackRun(recording)
+    page = Page(run.dimensions, 'test', '127.0.0.1', 0)
+    shown = RecordingPage(page, [run])
+    link = page.address.replace('http', 'ws').replace('/?', '/link?')
+    with connect(link) as connection:
+        shown.update(1.0)
+        assert shown.clock.time == 0.0
+        connection.send('{"drawn":true}')
+        wait_for(lambda: page.overlay.is_drawn)
+        shown.update(1.0)
+    page.stop()
+    assert shown.clock.time == 1.0
 
 
 def test_a_browser_that_stops_reading_does_not_block_others(recording, monkeypatch):
