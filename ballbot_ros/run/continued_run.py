@@ -28,7 +28,7 @@ from ballbot_ros.parameters import (
     value_text,
 )
 from ballbot_ros.parameters.changes import PendingChanges
-from ballbot_ros.parameters.timing import FIRST_TICK_NS, SECOND_NS, SLOW_PERIOD_NS, TICK_NS
+from ballbot_ros.parameters.timing import FIRST_TICK_NS, SECOND_NS, SLOW_PERIOD_NS, TICK_NS, TICK_S
 from ballbot_ros.robot.brick.bluetooth import Sticks
 from ballbot_ros.robot.brick.faults import Fault, faults_of, parse_faults
 from ballbot_ros.robot.plant.ground_truth import Pair, Push
@@ -148,6 +148,7 @@ class ContinuedRun:
         settings = spec.parameters.of(ControllerParameters)
         self.implementation = implementation_for(settings, spec.controller)
         self._push_ns = round(spec.plant.push_duration * SECOND_NS)
+        self._duration = spec.plant.duration
         self._timer = TickTimer(spec.controller, spec.plant)
         self._period_ns = (1 + int(past.end / _MAX_STATES)) * SECOND_NS
         self._states: list[_Robot] = []
@@ -318,10 +319,19 @@ class ContinuedRun:
     def _set_faults(self, faults: tuple[Fault, ...]) -> None:
         """Let the robot have faults from the start on, which begin later."""
         self._live.faults = faults
-        self._spec = branch_spec(self._past, Future(at=self.begun, faults=faults), self._scratch)
+        # One may begin after the recorded end.
+        end = max([self._duration, *(each.time + TICK_S for each in faults)])
+        past = self._past._replace(parameters=self._parameters(end))
+        self._spec = branch_spec(past, Future(at=self.begun, faults=faults), self._scratch)
         tasks = [task.name for task in self.implementation.tasks]
         faults_of(self._spec.parameters.of(ControllerParameters), tasks)
         self._later_states = []
+
+    def _parameters(self, duration: float) -> ParameterSet:
+        """Return the recorded parameters, for another duration of the run [s]."""
+        parameters = ParameterSet(self._past.parameters)
+        parameters.set(PLANT, 'duration', duration)
+        return parameters
 
     def keep(self, observer: RunObserver) -> Path | None:
         """Write the recording of what has been done; return it, or None if it was interrupted.
@@ -347,14 +357,14 @@ class ContinuedRun:
             for stamp_ns in {*inputs.retunings, *live.retunings}
             if stamp_ns < end_ns
         }
-        sticks = inputs.sticks
+        # The planned ones go on after the recorded end.
+        later = [at for at in range(FIRST_TICK_NS, end_ns, SLOW_PERIOD_NS) if at > inputs.last_ns]
+        sticks = {**inputs.sticks, **{at: self._spec.scenario.sticks_at(_time(at)) for at in later}}
         if live.sticks:
             # What has passed the faults of the gamepad is sent now, so they do not act again.
             sticks = {at: each for at, each in sticks.items() if at < self._begun_ns}
             sticks |= live.received
             faults = tuple(each for each in faults if each.component != 'gamepad')
-        parameters = ParameterSet(past.parameters)
-        parameters.set(PLANT, 'duration', (end_ns - FIRST_TICK_NS) / SECOND_NS)
         lived = past._replace(
             inputs=replace(
                 inputs,
@@ -363,7 +373,7 @@ class ContinuedRun:
                 retunings=retunings,
                 pushes=[each for each in inputs.pushes if each.start_ns < end_ns],
             ),
-            parameters=parameters,
+            parameters=self._parameters(_time(end_ns)),
         )
         pushes = tuple(
             ScheduledPush(_time(each.start_ns), self._push_ns / SECOND_NS, force=each.force)

@@ -127,6 +127,16 @@ def test_a_run_goes_on_beyond_its_recorded_end(continued):
     assert read_run(kept).end == pytest.approx(run.time - 0.004)
 
 
+def test_a_fault_may_begin_beyond_the_recorded_end(continued):
+    run = continued()
+    run.go_to(4.0)
+    done = duties(run, 200)
+    run.add_fault('gyro_x off')
+    assert run.time == pytest.approx(4.8)
+    done += duties(run, 100)
+    assert duties_of(run.keep(LogObserver()), 4.0, run.time) == done
+
+
 def test_what_is_refused_changes_nothing(continued):
     run = continued('lqg')
     run.go_to(2.0)
