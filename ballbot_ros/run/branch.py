@@ -336,7 +336,7 @@ def _sticks(
     """Return a stick: as it was recorded up to the moment, then that of the future."""
     is_planned = _is_planned(past, planned, number)
     if is_planned and future.sticks == RECORDED:
-        return planned
+        return StickSignal(tuple(each for each in planned.segments if each.start < duration))
     # Whole segments before the moment keep their names.
     segments = [each for each in planned.segments if is_planned and each.end <= future.at]
     begun = segments[-1].end if segments else 0.0

@@ -351,7 +351,8 @@ class ContinuedRun:
     def _branch(self) -> RunSpec:
         """Return the run of what has been done, up to the present."""
         past, live, end_ns = self._past, self._live, self._robot.now_ns
-        inputs, faults = past.inputs, live.faults
+        inputs = past.inputs
+        begun = faults = tuple(each for each in live.faults if _stamp(each.time) < end_ns)
         retunings = {
             stamp_ns: {**inputs.retunings.get(stamp_ns, {}), **live.retunings.get(stamp_ns, {})}
             for stamp_ns in {*inputs.retunings, *live.retunings}
@@ -382,7 +383,7 @@ class ContinuedRun:
         )
         future = Future(at=self.begun, pushes=pushes, faults=faults)
         spec = branch_spec(lived, future, self._scratch)
-        told = list(replace(future, faults=live.faults).told)
+        told = list(replace(future, faults=begun).told)
         told += [
             f'{CONTROLLER}.{name} = {value_text(value)} at {_time(stamp_ns):.3f} s'
             for stamp_ns, values in sorted(live.retunings.items())

@@ -137,6 +137,17 @@ def test_a_fault_may_begin_beyond_the_recorded_end(continued):
     assert duties_of(run.keep(LogObserver()), 4.0, run.time) == done
 
 
+def test_a_fault_that_has_not_begun_when_the_run_is_kept_is_not_in_it(continued):
+    run = continued()
+    run.go_to(2.0)
+    done = duties(run, 100)
+    run.add_fault('gyro_x off')
+    kept = run.keep(LogObserver())
+    assert duties_of(kept, 2.0, run.time) == done
+    with RecordingReader(kept) as reader:
+        assert Parent.decode(reader.attachments()).changes == ()
+
+
 def test_what_is_refused_changes_nothing(continued):
     run = continued('lqg')
     run.go_to(2.0)
