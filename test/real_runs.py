@@ -3,7 +3,7 @@
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.parameters import LogFormat
 from ballbot_ros.parameters.timing import MILLISECOND_NS
-from ballbot_ros.recording.csv_log import CsvLog
+from ballbot_ros.recording.csv_log import write_csv_log
 from ballbot_ros.recording.messages.brick_messages import BrickMessages
 from ballbot_ros.recording.messages.topics import BLUETOOTH_TX, GAMEPAD_JOY
 from ballbot_ros.recording.reader import RecordingReader
@@ -23,10 +23,7 @@ def logged_packets(recording):
 
 def write_csv(path, packets):
     """Write packets as the document's logger does; return the path."""
-    log = CsvLog(path)
-    for each in packets:
-        log.write(each)
-    log.close()
+    write_csv_log(path, packets)
     return path
 
 

@@ -66,7 +66,7 @@ COMMANDS = {
     'replay': ['replay', 'FIFO'],
     'repair': ['repair', 'FIFO'],
     'export': ['export', 'FIFO', '--to', 'csv'],
-    'log2csv': ['log2csv', 'FIFO'],
+    'data log': ['export', 'FIFO', '--to', 'log'],
     'run': ['run', 'FIFO', '--processes', 'none', '--no-record'],
     'map': ['map', 'FIFO'],
     'map of a run': ['run', 'stationary', '--no-record', '--set', 'plant_sim.map=FIFO'],
@@ -85,7 +85,7 @@ def test_no_command_blocks_on_a_fifo(fifo, tmp_path, name):
     assert list(tmp_path.iterdir()) == [fifo]
 
 
-@pytest.mark.parametrize('command', ['info', 'report', 'repair', 'log2csv'])
+@pytest.mark.parametrize('command', ['info', 'report', 'repair'])
 @pytest.mark.parametrize('folder', ['.', '/'])
 def test_a_folder_is_not_a_recording(command, folder):
     done = CliRunner().invoke(ballbot, [command, folder])

@@ -1,52 +1,33 @@
-"""The data log in a recording, and its conversion to CSV, in the format of the gamepad node."""
+"""The data log in a recording, and its conversion to CSV, in the format of the PC tool."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from ballbot_ros.analysis.recorded_runs import robot_namespace
 from ballbot_ros.errors import RecordingError
-from ballbot_ros.parameters.timing import MILLISECOND_NS
-from ballbot_ros.recording.csv_log import CsvLog
-from ballbot_ros.recording.messages.conversions import log_packet, time_ns
+from ballbot_ros.recording.csv_log import write_csv_log
+from ballbot_ros.recording.messages.conversions import log_packet
 from ballbot_ros.recording.messages.topics import BLUETOOTH_TX, RUN
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.robot.brick.bluetooth import LogPacket, PacketError
 
 
-@dataclass(frozen=True)
-class DataLogFiles:
-    """The written files, one per run, and the number of malformed packets."""
+class DataLog(NamedTuple):
+    """The log packets of each run that has some, and the number of malformed packets."""
 
-    paths: Sequence[Path]
-    topic: str
+    runs: list[list[LogPacket]]
     malformed: int
 
 
-def last_log(reader: RecordingReader) -> list[LogPacket]:
-    """Return the log packets of the last run of a real robot."""
-    namespace = robot_namespace(reader, [BLUETOOTH_TX]) or ''
-    packets, runs = BLUETOOTH_TX.resolved(namespace), RUN.resolved(namespace)
-    found: list[LogPacket] = []
-    for topic, _, message in reader.messages({packets, runs} & reader.topics().keys()):
-        if topic == runs:
-            found = []
-            continue
-        with suppress(PacketError):
-            found.append(log_packet(message))
-    return found
-
-
-def write_data_log(reader: RecordingReader, output: Path) -> DataLogFiles:
-    """Write the log packets of a recording as CSV, one file per run.
+def read_data_log(reader: RecordingReader) -> DataLog:
+    """Return the log packets in a recording.
 
     Raises
     ------
     RecordingError
-        If there is no topic of log packets, or a message can't be read; no file remains then.
+        If there is no topic of log packets, or a message can't be read.
     """
     namespace = robot_namespace(reader, [BLUETOOTH_TX])
     if namespace is None:
@@ -54,21 +35,39 @@ def write_data_log(reader: RecordingReader, output: Path) -> DataLogFiles:
         raise RecordingError(
             f'{reader.path}: topic {BLUETOOTH_TX.name!r} not found; the file has {names}'
         )
-    packets, runs = BLUETOOTH_TX.resolved(namespace), RUN.resolved(namespace)
-    log, malformed = CsvLog(output), 0
-    try:
-        for topic, _, message in reader.messages({packets, runs} & reader.topics().keys()):
-            if topic == runs:
-                log.begin_run(time_ns(message.stamp) // MILLISECOND_NS)
-                continue
-            try:
-                log.write(log_packet(message))
-            except PacketError:
-                malformed += 1
-    except RecordingError:
-        log.close()
-        for path in log.paths:
-            path.unlink()
-        raise
-    log.close()
-    return DataLogFiles(log.paths, packets, malformed)
+    packets, announced = BLUETOOTH_TX.resolved(namespace), RUN.resolved(namespace)
+    runs: list[list[LogPacket]] = []
+    malformed, begins_ns = 0, 0
+    for topic, log_ns, message in reader.messages({packets, announced} & reader.topics().keys()):
+        if topic == announced:
+            begins_ns = log_ns
+            continue
+        # The announcement of a run can overtake the last packets of the run before.
+        if not runs or 0 < begins_ns <= log_ns:
+            runs.append([])
+            begins_ns = 0
+        try:
+            runs[-1].append(log_packet(message))
+        except PacketError:
+            malformed += 1
+    return DataLog([each for each in runs if each], malformed)
+
+
+def last_log(reader: RecordingReader) -> list[LogPacket]:
+    """Return the log packets of the last run of a real robot."""
+    *_, last = [], *read_data_log(reader).runs
+    return last
+
+
+def write_data_log(log: DataLog, path: Path) -> list[Path]:
+    """Write a log as CSV files, one for each run: the path, ``…_2.csv`` and so on; return them.
+
+    Raises
+    ------
+    RecordingError
+        If a file already exists or can't be written.
+    """
+    paths = [path.with_name(f'{path.stem}_{n}{path.suffix}') for n in range(2, len(log.runs) + 1)]
+    for each, packets in zip((path, *paths), log.runs, strict=False):
+        write_csv_log(each, packets)
+    return [path, *paths][: len(log.runs)]

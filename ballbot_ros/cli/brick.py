@@ -12,7 +12,6 @@ from ballbot_ros.cli.options import (
     PATH,
     Choice,
     device_option,
-    log_option,
     no_keyboard_option,
     set_option_like,
 )
@@ -44,7 +43,6 @@ def command() -> None:
 @no_keyboard_option
 @click.option('--output', type=PATH, help='Folder for the recording.  [default: runs/<date>_brick]')
 @click.option('--no-record', is_flag=True, help='Write no recording.')
-@log_option
 @set_option_like('brick_link.deadzone=0.1')
 def drive(
     address: str,
@@ -54,7 +52,6 @@ def drive(
     no_keyboard: bool,
     output: Path | None,
     no_record: bool,
-    log: Path | None,
     assignments: tuple[str, ...],
 ) -> int:
     """Drive a brick by hand and record it: gamepad, keyboard, or the topics joy and cmd_vel.
@@ -75,7 +72,6 @@ def drive(
         port=port,
         device=device,
         assignments=assignments,
-        log=log,
         output=output,
         record=not no_record,
     )

@@ -10,7 +10,6 @@ from ballbot_ros.cli.options import (
     PATH,
     controller_option,
     device_option,
-    log_option,
     no_browser_option,
     no_keyboard_option,
     no_wait_option,
@@ -39,7 +38,6 @@ from ballbot_ros.run.requirements import require_rclpy
     help='Folder for the recording.  [default: runs/<date>_drive]',
 )
 @click.option('--no-record', is_flag=True, help='Write no recording.')
-@log_option
 @set_option
 @controller_option
 @click.option(
@@ -58,7 +56,6 @@ def command(
     no_keyboard: bool,
     output: Path | None,
     no_record: bool,
-    log: Path | None,
     assignments: tuple[str, ...],
     controller: str | None,
     viewer: bool,
@@ -99,7 +96,6 @@ def command(
             spec,
             observer,
             no_keyboard=obstacle,
-            log=log,
             viewer=viewer,
             starts_paused=page is not None and page.waits,
         )

@@ -129,11 +129,6 @@ no_keyboard_option = click.option(
 )
 """Leaves the keys to others."""
 
-log_option = click.option(
-    '--log', type=NEW_FILE, help='File for the data log of the brick, as CSV.'
-)
-"""Keeps what the brick logs."""
-
 no_browser_option = click.option(
     '--no-browser', is_flag=True, help='Open no browser; only print the address of the page.'
 )

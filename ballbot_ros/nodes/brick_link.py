@@ -25,7 +25,6 @@ from ballbot_ros.nodes.transports.whole_packets import WholePackets
 from ballbot_ros.parameters import BrickLinkParameters, LogFormat
 from ballbot_ros.parameters.timing import MILLISECOND_NS, SLOW_PERIOD_NS, TICK_NS
 from ballbot_ros.recording.brick_clock import BrickClock
-from ballbot_ros.recording.csv_log import CsvLog
 from ballbot_ros.recording.messages.brick_messages import BrickMessages
 from ballbot_ros.recording.messages.run_messages import Send
 from ballbot_ros.recording.messages.topics import SCENARIO, Topic
@@ -132,8 +131,6 @@ class BrickLink(BallbotNode[BrickLinkParameters]):
         self.name, self._connect = _connector(self.parameters)
         lock = DomainLock(self.context.get_domain_id())
         self.on_destroy.callback(lock.release)
-        path = self.parameters.log_csv
-        self._log = CsvLog(Path(path)) if path else None
         self._output = BrickOutput(self)
         log_format = LogFormat.from_parameters(self.parameters)
         self._messages = BrickMessages(self._output.make, log_format)
@@ -196,7 +193,7 @@ class BrickLink(BallbotNode[BrickLinkParameters]):
             os.close(link)
             self.is_connected = False
         self._take(self._stream.end())
-        self._flush()
+        self._output.flush()
         if self._ends.is_set():
             return
         if serial_port.is_pseudo(self.name):
@@ -219,7 +216,7 @@ class BrickLink(BallbotNode[BrickLinkParameters]):
                 self._send_sticks(sender, now_s)
             if now_s - flush_s > _FLUSH_S:
                 flush_s = now_s
-                self._flush()
+                self._output.flush()
 
     def _is_heard(self, now_s: float) -> bool:
         """Return whether the brick's program balances: only then does it send and read packets."""
@@ -254,11 +251,7 @@ class BrickLink(BallbotNode[BrickLinkParameters]):
             if begins_run:
                 self._runs += 1
                 self._messages.begin(stamp_ns, f'{self._runs} {self.name}')
-                if self._log:
-                    self._log.begin_run(packet.time_ms)
             self._messages.packet(stamp_ns, packet)
-            if self._log:
-                self._log.write(packet)
             self.newest = packet
             self.count_sample(stamp_ns)
 
@@ -266,11 +259,6 @@ class BrickLink(BallbotNode[BrickLinkParameters]):
         if text != self._link_problem:
             self._link_problem = text
             self.get_logger().warning(text)
-
-    def _flush(self) -> None:
-        self._output.flush()
-        if self._log:
-            self._log.flush()
 
     # What the user sees
 
@@ -327,7 +315,7 @@ class BrickLink(BallbotNode[BrickLinkParameters]):
         super().report()
 
     def close(self) -> None:
-        """Send neutral sticks, and finish recording and log."""
+        """Send neutral sticks, and finish the recording."""
         if self.terminal:
             self.terminal.close()
         self._ends.set()
@@ -338,8 +326,6 @@ class BrickLink(BallbotNode[BrickLinkParameters]):
             return
         try:
             self._output.close(self.losses)
-            if self._log:
-                self._log.close()
         except BallbotError as error:
             self.fail(str(error))
 

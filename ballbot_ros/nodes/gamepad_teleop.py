@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -27,12 +26,10 @@ from ballbot_ros.nodes.teleop.gamepad import (
 )
 from ballbot_ros.nodes.teleop.sticks import Arbiter, Command, JoyMapping, VelocityMapping
 from ballbot_ros.parameters import GamepadParameters
-from ballbot_ros.parameters.timing import MILLISECOND_NS, SLOW_PERIOD_NS
-from ballbot_ros.recording.csv_log import CsvLog
-from ballbot_ros.recording.messages.conversions import encode_sticks, log_packet, planar_velocity
+from ballbot_ros.parameters.timing import SLOW_PERIOD_NS
+from ballbot_ros.recording.messages.conversions import encode_sticks, planar_velocity
 from ballbot_ros.recording.messages.raw import decoder, stamp_of
 from ballbot_ros.recording.messages.topics import (
-    BLUETOOTH_TX,
     CMD_VEL,
     CMD_VEL_STAMPED,
     GAMEPAD_JOY,
@@ -43,8 +40,7 @@ from ballbot_ros.recording.messages.topics import (
     VIEWER_JOY,
     Topic,
 )
-from ballbot_ros.recording.schemas import Bytes
-from ballbot_ros.robot.brick.bluetooth import NEUTRAL, PacketError, Sticks
+from ballbot_ros.robot.brick.bluetooth import NEUTRAL, Sticks
 from ballbot_ros.robot.brick.fault_effects import fault_row, packet_time
 from ballbot_ros.robot.brick.faults import faults_of
 from ballbot_ros.robot.random_numbers import noise_key
@@ -216,7 +212,6 @@ class TeleopInputs:
 
 
 LIST_DEVICES = '--list-devices'
-FLUSH_PERIOD_S = 0.5
 
 
 class GamepadTeleop(BallbotNode[GamepadParameters]):
@@ -233,24 +228,17 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
         self._output = self.output(GAMEPAD_JOY)
         self._sources = Arbiter()
         self._input_errors = InputErrors()
-        self._log: CsvLog | None = None
-        self._log_subscription: Subscription | None = None
-        self._set_log()  # may fail; so before a thread reads the gamepad
         self._inputs = TeleopInputs(self, self._sources, self._input_errors)
         self.terminal: TeleopTerminal | None = None
         self._set_terminal()
-        self.create_wall_timer(FLUSH_PERIOD_S, self._flush_log)
         self._participation = Participation(self, self._on_run)
         # A controller that does not wait for the sticks lets the plant run ahead.
         self.subscribe(PLANT_SLOW_ODOM, self._on_truth, depth=HISTORY, raw=True)
 
     def check(self, parameters: GamepadParameters) -> None:
-        """Check that scenario, terminal and gamepad are available, and that the log file is new."""
+        """Check that scenario, terminal and gamepad are available."""
         scenario_of(parameters.scenario)
         faults_of(parameters)
-        path = parameters.log_csv
-        if path and path != self.parameters.log_csv and Path(path).exists():
-            raise TeleopError(f'{path}: already exists; choose another file')
         if parameters.keyboard and not self.parameters.keyboard:
             from ballbot_ros.nodes.teleop.terminal import keyboard_unavailable_reason
 
@@ -275,12 +263,6 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
             self._set_terminal()
         elif self.terminal:
             self.terminal.apply_parameters()
-        if self.parameters.log_csv != before.log_csv:
-            self._close_log()
-            try:
-                self._set_log()
-            except TeleopError as error:
-                self._give_up_log(error)
 
     def _set_terminal(self) -> None:
         self._close_terminal()
@@ -303,19 +285,11 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
             self._display.close()
             self.terminal = None
 
-    def _set_log(self) -> None:
-        if self.parameters.log_csv:
-            self._log = CsvLog(Path(self.parameters.log_csv))
-            if self._log_subscription is None:
-                self._log_subscription = self.subscribe(BLUETOOTH_TX, self._on_log, depth=HISTORY)
-
     def _on_run(self, run: RunIdentity) -> None:
         self._start_ns = run.start_ns
         self._answers = GivenAnswers[Command]()
         self._sent = {}
         self._faults = fault_row(faults_of(self.parameters), run.start_ns)
-        if self._log:
-            self._log.begin_run(run.start_ns // MILLISECOND_NS)
 
     def _on_truth(self, truth: bytes) -> None:
         try:
@@ -354,28 +328,6 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
     def _source_name(self) -> str:
         return self._command.source_name(self.parameters.scenario)
 
-    def _on_log(self, message: Bytes) -> None:
-        if self._log is None:
-            return
-        try:
-            self._log.write(log_packet(message))
-            self._input_errors.clear(BLUETOOTH_TX.name)
-        except PacketError as error:
-            self._inputs.report_input_error(BLUETOOTH_TX.name, f'{error}; packet skipped')
-        except TeleopError as error:
-            self._give_up_log(error)
-
-    def _flush_log(self) -> None:
-        if self._log:
-            try:
-                self._log.flush()
-            except TeleopError as error:
-                self._give_up_log(error)
-
-    def _give_up_log(self, error: BallbotError) -> None:
-        self._log = None
-        self.fail(f'log_csv: {error}')
-
     def report(self) -> None:
         """Publish the diagnostics, then drop the input errors that were cleared."""
         super().report()
@@ -395,19 +347,10 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
         }
 
     def close(self) -> None:
-        """Restore the terminal, close gamepad and log, and let the last sample arrive."""
+        """Restore the terminal, close the gamepad, and let the last sample arrive."""
         self._close_terminal()
         self.flush(GAMEPAD_JOY)
         self._inputs.close()
-        self._close_log()
-
-    def _close_log(self) -> None:
-        if self._log:
-            try:
-                self._log.close()
-                self._log = None
-            except TeleopError as error:
-                self._give_up_log(error)
 
 
 def main() -> int:

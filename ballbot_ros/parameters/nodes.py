@@ -215,13 +215,12 @@ SHARE = (0.0, 1.0)
 
 @dataclass(frozen=True, kw_only=True)
 class DrivingInputs(BallRadius, StickScale, NodeParameters):
-    """The inputs that drive the robot by hand, and where its data log goes."""
+    """The inputs that drive the robot by hand."""
 
     device: str = setting(
         'any', 'gamepad to read directly: any, its number, or part of its name; empty: none'
     )
     keyboard: bool = setting(False, 'true: the arrow keys of the terminal drive')
-    log_csv: str = path('CSV file for the data log, a new one for each run; empty: none', 'facts')
     require_enable_button: bool = setting(
         False, 'true: the sticks of joy and gamepad only work while the enable button is pressed'
     )

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable
 from dataclasses import astuple, fields
 from pathlib import Path
-from typing import TextIO
 
-from ballbot_ros.errors import RecordingError, TeleopError, printable
+from ballbot_ros.errors import RecordingError, printable
 from ballbot_ros.robot.brick.bluetooth import CLOCK_PERIOD_MS, LogPacket, PacketError
 
 HEADER = (
@@ -16,78 +14,26 @@ HEADER = (
 )
 
 
-class CsvLog:
-    """Writes log packets, with a separate file for each run.
-
-    The first file, `path`, is created at once. The files of further runs, ``…_2.csv`` and so on,
-    are created with their first packet: the announcement of a run can overtake the last packets of
-    the previous run. The time of a packet shows which run it belongs to. Files are never
-    overwritten; `paths` are those so far.
+def write_csv_log(path: Path, packets: Iterable[LogPacket]) -> None:
+    """Write the packets of a run to a new file.
 
     Raises
     ------
-    TeleopError
-        If a file already exists or can't be written; the message begins with its path.
+    RecordingError
+        If it already exists or can't be written; the message begins with its path.
     """
-
-    def __init__(self, path: Path) -> None:
-        self.paths = [path]
-        self._run_start_ms: int | None = None
-        self._next_start_ms: int | None = None
-        try:
-            self._file = _create(path)
-        except FileExistsError:
-            raise TeleopError(f'{path}: already exists; choose another file') from None
-        except OSError as error:
-            raise TeleopError(f'{path}: {error.strerror}') from None
-
-    def begin_run(self, start_ms: int) -> None:
-        """Note the announcement of a run by the sim time of its first tick [ms]."""
-        if self._run_start_ms is None:
-            self._run_start_ms = start_ms
-        else:
-            self._next_start_ms = start_ms
-
-    def write(self, packet: LogPacket) -> None:
-        """Write a packet."""
-        with self._writing():
-            if self._next_start_ms is not None and _is_since(packet.time_ms, self._next_start_ms):
-                self._run_start_ms, self._next_start_ms = self._next_start_ms, None
-                self._file.close()
-                self._file = self._create_next()
-            self._file.write(','.join(map(str, astuple(packet))) + '\n')
-
-    def flush(self) -> None:
-        """Pass everything to the operating system."""
-        with self._writing():
-            self._file.flush()
-
-    def close(self) -> None:
-        """Finish the file."""
-        with self._writing():
-            self._file.close()
-
-    @contextmanager
-    def _writing(self) -> Iterator[None]:
-        try:
-            yield
-        except OSError as error:
-            raise TeleopError(f'{self.paths[-1]}: {error.strerror}') from None
-
-    def _create_next(self) -> TextIO:
-        first, number = self.paths[0], len(self.paths) + 1
-        while True:
-            path = first.with_name(f'{first.stem}_{number}{first.suffix}')
-            self.paths.append(path)
-            try:
-                return _create(path)
-            except FileExistsError:
-                self.paths.pop()
-                number += 1
+    rows = [HEADER, *(','.join(map(str, astuple(each))) for each in packets), '']
+    try:
+        with path.open('x', encoding='ascii', newline='') as file:
+            file.write('\n'.join(rows))
+    except FileExistsError:
+        raise RecordingError(f'{path}: already exists; choose another --output') from None
+    except OSError as error:
+        raise RecordingError(f'{path}: {error.strerror}') from None
 
 
 def read_csv_log(path: Path) -> list[LogPacket]:
-    """Return the packets in a file of :class:`CsvLog`.
+    """Return the packets in a file of :func:`write_csv_log`.
 
     Raises
     ------
@@ -132,14 +78,6 @@ def _integer(cell: str) -> int:
     if not cell.strip().removeprefix('-').isdecimal():
         raise ValueError(f'{printable(cell)!r} is not a whole number')
     return int(cell)
-
-
-def _create(path: Path) -> TextIO:
-    file = path.open('x', encoding='ascii', newline='')
-    file.write(HEADER + '\n')
-    # Flush the header, so that a full disk or an exceeded limit shows at once.
-    file.flush()
-    return file
 
 
 def _is_since(time_ms: int, start_ms: int) -> bool:

@@ -63,7 +63,7 @@ _OF_A_RUN: Mapping[str, Mapping[str, Value]] = {
         'require_recorder': False,
         'live_from': 0.0,
     },
-    GAMEPAD: {'device': '', 'keyboard': False, 'log_csv': ''},
+    GAMEPAD: {'device': '', 'keyboard': False},
 }
 """Parameters of a recorded run that its branch does not have."""
 

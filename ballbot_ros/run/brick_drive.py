@@ -28,7 +28,7 @@ NAME = 'brick'
 
 _OPTIONS = [
     f'{BRICK_LINK}.{name}'
-    for name in ('address', 'serial_port', 'output', 'attachments', 'keyboard', 'log_csv')
+    for name in ('address', 'serial_port', 'output', 'attachments', 'keyboard')
 ]
 """Parameters that options of the command set."""
 
@@ -40,7 +40,6 @@ def brick_spec(
     port: str = '',
     device: str | None = None,
     assignments: Sequence[str] = (),
-    log: Path | None = None,
     output: Path | None = None,
     record: bool = True,
 ) -> RunSpec:
@@ -62,8 +61,6 @@ def brick_spec(
     parameters.set(BRICK_LINK, 'serial_port', port, '--port')
     if device is not None:
         parameters.set(BRICK_LINK, 'device', device, '--device')
-    if log is not None:
-        parameters.set(BRICK_LINK, 'log_csv', str(log.resolve()), '--log')
     for assignment in assignments:
         if not assignment.startswith(f'{BRICK_LINK}.'):
             raise ParameterError(f'--set {assignment}: only {BRICK_LINK} runs here')

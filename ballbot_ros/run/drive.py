@@ -96,7 +96,6 @@ def drive(
     observer: RunObserver,
     *,
     no_keyboard: str = '',
-    log: Path | None = None,
     viewer: bool = False,
     starts_paused: bool = False,
 ) -> DriveResult:
@@ -106,8 +105,6 @@ def drive(
     ----------
     no_keyboard : str
         Why the keyboard is not used for driving; '' if it is.
-    log : Path or None
-        File for the data log of the brick.
     starts_paused : bool
         Whether the drive waits for the page to be opened, or for a key.
 
@@ -122,13 +119,11 @@ def drive(
         recording = stack.enter_context(output_files(spec)).recording
         scratch = Path(stack.enter_context(temporary_folder()))
         parameters = graph_parameters(spec, recording, scratch)
-        # Set these after the attachments are written: a replay needs neither terminal nor log, and
-        # waits for nobody.
+        # Set these after the attachments are written: a replay needs no terminal, and waits for
+        # nobody.
         parameters.set(GAMEPAD, 'keyboard', not no_keyboard)
         if starts_paused:
             parameters.set(PLANT, 'start_paused', True)
-        if log is not None:
-            parameters.set(GAMEPAD, 'log_csv', str(log.resolve()), '--log')
         names = [n for n in NODES if n != GAMEPAD and (n != RECORDER or recording)]
         if viewer:
             names.append(VIEWER)

@@ -185,7 +185,7 @@ def test_a_log_that_was_opened_is_saved_as_a_recording(files, tmp_path):
         (['report', '{file}', '--output', '{new}'], 'not judged: the true motion of a real robot'),
         (['export', '{file}', '--to', 'csv', '--output', '{new}'], 'controller_state.csv'),
         (['export', '{file}', '--to', 'csv', '--joined', '--output', '{new}'], 'joined.csv'),
-        (['log2csv', '{file}', '--output', '{new}'], 'data log'),
+        (['export', '{file}', '--to', 'log', '--output', '{new}'], '.csv'),
         (['compare', '{file}', '{file}'], 'metrics without a difference'),
     ],
 )  # fmt: skip
@@ -193,8 +193,9 @@ def test_every_command_takes_both_files(command, files, tmp_path, kind, words, t
     given = {'file': files[kind], 'new': tmp_path / 'new'}
     status, stdout, stderr = command(*(word.format(**given) for word in words))
     assert (status, told in stdout) == (0, True), (stdout, stderr)
-    if words[0] == 'log2csv':
-        assert (tmp_path / 'new').read_bytes() == files['csv'].read_bytes()
+    if 'log' in words:
+        (written,) = (tmp_path / 'new').iterdir()
+        assert written.read_bytes() == files['csv'].read_bytes()
 
 
 def test_logged_duties_and_gyros_are_shown_and_nothing_is_made_of_them(driven, real, tmp_path):

@@ -11,10 +11,10 @@ from generated import SHORT, commissioning, need
 from graph import BALLBOT, LAST_RESORT_S, environment, wait_for
 from terminal import REPEAT_S, Terminal
 
+from ballbot_ros.analysis.data_log import last_log
 from ballbot_ros.controllers.codegen.application import write_application
 from ballbot_ros.controllers.commissioning import END
 from ballbot_ros.nodes.transports import serial_port
-from ballbot_ros.recording.csv_log import read_csv_log
 from ballbot_ros.recording.messages.conversions import decode_sticks
 from ballbot_ros.recording.messages.topics import (
     BATTERY_STATE,
@@ -103,7 +103,7 @@ def test_a_maker_generates_drives_and_records(command, tmp_path, domain, monkeyp
     terminal = Terminal()
     drive = terminal.start(
         [*BALLBOT, 'brick', 'drive', '--port', port, '--program', 'mine', '--device', '',
-         '--output', 'run', '--log', 'log.csv'], **environment(domain),
+         '--output', 'run'], **environment(domain),
     )  # fmt: skip
     terminal.wait_for_text(rb'nobody')
     wait_for(lambda: re.search('[1-9][0-9]* packets', shown(terminal)), what='packets')
@@ -124,7 +124,7 @@ def test_a_maker_generates_drives_and_records(command, tmp_path, domain, monkeyp
         sticks = [decode_sticks(raw.data) for raw in reader.raw_messages([f'/{GAMEPAD_JOY.name}'])]
         attached = {*reader.attachments()}
         assert reader.damage is None
-    packets = read_csv_log(tmp_path / 'log.csv')
+        packets = last_log(reader)
     assert counts[f'/{RUN.name}'] == 1
     for topic in (BLUETOOTH_TX, BATTERY_STATE, JOINT_STATES, CONTROLLER_STATE):
         assert counts[f'/{topic.name}'] == len(packets)
@@ -147,7 +147,7 @@ def test_a_maker_commissions_a_robot_on_a_stand(command, tmp_path, domain, monke
     port = re.search('/dev/pts/[0-9]+', emulator.stdout.readline()).group()
     drive = subprocess.Popen(
         [*BALLBOT, 'brick', 'drive', '--port', port, '--program', 'mine', '--device', '',
-         '--no-keyboard', '--output', 'run', '--log', 'log.csv'], env=environment(domain),
+         '--no-keyboard', '--output', 'run'], env=environment(domain),
         stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
     )  # fmt: skip
     for _ in range(END + 2):
@@ -159,7 +159,7 @@ def test_a_maker_commissions_a_robot_on_a_stand(command, tmp_path, domain, monke
     emulator.communicate(timeout=LAST_RESORT_S)
     with RecordingReader('run/brick.mcap') as reader:
         counts = {name: each.message_count for name, each in reader.topics().items()}
-    packets = read_csv_log(tmp_path / 'log.csv')
+        packets = last_log(reader)
     assert counts[f'/{MOTOR_DUTY.name}'] == counts[f'/{GYRO_IMU.name}'] == len(packets)
     assert {packet.adc1 for packet in packets} == {*range(END + 1)}
     assert 590 < packets[5].adc3 < 620

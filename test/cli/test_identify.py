@@ -9,7 +9,7 @@ from graph import call
 from recordings import copy_recording
 
 import ballbot_ros as bb
-from ballbot_ros.analysis.data_log import write_data_log
+from ballbot_ros.analysis.data_log import read_data_log, write_data_log
 from ballbot_ros.analysis.identification.identification import (
     HARD_TO_MEASURE,
     ExperimentSummary,
@@ -67,7 +67,7 @@ def logs(tmp_path_factory):
 
 def data_log(folder, scenario, **plant):
     with RecordingReader(simulated(folder, scenario, **plant)) as reader:
-        (path,) = write_data_log(reader, folder / 'log.csv').paths
+        (path,) = write_data_log(read_data_log(reader), folder / 'log.csv')
     return path
 
 

@@ -151,7 +151,7 @@ def test_keys_that_arrive_together_are_separated():
 @pytest.mark.parametrize(
     ('words', 'message'),
     [
-        (['--to', 'cvs'], "'csv', 'parquet' (did you mean csv?)"),
+        (['--to', 'cvs'], "'csv', 'parquet', 'log' (did you mean csv?)"),
         (['--to', 'csv', '--topics', '/motor_dty'], "'/motor_dty' not found (did you mean "),
         (['--to', 'csv', '--output', ''], "'--output': names nothing"),
         (['--to', 'csv', '--output', '{file}'], ': not a folder; choose another --output'),

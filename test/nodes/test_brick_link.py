@@ -17,6 +17,7 @@ from graph import BALLBOT, LAST_RESORT_S, environment, wait_for
 
 pytest.importorskip('rclpy')
 
+from ballbot_ros.analysis.data_log import last_log
 from ballbot_ros.controllers.codegen.application import write_application
 from ballbot_ros.errors import RecordingError
 from ballbot_ros.nodes import brick_link
@@ -24,7 +25,6 @@ from ballbot_ros.nodes.brick_link import BrickLink
 from ballbot_ros.nodes.teleop.sticks import KEYBOARD
 from ballbot_ros.nodes.transports.whole_packets import WholePackets
 from ballbot_ros.parameters import BrickLinkParameters, ControllerParameters
-from ballbot_ros.recording.csv_log import read_csv_log
 from ballbot_ros.recording.messages.conversions import decode_sticks
 from ballbot_ros.recording.messages.topics import (
     BLUETOOTH_TX,
@@ -268,8 +268,7 @@ def test_a_late_brick_is_found_and_a_restarted_one_begins_a_run(start, tmp_path)
 
 
 def test_what_is_missing_is_told_and_marked_in_the_recording(brick, start, tmp_path):
-    log = tmp_path / 'log.csv'
-    node = start(brick.path, log_csv=str(log))
+    node = start(brick.path)
     brick.accept()
     brick.send(2004, 2104)
     brick.link.sendall((LENGTH + packet(2204).encode())[1:])
@@ -280,7 +279,7 @@ def test_what_is_missing_is_told_and_marked_in_the_recording(brick, start, tmp_p
     assert node.losses == told
     with RecordingReader(tmp_path / 'brick.mcap') as reader:
         assert told in reader.damage
-    assert [each.time_ms for each in read_csv_log(log)] == [2004, 2104, 2304, 2404]
+        assert [each.time_ms for each in last_log(reader)] == [2004, 2104, 2304, 2404]
 
 
 def test_a_link_that_leads_nowhere_is_one_line(run_node):

@@ -12,9 +12,8 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.serialization import serialize_message
 from stubs import bare
 
-from ballbot_ros.errors import TeleopError
 from ballbot_ros.lockstep.lockstep import GivenAnswers, RunIdentity
-from ballbot_ros.nodes import gamepad_teleop, teleop_terminal
+from ballbot_ros.nodes import teleop_terminal
 from ballbot_ros.nodes.base import BallbotNode
 from ballbot_ros.nodes.gamepad_teleop import GamepadTeleop
 from ballbot_ros.nodes.teleop.gamepad import InputErrors
@@ -125,35 +124,20 @@ def test_a_new_source_of_the_sticks_is_logged():
         assert node.diagnose() == {'in command': 'keyboard', 'sticks': '-50 0', 'gamepad': told}
 
 
-def test_a_log_that_can_not_be_written_is_given_up_once(monkeypatch):
-    def fail(*_):
-        raise TeleopError('disk full')
-
-    monkeypatch.setattr(gamepad_teleop, 'log_packet', lambda message: message)
-    for act in (lambda node: node._on_log(b''), GamepadTeleop._flush_log, GamepadTeleop._close_log):
-        failures = []
-        node = bare(GamepadTeleop, _log=SimpleNamespace(write=fail, flush=fail, close=fail))
-        node.fail = failures.append
-        for _ in range(2):
-            act(node)
-        assert failures == ['log_csv: disk full']
-
-
-def test_terminal_gamepad_and_log_are_closed():
+def test_terminal_and_gamepad_are_closed():
     closed = []
 
     def closing(name):
         return SimpleNamespace(close=lambda: closed.append(name))
 
     node = bare(
-        GamepadTeleop, _inputs=closing('gamepad'), _log=closing('log'),
-        terminal=closing('terminal'), _display=closing('robot'),
-        flush=lambda topic: closed.append(topic.name),
+        GamepadTeleop, _inputs=closing('gamepad'), terminal=closing('terminal'),
+        _display=closing('robot'), flush=lambda topic: closed.append(topic.name),
     )  # fmt: skip
     node.close()
-    assert closed == ['terminal', 'robot', 'gamepad', 'gamepad', 'log']
+    assert closed == ['terminal', 'robot', 'gamepad', 'gamepad']
     node.close()
-    assert closed[5:] == ['gamepad', 'gamepad']
+    assert closed[4:] == ['gamepad', 'gamepad']
 
 
 @pytest.fixture

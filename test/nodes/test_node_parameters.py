@@ -18,7 +18,6 @@ from std_msgs.msg import Header
 
 from ballbot_ros.controllers.document.axis import task_timings
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.nodes import gamepad_teleop
 from ballbot_ros.nodes.node_parameters import NEXT_RUN
 from ballbot_ros.nodes.registry import REGISTRY
 from ballbot_ros.parameters import (
@@ -162,7 +161,6 @@ REFUSED = {
     GAMEPAD: [
         ('scenario', 'nothing', 'unknown scenario'),
         ('keyboard', True, 'keyboard'),
-        ('log_csv', '/dev/null', 'already exists'),
     ],
     CONTROLLER: [
         ('k_f', [1.0, 2.0], 'not a list of 4 numbers'),
@@ -212,19 +210,6 @@ def test_a_number_that_yaml_reads_as_text_is_accepted_for_a_float(make):
 def test_an_integer_is_accepted_for_a_float_on_the_command_line(make):
     node = make(GYRO, ['-p', 'noise:=1'])
     assert node.parameters.noise == 1.0
-
-
-def test_a_log_that_can_not_be_created_for_the_next_run_does_not_end_the_drive(make, tmp_path):
-    node = make(GAMEPAD)
-    path = tmp_path / 'none' / 'log.csv'
-    assert set_one(node, 'log_csv', str(path)).successful
-    node.apply_parameters()
-    assert node.exit_status == 1
-    assert set_one(node, 'log_csv', str(tmp_path / 'log.csv')).successful
-    node.apply_parameters()
-    assert (tmp_path / 'log.csv').exists()
-    # The log that is being written does not count as an existing file.
-    assert set_one(node, 'deadzone', 0.2).successful
 
 
 def test_parameters_can_be_set_while_the_keyboard_drives(make):
@@ -381,15 +366,6 @@ def test_a_node_without_a_design_says_how_to_get_it(make, tmp_path):
     node = make(CONTROLLER, [*arguments, '-p', 'user.gain:=[1.0, 2.0, 3.0]'])
     assert node.parameters.values()['user.gain'] == (1.0, 2.0, 3.0)
     assert set_one(node, 'user.gain', [4.0]).successful
-
-
-def test_a_log_that_can_not_be_written_is_refused_before_the_gamepad_is_read(make, monkeypatch):
-    """The thread of the gamepad would go on while the program ends, and fail in the end."""
-    opened = []
-    monkeypatch.setattr(gamepad_teleop, 'TeleopInputs', lambda *arguments: opened.append(arguments))
-    with pytest.raises(BallbotError, match=r'/nowhere/log\.csv: No such file or directory'):
-        make(GAMEPAD, log_csv='/nowhere/log.csv')
-    assert opened == []
 
 
 def test_values_that_take_effect_at_once_are_checked_with_those_still_in_effect(make, tmp_path):

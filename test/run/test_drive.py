@@ -6,7 +6,6 @@ import threading
 import time
 from contextlib import nullcontext
 from functools import partial
-from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -24,7 +23,6 @@ from ballbot_ros.parameters import (
     NODES,
     RECORDER,
     VIEWER,
-    GamepadParameters,
     PlantParameters,
 )
 from ballbot_ros.run import drive, one_process
@@ -121,13 +119,11 @@ def test_a_drive_without_a_keyboard_says_why(monkeypatch, tmp_path):
         assert [reason in notice for notice in graph.notices] == ([True] if reason else [])
 
 
-def test_a_drive_writes_recording_and_log_where_it_is_told(monkeypatch, tmp_path):
+def test_a_drive_writes_the_recording_where_it_is_told(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     graph = Graph(monkeypatch, lambda should_stop: (tmp_path / 'run/drive.mcap').touch())
-    result = graph.drive(tmp_path / 'run', log=Path('log.csv'))
+    result = graph.drive(tmp_path / 'run')
     assert result.recording == tmp_path / 'run/drive.mcap'
-    assert graph.parameters.log_csv == str(tmp_path / 'log.csv')
-    assert drive_spec().parameters.of(GamepadParameters).log_csv == ''
 
 
 def test_a_signal_the_quit_key_and_the_loss_of_the_terminal_stop_a_drive(monkeypatch, tmp_path):

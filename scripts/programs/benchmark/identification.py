@@ -15,7 +15,7 @@ from typing import NamedTuple
 import click
 import numpy as np
 
-from ballbot_ros.analysis.data_log import write_data_log
+from ballbot_ros.analysis.data_log import read_data_log, write_data_log
 from ballbot_ros.analysis.identification.experiment import (
     Experiment,
     logged_experiment,
@@ -83,7 +83,7 @@ def case(number: int, names: Sequence[str]) -> Case:
         if run.metrics['peak_pitch_deg'] > FALLEN_DEG:
             return Case(recording.plant, {})
         with RecordingReader(path) as reader:
-            (log,) = write_data_log(reader, path.with_suffix('.csv')).paths
+            (log,) = write_data_log(read_data_log(reader), path.with_suffix('.csv'))
         found = {
             source: identify([experiment(recording, log)]) for source, experiment in SOURCES.items()
         }

@@ -56,7 +56,7 @@ def commands(number: int) -> dict[str, tuple[str, ...]]:
         case 10 | 20 | 30 | 40:
             chosen['joined'] = ('export', FILE, '--to', 'csv', '--joined', '--output', 'joined')
         case 15 | 35:
-            chosen['log2csv'] = ('log2csv', FILE, '--output', 'log.csv')
+            chosen['log'] = ('export', FILE, '--to', 'log', '--output', 'log')
         case 25:
             chosen['identify'] = ('identify', FILE)
         case 45:

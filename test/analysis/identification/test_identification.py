@@ -7,7 +7,7 @@ import pytest
 from laws import refusal
 
 import ballbot_ros as bb
-from ballbot_ros.analysis.data_log import write_data_log
+from ballbot_ros.analysis.data_log import read_data_log, write_data_log
 from ballbot_ros.analysis.identification.estimation import ExperimentFit
 from ballbot_ros.analysis.identification.experiment import (
     ENCODER,
@@ -295,7 +295,7 @@ def test_the_duties_in_a_data_log_tell_motor_and_dead_zone(tmp_path):
               **{f'plant_sim.{name}': value for name, value in true.items()}}  # fmt: skip
     path = bb.simulate('excitation', parameters=values).save(tmp_path / 'run.mcap')
     with RecordingReader(path) as reader:
-        (log,) = write_data_log(reader, tmp_path / 'log.csv').paths
+        (log,) = write_data_log(read_data_log(reader), tmp_path / 'log.csv')
     known = {'backlash': read_run(path).plant.backlash, 'link_phase': 0}  # that of the seed
     found = identify([logged_experiment(log, known)], names)
     for row in found.parameters:

@@ -24,7 +24,7 @@ from ballbot_ros.engine.plant import Plant
 from ballbot_ros.errors import IdentificationError
 from ballbot_ros.parameters import ControllerParameters, PlantParameters
 from ballbot_ros.parameters.timing import FIRST_TICK_NS, TICK_S
-from ballbot_ros.recording.csv_log import CsvLog
+from ballbot_ros.recording.csv_log import write_csv_log
 from ballbot_ros.robot.brick.bluetooth import LogPacket
 from ballbot_ros.robot.plant.ground_truth import state_before
 from ballbot_ros.robot.plant.laws import max_voltage
@@ -34,20 +34,21 @@ LSB = ControllerParameters().lsb
 
 def written(path, records):
     """Return a log of records: time [ms], angles of both shafts, pitch of both planes [deg]."""
-    log = CsvLog(path)
+    packets = []
     for time, shaft_x, shaft_y, pitch_x, pitch_y in records:
         counts = round(pitch_x / LSB), round(pitch_y / LSB)
-        log.write(LogPacket(time, 0, 0, 8000, 0, shaft_x, shaft_y, *counts, 0, 0, 255))
-    log.close()
+        packets.append(LogPacket(time, 0, 0, 8000, 0, shaft_x, shaft_y, *counts, 0, 0, 255))
+    write_csv_log(path, packets)
     return path
 
 
 def with_duties(path, times, duties, shaft=lambda n: n):
     """Return a log of records with the same duties in both planes but for the sign."""
-    log = CsvLog(path)
-    for n, (time, duty) in enumerate(zip(times, duties, strict=True)):
-        log.write(LogPacket(time, duty, -duty, 8003, 0, shaft(n), n, 100 * n, 0, 600, 600, 255))
-    log.close()
+    packets = [
+        LogPacket(time, duty, -duty, 8003, 0, shaft(n), n, 100 * n, 0, 600, 600, 255)
+        for n, (time, duty) in enumerate(zip(times, duties, strict=True))
+    ]
+    write_csv_log(path, packets)
     return path
 
 

@@ -1,4 +1,4 @@
-"""`ballbot log2csv`: the data log of a recording, and refused files."""
+"""`ballbot export --to log`: the data log of a recording, and refused files."""
 
 import pytest
 from graph import call
@@ -9,29 +9,30 @@ from ballbot_ros.recording.writer import RecordingWriter
 from ballbot_ros.robot.brick.bluetooth import LogPacket
 
 
-def log2csv(*arguments):
-    return call('log2csv', *arguments)
+def export(*arguments):
+    return call('export', *arguments, '--to', 'log')
 
 
 def write_recording(path, events, prefix=''):
-    """Write runs, given by their start [s], and packets, given as bytes."""
+    """Write runs, given by their start [s], and packets with log times [s], given as pairs."""
     header, array = new_message('std_msgs/msg/Header'), new_message('std_msgs/msg/UInt8MultiArray')
     writer = RecordingWriter(path)
     run = writer.add_topic(f'{prefix}/plant/run', 'std_msgs/msg/Header')
     packets = writer.add_topic(f'{prefix}/bluetooth/tx', 'std_msgs/msg/UInt8MultiArray')
     for number, event in enumerate(events, 1):
-        if isinstance(event, bytes):
-            array.data = event
+        if isinstance(event, tuple):
+            time_s, array.data = event
             data = encoder('std_msgs/msg/UInt8MultiArray')(array)
-            writer.write(packets, number, data, number)
+            writer.write(packets, round(time_s * 1e9), data, number)
         else:
             header.stamp.sec = event
-            writer.write(run, number, encoder('std_msgs/msg/Header')(header), number)
+            data = encoder('std_msgs/msg/Header')(header)
+            writer.write(run, event * 10**9, data, number)
     writer.close()
 
 
 def packet(time_ms):
-    return LogPacket(time_ms, 0, 0, 8005, 0, 1, 2, 3, 4, 0, 0, 255).encode()
+    return time_ms / 1e3, LogPacket(time_ms, 0, 0, 8005, 0, 1, 2, 3, 4, 0, 0, 255).encode()
 
 
 def row(time_ms):
@@ -42,33 +43,33 @@ def row(time_ms):
 def test_each_run_becomes_a_file(tmp_path, prefix):
     recording = tmp_path / 'drive.mcap'
     write_recording(recording, [1, packet(1100), 5, packet(1200), packet(5100)], prefix)
-    done = log2csv(recording)
+    done = export(recording)
     assert (done.returncode, done.stderr) == (0, '')
-    first, second = tmp_path / 'drive.csv', tmp_path / 'drive_2.csv'
-    assert done.stdout == f'data log  {first}\ndata log  {second}\n'
+    first, second = tmp_path / 'drive_log/drive.csv', tmp_path / 'drive_log/drive_2.csv'
+    assert done.stdout == f'{first}\n{second}\n'
     assert first.read_text() == f'{HEADER}\n{row(1100)}\n{row(1200)}\n'
     assert second.read_text() == f'{HEADER}\n{row(5100)}\n'
 
 
 def test_malformed_packets_are_skipped_and_counted(tmp_path):
     recording = tmp_path / 'drive.mcap'
-    write_recording(recording, [1, packet(1100), b'short', packet(1200)])
-    done = log2csv(recording, '--output', tmp_path / 'log.csv')
+    write_recording(recording, [1, packet(1100), (1.1, b'short'), packet(1200)])
+    done = export(recording, '--output', tmp_path / 'new')
     assert done.returncode == 0
-    assert done.stderr == '/bluetooth/tx: skipped 1 malformed log packet\n'
-    assert (tmp_path / 'log.csv').read_text() == f'{HEADER}\n{row(1100)}\n{row(1200)}\n'
+    assert done.stderr == f'{recording}: skipped 1 malformed log packets\n'
+    assert (tmp_path / 'new/drive.csv').read_text() == f'{HEADER}\n{row(1100)}\n{row(1200)}\n'
 
 
 def test_nothing_is_overwritten(tmp_path):
     recording = tmp_path / 'drive.mcap'
     write_recording(recording, [1, packet(1100)])
-    (tmp_path / 'drive.csv').write_text('precious')
-    done = log2csv(recording)
+    table = tmp_path / 'drive_log/drive.csv'
+    table.parent.mkdir()
+    table.write_text('precious')
+    done = export(recording)
     assert done.returncode == 2
-    assert done.stderr == (
-        f'error: {tmp_path / "drive.csv"}: already exists; choose another file\n'
-    )
-    assert (tmp_path / 'drive.csv').read_text() == 'precious'
+    assert done.stderr == f'error: {table}: already exists; choose another --output\n'
+    assert table.read_text() == 'precious'
 
 
 def test_a_file_without_a_log_is_named(tmp_path):
@@ -78,7 +79,7 @@ def test_a_file_without_a_log_is_named(tmp_path):
     header = new_message('std_msgs/msg/Header')
     writer.write(topic, 1, encoder('std_msgs/msg/Header')(header), 1)
     writer.close()
-    done = log2csv(other)
+    done = export(other)
     assert done.returncode == 2
     assert done.stderr == (
         f"error: {other}: topic 'bluetooth/tx' not found; the file has /plant/run\n"
