@@ -24,7 +24,7 @@ from ballbot_ros.engine.closed_loop import ClosedLoop
 from ballbot_ros.engine.scenario.reader import load_profile
 from ballbot_ros.files import temporary_folder
 from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, GyroParameters, PlantParameters
-from ballbot_ros.recording.csv_log import CsvLog
+from ballbot_ros.recording.csv_log import write_csv_log
 from ballbot_ros.robot.brick.bluetooth import LogPacket
 from benchmark.tables import print_table
 
@@ -94,10 +94,7 @@ def commissioned(logs: Sequence[Sequence[LogPacket]]) -> Commissioning:
     with temporary_folder() as folder:
         paths = [Path(folder, f'{number}.csv') for number in range(len(logs))]
         for path, log in zip(paths, logs, strict=True):
-            file = CsvLog(path)
-            for packet in log:
-                file.write(packet)
-            file.close()
+            write_csv_log(path, log)
         return commission(paths, *known())
 
 
