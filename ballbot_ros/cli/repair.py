@@ -20,7 +20,7 @@ from ballbot_ros.recording.repair import repair
     help='File to write, which must not exist.  [default: FILE_repaired.mcap next to it]',
 )
 def command(file: Path, output: Path | None) -> None:
-    """Copy the intact part of the damaged recording FILE to a new one, and say what is lost."""
+    """Copy the damaged recording FILE, up to the damage, to a new one that every program reads."""
     with file_progress(f'repairing {file.name}') as progress:
         found = repair(file, output, progress)
     console = Console(highlight=False, markup=False, soft_wrap=True)

@@ -188,6 +188,10 @@ class RecordingReader:
             summaries[channel.topic] = TopicSummary(self._schema(channel).name, count)
         return summaries
 
+    def channels(self) -> list[tuple[Channel, Schema | None]]:
+        """Return the channels, and their schemas if they have one."""
+        return [(each, self._schemas.get(each.schema_id)) for each in self._channels.values()]
+
     def derived(self) -> set[str]:
         """Return the topics whose messages were all computed when the file was written."""
         published = {

@@ -59,7 +59,7 @@ def test_info_and_repair_of_a_cut_file(cut):
     result = call('repair', cut)
     assert result.returncode == 0, result.stderr
     repaired = cut.with_name('cut_repaired.mcap')
-    assert result.stdout.startswith(f'{cut}: cut off at byte {cut.stat().st_size}: ')
+    assert result.stdout.startswith(f'{cut}: cut off at byte {cut.stat().st_size}; ')
     assert ' messages up to 2.000 s kept\n' in result.stdout
     assert result.stdout.endswith(f'\nrepaired  {repaired}\n')
     told = json.loads(call('info', repaired, '--json').stdout)
