@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
+from rich.console import Console
 from rich.table import Table
 
 from ballbot_ros.analysis.metrics import number
-from ballbot_ros.cli.options import PATH, processes_option
+from ballbot_ros.cli.options import PATH, print_whole, processes_option
 from ballbot_ros.cli.study import StudyOptions, method_option, resumable, study_options
 from ballbot_ros.files import own_command
 from ballbot_ros.run.requirements import Processes
@@ -92,7 +93,6 @@ def command(
 
 def _print(result: FalsificationResult) -> None:
     """Print what was searched and found."""
-    from ballbot_ros.cli.study_output import print_whole
     from ballbot_ros.lab.search.falsify import requirements_of
 
     study = result.of.study
@@ -101,7 +101,7 @@ def _print(result: FalsificationResult) -> None:
         table.add_column(name, justify='right' if name.startswith('low') else 'left')
     for each in requirements_of(study):
         table.add_row(each.name, f'{result.least[each.name][-1]:.4g}', each.unit)
-    print_whole(table)
+    print_whole(Console(highlight=False, markup=False), table)
     for rank, found in enumerate(result.counterexamples, 1):
         click.echo(f'{rank}. violates {found.requirement!r}: {_deviations(found)}')
         click.echo(f'   {own_command("run", found.scenario or "")}')

@@ -15,6 +15,7 @@ from rich.progress import Progress as Bar
 from rich.table import Table
 
 from ballbot_ros.analysis.metrics import number
+from ballbot_ros.cli.options import MAX_TABLE_WIDTH, print_whole
 from ballbot_ros.cli.progress import ProgressLines, stderr_console
 from ballbot_ros.engine.scenario.scenario import bounds_text
 from ballbot_ros.files import own_command
@@ -131,7 +132,6 @@ def _percent(share: float) -> str:
 
 
 WORST_SHOWN = 3
-_UNLIMITED = 10_000
 
 
 def print_summary(data: StudyData) -> None:
@@ -158,7 +158,7 @@ def print_summary(data: StudyData) -> None:
             _worst_runs(each),
         )
     # A number or a name that is cut off would be of no use.
-    unlimited = console.options.update(max_width=_UNLIMITED)
+    unlimited = console.options.update(max_width=MAX_TABLE_WIDTH)
     console.width = max(
         console.width, Measurement.get(console, unlimited, quantiles).maximum,
         Measurement.get(console, unlimited, worst).minimum,
@@ -177,12 +177,7 @@ def print_endings(endings: Sequence[Ending]) -> None:
         table = Table(*head, title='endings, and the worst runs', title_justify='left')
         for each in rows:
             table.add_row(*each)
-        print_whole(table)
-
-
-def print_whole(table: Table) -> None:
-    """Print a table as wide as it is: a number that is cut off would be of no use."""
-    Console(highlight=False, markup=False, width=_UNLIMITED).print(table)
+        print_whole(Console(highlight=False, markup=False), table)
 
 
 def print_results(folder: Path, *, as_json: bool) -> None:

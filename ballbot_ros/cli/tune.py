@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
+from rich.console import Console
 from rich.table import Table
 
 from ballbot_ros.analysis.metrics import number
 from ballbot_ros.cli.install import offer
-from ballbot_ros.cli.options import PATH
+from ballbot_ros.cli.options import PATH, print_whole
 from ballbot_ros.cli.study import StudyOptions, method_option, resumable, study_options
 from ballbot_ros.engine.scenario.reader import scenario_names
 from ballbot_ros.engine.scenario.scenario import bounds_text
@@ -84,7 +85,6 @@ def command(
 
 def _print(result: TuningResult, page: Path, *, as_json: bool) -> None:
     """Print what was found, and where it is."""
-    from ballbot_ros.cli.study_output import print_whole
     from ballbot_ros.lab.studies.report import value_text
 
     tuning, unseen = result.tuning, result.unseen()
@@ -118,7 +118,7 @@ def _print(result: TuningResult, page: Path, *, as_json: bool) -> None:
         bounds = bounds_text(limit.minimum, limit.maximum)
         values = (f'{of.limits[i, place]:.4g}' for of, i in both)
         table.add_row(f'{limit.name} {bounds}', *values)
-    print_whole(table)
+    print_whole(Console(highlight=False, markup=False), table)
     if not result.verdicts.is_feasible[result.best]:
         click.echo(f'note: no candidate keeps all limits on the {robots} robots of the search')
     scenario = tuning.studies[0].spec.scenario.name

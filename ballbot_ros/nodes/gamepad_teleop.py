@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
@@ -11,9 +10,9 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 
 from ballbot_ros.engine.scenario.reader import scenario_of
-from ballbot_ros.errors import BallbotError, TeleopError, one_line
+from ballbot_ros.errors import TeleopError, one_line
 from ballbot_ros.lockstep.lockstep import GivenAnswers, RunIdentity
-from ballbot_ros.nodes.base import BallbotNode, run_node
+from ballbot_ros.nodes.base import BallbotNode
 from ballbot_ros.nodes.participation import Participation
 from ballbot_ros.nodes.teleop import sticks as arbiter
 from ballbot_ros.nodes.teleop.gamepad import (
@@ -22,7 +21,6 @@ from ballbot_ros.nodes.teleop.gamepad import (
     GamepadState,
     InputErrors,
     SdlBackend,
-    list_devices,
 )
 from ballbot_ros.nodes.teleop.sticks import Arbiter, Command, JoyMapping, VelocityMapping
 from ballbot_ros.parameters import GamepadParameters
@@ -211,9 +209,6 @@ class TeleopInputs:
         )
 
 
-LIST_DEVICES = '--list-devices'
-
-
 class GamepadTeleop(BallbotNode[GamepadParameters]):
     """Answers each ``plant/odom/_slow``, every 20 ms, with a ``gamepad`` of that stamp."""
 
@@ -351,15 +346,3 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
         self._close_terminal()
         self.flush(GAMEPAD_JOY)
         self._inputs.close()
-
-
-def main() -> int:
-    """Run the node, or list the gamepads; return the exit status."""
-    if LIST_DEVICES not in sys.argv[1:]:
-        return run_node(GamepadTeleop)
-    try:
-        list_devices()
-    except BallbotError as error:
-        print(f'error: {error}', file=sys.stderr)
-        return 2
-    return 0

@@ -35,7 +35,7 @@ class NodeEntry:
     parameters : type
         Class of the node's parameters, which holds the node's name.
     module : str
-        The module in :mod:`ballbot_ros.nodes`, which may have a ``main`` of its own.
+        The module in :mod:`ballbot_ros.nodes`.
     serves_several : bool
         Whether the class serves several nodes; its first argument is then the class of the node's
         parameters.
@@ -55,9 +55,6 @@ class NodeEntry:
     @property
     def main(self) -> Callable[[], int]:
         """Function that runs the node as a program, and returns its exit status."""
-        own: Callable[[], int] | None = getattr(self.load(), 'main', None)
-        if own:
-            return own
         from ballbot_ros.nodes.base import run_node  # needs rclpy
 
         return partial(run_node, self.maker)

@@ -4,7 +4,6 @@ import contextlib
 import itertools
 import math
 import subprocess
-import sys
 from collections import deque
 
 import pytest
@@ -258,5 +257,5 @@ def test_a_keyboard_without_a_terminal_is_a_mistake(start_node):
 
 def test_list_devices_reports_that_none_was_found():
     pytest.importorskip('pygame')
-    for command in ([sys.executable, '-m', 'ballbot_ros.nodes', GAMEPAD], [*BALLBOT, 'drive']):
-        assert subprocess.check_output([*command, '--list-devices']) == b'no gamepad found\n'
+    found = subprocess.check_output([*BALLBOT, 'drive', '--list-devices'])
+    assert found == b'no gamepad found\n'

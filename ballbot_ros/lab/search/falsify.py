@@ -375,7 +375,8 @@ def _simulated(job: Job, study: Study, number: int, cases: Sequence[Case]) -> li
     if study.draws_seeds:
         columns[SEED] = np.repeat(seeds_of_runs(study.seed, number, number + 1), len(cases))
     try:
-        results = _simulate(job, study.samples(columns, number))
+        samples = study.samples(columns, number)
+        results = _in_process(job, samples) if may_hang(job.spec) else _simulate(job, samples)
     except BallbotError:
         if len(cases) == 1:
             return [None]
@@ -384,17 +385,15 @@ def _simulated(job: Job, study: Study, number: int, cases: Sequence[Case]) -> li
 
 
 def _simulate(job: Job, samples: Samples) -> Results:
-    if not may_hang(job.spec):
-        return simulator_for(job.spec, job.measures).simulate(samples)
+    return simulator_for(job.spec, job.measures).simulate(samples)
+
+
+def _in_process(job: Job, samples: Samples) -> Results:
     process = WorkerProcess()
     try:
-        return process.call(_simulate_here, job, samples)
+        return process.call(_simulate, job, samples)
     finally:
         process.kill()
-
-
-def _simulate_here(job: Job, samples: Samples) -> Results:
-    return simulator_for(job.spec, job.measures).simulate(samples)
 
 
 def _violates(job: Job, requirement: str, results: Results) -> bool:
