@@ -15,6 +15,7 @@ from ballbot_ros.analysis.parent import Parent
 from ballbot_ros.analysis.recorded_controller import ControllerIdentity, decode_controller
 from ballbot_ros.analysis.recorded_runs import is_real_robot
 from ballbot_ros.analysis.recorded_scenario import (
+    RecordedAttachments,
     external_push,
     faults_in,
     outside_pushes,
@@ -25,13 +26,13 @@ from ballbot_ros.cli.options import RECORDING
 from ballbot_ros.cli.progress import file_progress
 from ballbot_ros.errors import printable
 from ballbot_ros.files import own_command
-from ballbot_ros.parameters.yaml_document import parse_data
+from ballbot_ros.parameters import GyroParameters
 from ballbot_ros.process import ProgressCallback
 from ballbot_ros.recording.messages.recording_files import open_recording
 from ballbot_ros.recording.messages.topics import RUN
 from ballbot_ros.recording.overview import read_topics
-from ballbot_ros.recording.reader import AttachedFile, RecordingReader
-from ballbot_ros.recording.rosbag2 import METADATA_NAME, PARAMETERS, SCENARIO, VERSIONS
+from ballbot_ros.recording.reader import RecordingReader
+from ballbot_ros.recording.rosbag2 import METADATA_NAME
 from ballbot_ros.recording.writer import RUN_OUTCOME
 
 _NUMBERS = (
@@ -71,7 +72,7 @@ def _read(reader: RecordingReader, progress: ProgressCallback) -> dict[str, obje
     metadata.pop(METADATA_NAME, None)
     outcome = metadata.pop(RUN_OUTCOME, None) or None
     attached = read_attachments(reader.attachments())
-    made_by = _made_by(reader.attachments())
+    made_by = _made_by(attached)
     if is_real := is_real_robot(reader):
         made_by.pop('seed', None)
     return {
@@ -184,27 +185,19 @@ def _state(reader: RecordingReader) -> str:
     return reader.damage or 'complete'
 
 
-def _made_by(attachments: Mapping[str, AttachedFile]) -> dict[str, object]:
+def _made_by(attached: RecordedAttachments) -> dict[str, object]:
     """Return controller, scenario, seed and versions from the attachments of `ballbot run`."""
-    scenario, parameters, versions = (
-        _attached(attachments.get(name)) for name in (SCENARIO, PARAMETERS, VERSIONS)
-    )
-    nodes = [each for each in parameters.values() if isinstance(each, dict)]
-    of_nodes = [each for node in nodes if isinstance(each := node.get('ros__parameters'), dict)]
-    identity = decode_controller(attachments)
+    identity, scenario = decode_controller(attached.files), attached.scenario
+    seed = attached.parameters.of(GyroParameters).seed
+    versions = {name: text for name, text in attached.versions.items() if name != 'controller'}
     content = {
         'controller': identity and asdict(identity),
-        'purpose': scenario.get('purpose'),
-        'profile': scenario.get('profile'),
-        'seed': next((each['seed'] for each in of_nodes if 'seed' in each), None),
-        'versions': {str(name): str(value) for name, value in versions.items()},
+        'purpose': scenario and scenario.purpose,
+        'profile': scenario and scenario.profile,
+        'seed': seed if attached.has_parameters else None,
+        'versions': versions,
     }
-    return {name: value for name, value in content.items() if value not in (None, {})}
-
-
-def _attached(file: AttachedFile | None) -> dict[str, object]:
-    content = parse_data(file.data) if file else None
-    return content if isinstance(content, dict) else {}
+    return {name: value for name, value in content.items() if value not in (None, '', {})}
 
 
 def _seconds(stamp_ns: int | None) -> float | None:
