@@ -59,6 +59,8 @@ def command(
     from ballbot_ros.analysis.identification.commissioning_figure import render_commissioning
     from ballbot_ros.engine.scenario.reader import load_profile
 
+    if output.suffix not in ('.yaml', '.yml'):
+        raise BallbotError(f'--output {output}: must end in .yaml, so that --profile takes it')
     picture = output.with_suffix('.png')
     for path in (output, picture):
         if path.exists():

@@ -64,7 +64,7 @@ def test_json_has_the_same(command, logs, tmp_path):
     found = json.loads(text)
     assert (*found['parameters'],) == NAMES
     assert len(found['checks']) == 6
-    assert found['notes'] == []
+    assert ['for a period of 300 s' in note for note in found['notes']] == [True]
     for name, each in found['parameters'].items():
         assert each['half_width'] > 0.0, name
         node, _, parameter = name.partition('.')
@@ -84,19 +84,25 @@ def test_json_has_the_same(command, logs, tmp_path):
         (('{log}', '--profile', 'x'), "unknown profile 'x'; known: ideal, hardware, stand"),
         (('{log}', '--profile', './x.yaml'), 'x.yaml: No such file'),
         (('{log}', '--output', 'no/folder.yaml'), '--output no/folder.png: No such file or'),
+        (('{log}', '--output', 'x.png'), '--output x.png: must end in .yaml'),
+        (('{log}', '--output', '.'), '--output .: must end in .yaml'),
         (('{log}', '--output', 'x/'), 'x/: is a folder'),
         (('{empty}',), 'a data log without packets'),
         (('nothing.csv',), 'nothing.csv: No such file or directory'),
         (
             ('{log}', '--profile', 'stalled.yaml'),
-            'plant_sim.torque_constant is 0: no motor of the profile turns',
+            'a motor of the profile has no speed without load: plant_sim.torque_constant',
         ),
+        (('{log}', '--profile', 'unbraked.yaml'), 'or back_emf_constant and motor_friction'),
     ],
 )
 def test_a_mistake_is_one_line(command, logs, tmp_path, monkeypatch, words, told):
     monkeypatch.chdir(tmp_path)
     (tmp_path / 'empty.csv').write_text(f'{HEADER}\n')
     (tmp_path / 'stalled.yaml').write_text('plant_sim: {ros__parameters: {torque_constant: 0.0}}\n')
+    (tmp_path / 'unbraked.yaml').write_text(
+        'plant_sim: {ros__parameters: {back_emf_constant: 0.0, motor_friction: 0.0}}\n'
+    )
     files = {each.name for each in tmp_path.iterdir()}
     names = {'log': logs[0], 'empty': 'empty.csv'}
     status, output, error = command('commission', *[word.format(**names) for word in words])

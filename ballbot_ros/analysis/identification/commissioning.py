@@ -27,8 +27,8 @@ GYROS, MOTORS = ('gyro x', 'gyro y'), ('motor B', 'motor C')
 
 _TWO_SIGMA = 1.96
 
-MIN_NOISE = 0.1
-"""Noise [deg/s] below which the rounding of the readings hides it, and half a degree of offset."""
+MIN_NOISE = 0.23
+"""Noise [deg/s] below which the rounding of the readings hides it, and what it is added to."""
 
 _FIRST_NOISE, _ROUNDS = 0.3, 50
 _CONVERGED = 1e-6
@@ -216,6 +216,10 @@ class Log:
             follows=steps < 1.5 * np.median(steps[1:]),
         )
 
+    def turn(self, motor: int) -> float:
+        """Return how far a motor has turned the way of its duty [deg]."""
+        return float(np.sign(self.duty[:-1, motor]) @ np.diff(self.shaft[:, motor]))
+
     def starts(self, phase: int, motor: int) -> NDArray[np.intp]:
         """Return the first record of each part of a phase with one duty, and of what follows."""
         numbers = np.flatnonzero(self.phase == phase)
@@ -243,16 +247,17 @@ def commission(
     logs = tuple(Log.read(path) for path in paths)
     rests = {
         name: tuple(
-            _rest(log.time[at], log.gyro[at, number], gyro.drift_period)
+            rest
             for log in logs
             if np.count_nonzero(at := log.phase == REST) > BLOCK
             and np.ptp(log.time[at]) >= MIN_REST * gyro.drift_period
+            and (rest := _rest(log.time[at], log.gyro[at, number], gyro.drift_period))
         )
         for number, name in enumerate(GYROS)
     }
     ramps, plays, notes = {}, {}, []
     for number, name in enumerate(MOTORS):
-        turning = [log for log in logs if np.ptp(log.shaft[:, number]) >= MIN_TURN_DEG]
+        turning = [log for log in logs if log.turn(number) >= MIN_TURN_DEG]
         ramp = _ramp(turning, number, 1000.0 * plant.voltage_slope / volts_per_speed(plant))
         if ramp is not None:
             ramps[name] = ramp
@@ -262,22 +267,26 @@ def commission(
     parameters = [*_gyro_parameters(rests), *_motor_parameters(ramps, plays, plant)]
     if not parameters:
         raise IdentificationError(
-            f'{paths[0]}: ends before its phases have told anything; let the program end'
+            f'{paths[0]}: ends before its phases have told anything; let the program end, and '
+            'check the cables'
         )
     if not all(rests.values()):
         notes.append(
-            f'no rest of {MIN_REST * gyro.drift_period:g} s, so nothing is known of the gyros'
+            f'no rest of {MIN_REST * gyro.drift_period:g} s with changing readings of both gyros, '
+            'so nothing is known of the gyros'
         )
     for name in MOTORS:
         if name not in ramps:
-            notes.append(f'no ramp turned {name}, so nothing is known of its speed')
+            notes.append(f'no ramp turned {name} forward, so nothing is known of its speed')
         if name not in plays:
-            notes.append(f'no pulses turned {name}, so nothing is known of its gear play')
+            notes.append(f'no pulses turned {name} forward, so nothing is known of its gear play')
     if any(rest.misfit > MAX_DRIFT_MISFIT for each in rests.values() for rest in each):
         notes.append(
             f'the drift is not a sine with the period {gyro.drift_period:g} s: its intervals and '
-            'those of the offsets are wider for that'
+            'those of the offsets are wider for that, and the noise contains some of it'
         )
+    elif all(rests.values()):
+        notes.append(f'drift and offsets are those for a period of {gyro.drift_period:g} s')
     if ramps and not any(each.slope.half_width for each in ramps.values()):
         notes.append(
             'the battery voltages are too alike to tell the slope of equation (6.1): the offset is '
@@ -329,10 +338,13 @@ def volts_per_speed(plant: PlantParameters) -> float:
     Raises
     ------
     IdentificationError
-        If its torque constant is 0.
+        If a motor of the profile has no such speed.
     """
-    if not plant.torque_constant:
-        raise IdentificationError('plant_sim.torque_constant is 0: no motor of the profile turns')
+    if not (plant.torque_constant and (plant.back_emf_constant or plant.motor_friction)):
+        raise IdentificationError(
+            'a motor of the profile has no speed without load: plant_sim.torque_constant, or '
+            'back_emf_constant and motor_friction, must be larger than 0'
+        )
     friction = plant.motor_friction * plant.motor_resistance / plant.torque_constant
     return plant.back_emf_constant + friction
 
@@ -354,12 +366,17 @@ def pooled(estimates: Sequence[Estimate], *, independent: bool = True) -> Estima
     return Estimate(mean, math.sqrt(max(1.0, excess) * count / float(weights.sum())))
 
 
-def _rest(time: Floats, readings: Floats, period: float) -> RestingGyro:
-    """Return what the readings of a gyro at rest tell; its drift is a sine with that period."""
+def _rest(time: Floats, readings: Floats, period: float) -> RestingGyro | None:
+    """Return what the readings of a gyro at rest tell; its drift is a sine with that period.
+
+    None if they hardly change: it is not connected, or the rounding hides everything.
+    """
     time = time - time[0]
     phase = 2.0 * math.pi * (time / period)
     design = np.column_stack([np.ones_like(phase), np.sin(phase), np.cos(phase)])
-    curve, noise, covariance = _most_likely(design, readings)
+    if (found := _most_likely(design, readings)) is None:
+        return None
+    curve, noise, covariance = found
     count = len(readings) // BLOCK
     times, means, drift_curve = (
         values[: count * BLOCK].reshape(count, BLOCK).mean(axis=1)
@@ -373,11 +390,10 @@ def _rest(time: Floats, readings: Floats, period: float) -> RestingGyro:
     excess = float(np.trace(of_amplitude)) / _TWO_SIGMA**2
     drift = math.sqrt(max(0.0, float(amplitude @ amplitude) - excess))
     along = amplitude / max(1e-9, float(np.linalg.norm(amplitude)))
-    hidden = 0.0 if noise else 0.5
     return RestingGyro(
-        offset=Estimate(float(curve[0]), hidden + math.sqrt(covariance[0, 0])),
-        drift=Estimate(drift, hidden + math.sqrt(float(along @ of_amplitude @ along))),
-        noise=Estimate(noise, math.sqrt(covariance[3, 3]) if noise else MIN_NOISE),
+        offset=Estimate(float(curve[0]), math.sqrt(covariance[0, 0])),
+        drift=Estimate(drift, math.sqrt(float(along @ of_amplitude @ along))),
+        noise=Estimate(noise, math.sqrt(covariance[3, 3])),
         time=times,
         means=means,
         drift_curve=drift_curve,
@@ -385,8 +401,8 @@ def _rest(time: Floats, readings: Floats, period: float) -> RestingGyro:
     )
 
 
-def _most_likely(design: Floats, readings: Floats) -> tuple[Floats, float, Floats]:
-    """Return what readings that are rounded to whole numbers most likely come from.
+def _most_likely(design: Floats, readings: Floats) -> tuple[Floats, float, Floats] | None:
+    """Return what readings rounded to whole numbers most likely come from; None if that hides it.
 
     Parameters
     ----------
@@ -397,28 +413,30 @@ def _most_likely(design: Floats, readings: Floats) -> tuple[Floats, float, Float
     -------
     coefficients : ndarray, shape (k,)
     noise : float
-        Its standard deviation, or 0 if the rounding hides it.
+        Its standard deviation.
     covariance : ndarray, shape (k + 1, k + 1)
-        Of the errors of both; 0 if the rounding hides the noise.
+        Of the errors of both.
     """
     count = design.shape[1] + 1
     curve = np.asarray(np.linalg.lstsq(design, readings, rcond=None)[0], np.float64)
     noise = max(_FIRST_NOISE, float((readings - design @ curve).std()))
     for _ in range(_ROUNDS):
         low, high = ((readings + side - design @ curve) / noise for side in (-0.5, 0.5))
-        chance = np.maximum(ndtr(high) - ndtr(low), 1e-300) * noise
+        # From the tail below: that above has no digits left a few deviations away.
+        ends = ndtr(np.where(low + high < 0.0, (low, high), (-high, -low)))
+        chance = np.maximum(ends[1] - ends[0], 1e-300) * noise
         at_low, at_high = (np.exp(-0.5 * each**2) / math.sqrt(math.tau) for each in (low, high))
         of_mean, of_noise = at_low - at_high, low * at_low - high * at_high
         scores = np.column_stack([design * of_mean[:, None], of_noise]) / chance[:, None]
         information = scores.T @ scores
-        if noise < MIN_NOISE or np.linalg.matrix_rank(information) < count:
-            return curve, 0.0, np.zeros((count, count))
+        if noise < 0.5 * MIN_NOISE or np.linalg.matrix_rank(information) < count:
+            break
         step = np.linalg.solve(information, scores.sum(axis=0))
         curve += step[:-1]
         noise *= math.exp(max(-0.5, min(0.5, step[-1] / noise)))
-        if float(step @ information @ step) < _CONVERGED:
-            break
-    return curve, noise, np.asarray(np.linalg.inv(information))
+        if float(step @ information @ step) < _CONVERGED and noise >= MIN_NOISE:
+            return curve, noise, np.asarray(np.linalg.inv(information))
+    return None
 
 
 def _speed(values: Floats, duty: Floats, battery: Floats | float) -> Floats:

@@ -11,7 +11,6 @@ from real_runs import write_real
 
 from ballbot_ros.analysis.identification.commissioning import (
     BLOCK,
-    MIN_NOISE,
     Estimate,
     commission,
     pooled,
@@ -21,7 +20,7 @@ from ballbot_ros.analysis.identification.commissioning_figure import render_comm
 from ballbot_ros.controllers.commissioning import END, PLAY, PORTS, RAMP, REST, TILT
 from ballbot_ros.engine.devices import gyro_constants
 from ballbot_ros.errors import IdentificationError
-from ballbot_ros.parameters import GYRO, GyroParameters
+from ballbot_ros.parameters import GYRO, PLANT, GyroParameters
 from ballbot_ros.robot.brick.bluetooth import LogPacket
 from ballbot_ros.robot.brick.sensors import NO_DATA_CM, gyro_reading
 from benchmark.commissioning import (
@@ -62,6 +61,15 @@ def at_rest(gyro, numbers=range(6000), first_ms=1000):
             ],
         )
         for n in numbers
+    ]  # fmt: skip
+
+
+def after(first, log):
+    """Return the phases of a log after its rest, later than another log."""
+    start = first[-1].time_ms + 20
+    later = [each for each in log if each.adc1 > REST]
+    return [
+        replace(each, time_ms=start + each.time_ms - later[0].time_ms) for each in later
     ]  # fmt: skip
 
 
@@ -128,15 +136,24 @@ def test_one_battery_voltage_keeps_the_slope_of_the_profile(motor_logs):
     assert ramp.speed_at(ramp.duty, ramp.battery)[full] == pytest.approx(ramp.speed[full], rel=0.01)
 
 
-def test_readings_without_noise_are_known_within_their_rounding():
-    gyro = GyroParameters(zero_rate_offset_x=600.4, zero_rate_offset_y=599.7)
-    found = estimates(commissioned([at_rest(gyro)]))
-    for name, true in (('zero_rate_offset_x', 600.4), ('zero_rate_offset_y', 599.7)):
-        assert covered(found[name], true)
-        assert found[name].half_width == 0.5
-    assert found['noise'].value == 0.0
-    assert found['noise'].half_width <= MIN_NOISE
-    assert covered(found['drift'], 0.0)
+@pytest.mark.parametrize('noise', [0.0, 0.15])
+def test_nothing_is_known_of_gyros_whose_readings_hardly_change(motor_logs, noise):
+    """They are not connected, or the rounding hides where in a degree the offset is."""
+    rest = at_rest(GyroParameters(noise=noise, drift=0.3), range(3100))
+    found = commissioned([rest + after(rest, motor_logs[0][0])])
+    assert {each.node for each in found.parameters} == {PLANT}
+    assert 'with changing readings of both gyros' in found.notes[0]
+    with pytest.raises(IdentificationError, match='check the cables'):
+        commissioned([rest])
+
+
+def test_a_bump_of_the_table_does_not_matter_much():
+    calm = at_rest(GyroParameters(noise=0.7))
+    bumped = [replace(each, adc3=each.adc3 + 10 * (n == 3000)) for n, each in enumerate(calm)]
+    whole, found = (estimates(commissioned([log])) for log in (calm, bumped))
+    for name, estimate in found.items():
+        assert abs(estimate.value - whole[name].value) < 3.0 * whole[name].half_width
+        assert estimate.half_width < 2.0 * whole[name].half_width
 
 
 def test_a_drift_that_is_no_sine_widens_the_intervals_and_is_noted():
@@ -149,6 +166,7 @@ def test_a_drift_that_is_no_sine_widens_the_intervals_and_is_noted():
         for step in (0, 2)
     )  # fmt: skip
     assert 'not a sine' not in ' '.join(calm.notes)
+    assert 'for a period of 300 s' in ' '.join(calm.notes)
     assert 'not a sine' in ' '.join(steps.notes)
     x, y = (estimates(steps)[f'zero_rate_offset_{axis}'].half_width for axis in 'xy')
     assert x > 2.0 * y
@@ -207,7 +225,7 @@ def test_pulses_on_one_motor_alone_show_its_port_and_sign(turned_b, turned_c, to
     ],
 )
 def test_tilting_shows_the_ports_and_signs_of_the_gyros(forward, rightward, told):
-    log = at_rest(GyroParameters(), range(3100))
+    log = at_rest(GyroParameters(noise=0.7), range(3100))
     start = log[-1].time_ms + 20
     for n in range(200):
         rates = forward if n < 100 else rightward  # for 1 s of 2 s
@@ -222,12 +240,20 @@ def test_a_motor_that_does_not_turn_is_left_out(motor_logs):
     logs = [[replace(each, rev_c=7) for each in log] for log in motor_logs[0]]
     found = commissioned(logs)
     assert found.ramps.keys() == found.plays.keys() == {'motor B'}
-    assert 'no ramp turned motor C, so nothing is known of its speed' in found.notes
+    assert 'no ramp turned motor C forward, so nothing is known of its speed' in found.notes
     assert sum('motor C must turn that way' in line for line in found.checks) == len(logs)
     whole = estimates(commissioned(motor_logs[0]))
     for name, estimate in estimates(found).items():
         assert estimate.value == pytest.approx(whole[name].value, rel=1e-6)
     assert render_commissioning(found).startswith(b'\x89PNG')
+
+
+def test_a_motor_that_turns_backward_is_left_out(motor_logs):
+    logs = [[replace(each, rev_b=-each.rev_b) for each in log] for log in motor_logs[0]]
+    found = commissioned(logs)
+    assert found.ramps.keys() == found.plays.keys() == {'motor C'}
+    assert any('no ramp turned motor B forward' in note for note in found.notes)
+    assert sum('motor B must turn that way' in line for line in found.checks) == len(logs)
 
 
 def test_no_gear_play_is_known_within_the_rounding_of_the_encoder(motor_logs):
