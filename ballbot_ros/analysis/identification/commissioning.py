@@ -272,8 +272,8 @@ def commission(
         )
     if not all(rests.values()):
         notes.append(
-            f'no rest of {MIN_REST * gyro.drift_period:g} s with changing readings of both gyros, '
-            'so nothing is known of the gyros'
+            f'no rest of {MIN_REST * gyro.drift_period:g} s in which both gyros scatter like '
+            'noise: nothing is known of them'
         )
     for name in MOTORS:
         if name not in ramps:
@@ -509,16 +509,16 @@ def _steps(log: Log, motor: int) -> Iterator[tuple[float, float, float]]:
 def _missing_turns(log: Log, motor: int) -> Iterator[float]:
     """Yield by how much less the first pulse after each reversal turned a motor [deg]."""
     starts = log.starts(PLAY, motor)
-    # The record with a new duty has the angle before it acts.
-    angles = np.where(log.follows[starts], log.shaft[starts, motor], np.nan)
+    # The record before a pulse has the resting motor; the first one of it may already have it move.
+    angles = np.where(log.follows[starts], log.shaft[np.maximum(starts - 1, 0), motor], np.nan)
     duties = log.duty[starts, motor]
     pulses = np.flatnonzero(duties[:-2])
     for before, first, second in zip(pulses, pulses[1:], pulses[2:], strict=False):
         if duties[before] * duties[first] < 0.0 and duties[first] == duties[second]:
-            turned = [angles[pulse + 2] - angles[pulse] for pulse in (first, second)]
-            missing = math.copysign(1.0, duties[first]) * (turned[1] - turned[0])
-            if not math.isnan(missing):
-                yield missing
+            way = math.copysign(1.0, duties[first])
+            turned = [way * (angles[pulse + 2] - angles[pulse]) for pulse in (first, second)]
+            if turned[1] >= MIN_TURN_DEG and not math.isnan(turned[0]):
+                yield turned[1] - turned[0]
 
 
 def _port_checks(log: Log) -> Iterator[str]:

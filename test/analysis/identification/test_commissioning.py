@@ -142,7 +142,7 @@ def test_nothing_is_known_of_gyros_whose_readings_hardly_change(motor_logs, nois
     rest = at_rest(GyroParameters(noise=noise, drift=0.3), range(3100))
     found = commissioned([rest + after(rest, motor_logs[0][0])])
     assert {each.node for each in found.parameters} == {PLANT}
-    assert 'with changing readings of both gyros' in found.notes[0]
+    assert 'in which both gyros scatter like noise' in found.notes[0]
     with pytest.raises(IdentificationError, match='check the cables'):
         commissioned([rest])
 
@@ -254,6 +254,15 @@ def test_a_motor_that_turns_backward_is_left_out(motor_logs):
     assert found.ramps.keys() == found.plays.keys() == {'motor C'}
     assert any('no ramp turned motor B forward' in note for note in found.notes)
     assert sum('motor B must turn that way' in line for line in found.checks) == len(logs)
+
+
+@pytest.mark.parametrize('late', [0.004, 0.016])
+def test_gear_play_needs_no_log_packet_at_the_beginning_of_a_pulse(late):
+    robot = drawn_robot(1)
+    durations = {**DURATIONS, 'pause_time': 0.02 + late, 'step_time': 0.02}
+    play = estimates(commissioned([simulated_log(robot, 9.3, 1, durations)]))['backlash']
+    assert covered(play, robot[PLANT, 'backlash'])
+    assert math.degrees(play.half_width) < 0.5
 
 
 def test_no_gear_play_is_known_within_the_rounding_of_the_encoder(motor_logs):
