@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from ballbot_ros.cli.options import NEW_FILE, RECORDING, command_line, heading, write_file
 from ballbot_ros.errors import BallbotError, printable
 from ballbot_ros.parameters import (
+    CONTROLLER,
     GyroParameters,
     ParameterSet,
     PlantParameters,
-    Value,
     parameters_of,
 )
 from ballbot_ros.parameters.files import values_text
@@ -143,7 +143,8 @@ def _allowed(each: MeasuredParameter) -> float:
 
 
 def _profile_text(parameters: ParameterSet) -> str:
-    values: dict[str, dict[str, Value]] = {}
-    for node, name, value in parameters:
+    values: dict[str, dict[str, Any]] = {}
+    own = [(CONTROLLER, *each) for each in parameters.undeclared.items()]
+    for node, name, value in (*parameters, *own):
         values.setdefault(node, {})[name] = value
     return values_text(values)

@@ -53,8 +53,12 @@ def test_it_prints_all_and_writes_a_profile_with_a_picture(command, logs, tmp_pa
     status, _, error = command('commission', *logs)
     assert status == 2
     assert error == 'error: --output robot.yaml: exists; choose another name\n'
+    own = 'controller: {ros__parameters: {user.own: 3}}\n'
+    (tmp_path / 'robot.yaml').write_text((tmp_path / 'robot.yaml').read_text() + own)
     assert command('commission', logs[0], '--profile', 'robot.yaml', '--output', 'a.yaml')[0] == 0
-    assert load_profile('a.yaml').of(PlantParameters).voltage_slope == plant.voltage_slope
+    again = load_profile('a.yaml')
+    assert again.of(PlantParameters).voltage_slope == plant.voltage_slope
+    assert again.undeclared == {'user.own': 3}
 
 
 def test_json_has_the_same(command, logs, tmp_path):
