@@ -213,7 +213,7 @@ def _all_alike(data: StudyData) -> bool:
     """Return whether all runs have the same duties."""
     known = None
     for part in data.parts(['duty_sha256']):
-        hashes = set(part['duty_sha256'].to_pylist())
+        hashes = set(part['duty_sha256'].tolist())
         if len(hashes) > 1 or (known is not None and hashes != known):
             return False
         known = hashes

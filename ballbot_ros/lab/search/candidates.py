@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -61,11 +61,10 @@ def run_candidates(run: StudyRun, samples: Samples) -> dict[str, Column]:
     varied = [each.name for each in record.varied]
     names = [*varied, *(each.name for each in record.measures), PASSED.name, FALLEN.name]
     files = [run.job.folder / PARTS / record.part_name(part) for part in parts]
-    tables = [
+    columns = joined(
         read_columns(file, record, part, [*names, OUTCOME.name])
         for file, part in zip(files, parts, strict=True)
-    ]
-    columns = results_in(tables, names)
+    )
     asked = {**samples.values, **samples.events}
     for name in varied:
         if not np.array_equal(columns[name], asked[name]):
@@ -76,14 +75,11 @@ def run_candidates(run: StudyRun, samples: Samples) -> dict[str, Column]:
     return columns
 
 
-def results_in(tables: Sequence[Any], names: Sequence[str]) -> dict[str, Column]:
-    """Return columns of tables of pyarrow, and with the name of the outcome whether runs failed."""
-    columns = {
-        name: np.concatenate([np.asarray(each.column(name).to_numpy()) for each in tables])
-        for name in names
-    }
-    outcomes = [each.column(OUTCOME.name).cast('string').to_numpy() for each in tables]
-    columns[OUTCOME.name] = np.concatenate(outcomes) == Outcome.FAILED
+def joined(parts: Iterable[Mapping[str, Column]]) -> dict[str, Column]:
+    """Return the columns of all parts, that of the outcome as whether runs failed."""
+    every = list(parts)
+    columns = {name: np.concatenate([each[name] for each in every]) for name in every[0]}
+    columns[OUTCOME.name] = columns[OUTCOME.name] == Outcome.FAILED
     return columns
 
 

@@ -15,8 +15,8 @@ from ballbot_ros.engine.rows import Column, whole_values
 from ballbot_ros.errors import StudyError
 from ballbot_ros.lab.search.candidates import (
     SearchObserver,
+    joined,
     least_steps,
-    results_in,
     run_candidates,
     runs_per_part,
     values_of,
@@ -97,8 +97,8 @@ class TuningResult:
             columns = []
             for folder in self.studies(which):
                 data = StudyData.open(folder)
-                names = [*(each.name for each in data.study.measures), FALLEN.name]
-                columns.append(results_in(list(data.parts([*names, OUTCOME.name])), names))
+                names = [each.name for each in (*data.study.measures, FALLEN, OUTCOME)]
+                columns.append(joined(data.parts(names)))
             point = self.points[candidate][None]
             pairs.append(_judge(self.tuning, data.study.measures, columns, point))
         return _joined(pairs)

@@ -32,10 +32,9 @@ def endings_of(data: StudyData) -> list[Ending]:
     study, measure = data.study, data.study.measures[0]
     names = [each.name for each in study.varied if each.kind is ColumnKind.TEXT]
     found: dict[tuple[str, ...], list[tuple[bool, bool, float, int]]] = {}
-    for table in data.parts([*names, measure.name, OUTCOME.name, FALLEN.name, NUMBER.name]):
-        *words, measured, outcomes, fallen, numbers = (each.to_pylist() for each in table.columns)
-        bad = np.nan_to_num(measure.badness(np.array(measured, float)), nan=-np.inf).tolist()
-        columns: Any = zip(*words, bad, outcomes, fallen, numbers, strict=True)
+    for part in data.parts([*names, measure.name, OUTCOME.name, FALLEN.name, NUMBER.name]):
+        part[measure.name] = np.nan_to_num(measure.badness(part[measure.name]), nan=-np.inf)
+        columns: Any = zip(*(each.tolist() for each in part.values()), strict=True)
         for *key, badness, outcome, has_fallen, number in columns:
             failed = outcome == Outcome.FAILED
             row = failed, has_fallen and not failed, badness, -number

@@ -233,8 +233,10 @@ def read_part(path: Path, study: StudyRecord, part: int) -> Any:
         return file.read(use_threads=False)
 
 
-def read_columns(path: Path, study: StudyRecord, part: int, names: Sequence[str]) -> Any:
-    """Return some columns of a part, and read no more of its file.
+def read_columns(
+    path: Path, study: StudyRecord, part: int, names: Sequence[str]
+) -> dict[str, Column]:
+    """Return some columns of a part, and read no more of its file; NaN where there is no value.
 
     The checksums of the pages find most damage, :func:`check_part` finds any. It raises as that
     does.
@@ -242,7 +244,8 @@ def read_columns(path: Path, study: StudyRecord, part: int, names: Sequence[str]
     arrow = load_pyarrow()
     with _reading(path), arrow.parquet.ParquetFile(path, page_checksum_verification=True) as file:
         _belonging(path, file, study, part)
-        return file.read(columns=list(names), use_threads=False)
+        table = file.read(columns=list(names), use_threads=False)
+        return {name: _column(arrow, table.column(name)) for name in names}
 
 
 def load_pyarrow() -> Any:
@@ -325,6 +328,12 @@ def _array(arrow: Any, kind: object, values: Column) -> object:
         )
     # A missing value is null, which SQL leaves out of its means; NaN would make them NaN.
     return arrow.array(np.ascontiguousarray(values), kind, from_pandas=True)
+
+
+def _column(arrow: Any, values: Any) -> Column:
+    if arrow.types.is_dictionary(values.type):
+        return np.asarray(values.cast('string').to_numpy()).astype(str)
+    return np.asarray(values.to_numpy())
 
 
 def _with_digest(data: bytes) -> bytes:

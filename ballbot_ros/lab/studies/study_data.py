@@ -234,35 +234,22 @@ class StudyData:
         with _with_remedy():
             return sum(map(self._checked, self.present), PartSummary())
 
-    def parts(self, names: Sequence[str] = ()) -> Iterator[Any]:
-        """Yield the parts as tables of pyarrow, in the order of the runs.
-
-        Parameters
-        ----------
-        names : sequence of str
-            The columns; all if empty.
-
-        Yields
-        ------
-        pyarrow.Table
-            A part.
-        """
+    def parts(self, names: Sequence[str]) -> Iterator[dict[str, Column]]:
+        """Yield some columns of the parts by their names, in the order of the runs."""
         for part in self.present:
             with _with_remedy():
-                if names:
-                    self._checked(part)
-                    table = read_columns(self._file(part), self.study, part, names)
-                else:
-                    table = read_part(self._file(part), self.study, part)
-            yield table
+                self._checked(part)
+                columns = read_columns(self._file(part), self.study, part, names)
+            yield columns
 
     def table(self) -> Any:
         """Return all rows as a table of pyarrow, in the order of the runs."""
-        arrow = load_pyarrow()
-        tables = [each.replace_schema_metadata(None) for each in self.parts()]
+        with _with_remedy():
+            tables = [read_part(self._file(each), self.study, each) for each in self.present]
         if not tables:
             raise StudyError(f'{self.path}: has no results yet')
-        return arrow.concat_tables(tables).unify_dictionaries()
+        without = [each.replace_schema_metadata(None) for each in tables]
+        return load_pyarrow().concat_tables(without).unify_dictionaries()
 
     def frame(self) -> pandas.DataFrame:
         """Return all rows as a data frame, with hashes as hexadecimal text.
@@ -286,8 +273,8 @@ class StudyData:
         # Filled in place, which takes half the memory of a list of parts that is joined.
         values: Column | None = None
         done = 0
-        for table in self.parts([name]):
-            part = _numbers(table.column(name))
+        for columns in self.parts([name]):
+            part = columns[name]
             if values is None:
                 values = np.empty(sum(map(len, map(self.study.numbers, self.present))), part.dtype)
             values[done : done + len(part)] = part
@@ -328,15 +315,13 @@ class StudyData:
 
     def failed(self) -> Iterator[int]:
         """Yield the numbers of the runs that failed, in order."""
-        for table in self.parts([NUMBER.name, OUTCOME.name]):
-            outcomes = table.column(OUTCOME.name).cast('string').to_numpy()
-            yield from _numbers(table.column(NUMBER.name))[outcomes == Outcome.FAILED].tolist()
+        for columns in self.parts([NUMBER.name, OUTCOME.name]):
+            yield from columns[NUMBER.name][columns[OUTCOME.name] == Outcome.FAILED].tolist()
 
     def not_passed(self) -> Iterator[int]:
         """Yield the numbers of the runs that did not pass, in order; the failed are among them."""
-        for table in self.parts([NUMBER.name, PASSED.name]):
-            numbers, passed = map(_numbers, table.columns)
-            yield from numbers[~passed].tolist()
+        for columns in self.parts([NUMBER.name, PASSED.name]):
+            yield from columns[NUMBER.name][~columns[PASSED.name]].tolist()
 
     def worst(self, measure: str, count: int = WORST_RUNS) -> list[RankedRun]:
         """Return the runs with the worst values of a measure, worst first.
@@ -405,11 +390,6 @@ class StudyData:
 
     def _file(self, part: int) -> Path:
         return self.path / PARTS / self.study.part_name(part)
-
-
-def _numbers(column: Any) -> Column:
-    """Return a column of a table as an array; NaN where there is no value."""
-    return np.asarray(column.to_numpy())
 
 
 @contextmanager

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -223,15 +222,16 @@ class Survey:
         extents = {each.name: Extent() for each in columns}
         found: dict[str, list[Column]] = {each.name: [] for each in (*columns, PASSED)}
         done = 0
-        for table in data.parts(list(found)):
-            first, end = np.searchsorted(chosen, [done, done + table.num_rows])
+        for part in data.parts(list(found)):
+            runs = len(part[PASSED.name])
+            first, end = np.searchsorted(chosen, [done, done + runs])
             places = chosen[first:end] - done
-            for each in columns:
-                values = _column_values(table, each)
-                extents[each.name].add(values)
-                found[each.name].append(values[places])
-            found[PASSED.name].append(_column_values(table, PASSED)[places])
-            done += table.num_rows
+            for name, extent in extents.items():
+                part[name] = _words_of_switches(part[name])
+                extent.add(part[name])
+            for name, values in part.items():
+                found[name].append(values[places])
+            done += runs
         sample = {name: np.concatenate(parts) for name, parts in found.items() if parts}
         return cls(totals, extents, sample)
 
@@ -291,19 +291,18 @@ def tally(
     shares = [_empty(each.cells) for each in axes]
     histograms = [_empty(len(each) + 1) for each in edges.values()]
     used = [*axes, *(axis for pair in pairs for axis in pair)]
-    columns = {each.column.name: each.column for each in used}
-    for table in data.parts([*columns, *edges, PASSED.name]):
-        passed = _column_values(table, PASSED)
-        values = {name: _column_values(table, each) for name, each in columns.items()}
+    columns = dict.fromkeys(each.column.name for each in used)
+    for part in data.parts([*columns, *edges, PASSED.name]):
+        passed = part[PASSED.name]
+        values = {name: _words_of_switches(part[name]) for name in columns}
         for (x, y), counts in zip(pairs, maps, strict=True):
             places = y.places(values[y.column.name]) * x.cells
             _count(counts, places + x.places(values[x.column.name]), passed)
         for axis, counts in zip(axes, shares, strict=True):
             _count(counts, axis.places(values[axis.column.name]), passed)
         for (name, limits), counts in zip(edges.items(), histograms, strict=True):
-            measured = _column_values(table, ResultColumn(name))
-            known = ~np.isnan(measured)
-            _count(counts, _bins(limits, measured[known]), passed[known])
+            known = ~np.isnan(part[name])
+            _count(counts, _bins(limits, part[name][known]), passed[known])
     shaped = [
         CellCounts(each.runs.reshape(y.cells, -1), each.passed.reshape(y.cells, -1))
         for each, (_, y) in zip(maps, pairs, strict=True)
@@ -311,15 +310,8 @@ def tally(
     return Tallies(shaped, shares, histograms)
 
 
-def _column_values(table: Any, column: ResultColumn) -> Column:
-    """Return a column of a part: numbers, NaN where there is none, or words, also for switches."""
-    found = table.column(column.name)
-    if column.kind is ColumnKind.TEXT:
-        return np.asarray(found.cast('string').to_numpy()).astype(str)
-    values = np.asarray(found.to_numpy())
-    if column.kind is ColumnKind.BOOLEAN and column is not PASSED:
-        return np.where(values, 'true', 'false')
-    return values
+def _words_of_switches(values: Column) -> Column:
+    return np.where(values, 'true', 'false') if values.dtype.kind == 'b' else values
 
 
 def _empty(cells: int) -> CellCounts:

@@ -90,8 +90,9 @@ def test_columns_and_selections(data, written):
     np.testing.assert_array_equal(data.column('settling_time_s'), settling)
     assert data.column('passed').tolist() == passed.tolist()
     assert np.isnan(data.column('wall_clearance_m')).all()
-    assert [table.num_rows for table in data.parts()] == [10, 10, 5]
-    assert [table.column_names for table in data.parts(['seed'])] == [['seed']] * 3
+    assert [len(part['seed']) for part in data.parts(['seed'])] == [10, 10, 5]
+    model = np.concatenate([part['plant_sim.model'] for part in data.parts(['plant_sim.model'])])
+    assert model.tolist() == joined(written, lambda rows: rows.varied[2]).tolist()
 
 
 def test_the_worst_runs(data, written):
