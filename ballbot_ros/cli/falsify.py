@@ -58,9 +58,9 @@ def command(
     """
     options.require(*(['search'] if method == 'cma' else []))
     from ballbot_ros.cli.study_output import SearchProgress
-    from ballbot_ros.lab.search.falsification_report import falsification_report
     from ballbot_ros.lab.search.falsify import Falsification, check, run_falsification
     from ballbot_ros.lab.search.optimiser import Method
+    from ballbot_ros.lab.search.report import falsification_report
     from ballbot_ros.lab.studies.reader import read_studies
     from ballbot_ros.lab.studies.report import check_output
     from ballbot_ros.process import stdout_to_stderr

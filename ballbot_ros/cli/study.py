@@ -6,10 +6,10 @@ import os
 import signal
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import reduce, wraps
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -55,17 +55,9 @@ def study_options(command: Callable[..., int]) -> Callable[..., int]:
     """Give a command the options of studies, as its argument `options`."""
 
     @wraps(command)
-    def with_options(
-        seed: int | None,
-        controller: str | None,
-        parameter_file: Path | None,
-        again: bool,
-        cluster: str | None,
-        as_json: bool,
-        **others: object,
-    ) -> int:
-        options = StudyOptions(seed, controller, parameter_file, again, cluster, as_json)
-        return command(options=options, **others)
+    def with_options(**given: Any) -> int:
+        shared = {each.name: given.pop(each.name) for each in fields(StudyOptions)}
+        return command(options=StudyOptions(**shared), **given)
 
     decorators = (
         click.option('--seed', type=click.IntRange(0), help="Seed.  [default: the file's]"),

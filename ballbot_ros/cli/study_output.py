@@ -19,7 +19,6 @@ from ballbot_ros.cli.options import MAX_TABLE_WIDTH, print_whole
 from ballbot_ros.cli.progress import ProgressLines, stderr_console
 from ballbot_ros.engine.scenario.scenario import bounds_text
 from ballbot_ros.files import own_command
-from ballbot_ros.lab.search.candidates import SearchObserver
 from ballbot_ros.lab.studies.execution import StudyObserver
 from ballbot_ros.lab.studies.manifest import PartSummary
 from ballbot_ros.lab.studies.outcomes import Ending, ending_table, endings_below, endings_of
@@ -102,7 +101,7 @@ class StudyProgress(StudyObserver):
         self._console.print(text, soft_wrap=True)
 
 
-class SearchProgress(StudyProgress, SearchObserver):
+class SearchProgress(StudyProgress):
     """The same for a search, with what is known after each generation."""
 
     def generation(self, text: str) -> None:

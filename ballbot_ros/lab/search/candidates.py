@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ballbot_ros.engine.rows import Column
 from ballbot_ros.errors import StudyError
 from ballbot_ros.lab.studies.columns import FALLEN, OUTCOME, PASSED
-from ballbot_ros.lab.studies.execution import StudyObserver, StudyRun
+from ballbot_ros.lab.studies.execution import StudyRun
 from ballbot_ros.lab.studies.part_file import PARTS, read_columns
 from ballbot_ros.lab.studies.programs import why_not_compiled
 from ballbot_ros.lab.studies.runs import Samples
@@ -27,13 +27,6 @@ FEWEST_PARTS = 4
 """Parts of a generation, so that several cores have work."""
 
 _HALVINGS = 60
-
-
-class SearchObserver(StudyObserver):
-    """Sees how a search goes on; this one shows nothing."""
-
-    def generation(self, text: str) -> None:
-        """Show what is known after another generation."""
 
 
 def run_candidates(run: StudyRun, samples: Samples) -> dict[str, Column]:

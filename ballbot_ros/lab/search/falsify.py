@@ -16,7 +16,6 @@ from ballbot_ros.engine.scenario.formulas import Interval
 from ballbot_ros.engine.scenario.properties import CLEARANCE
 from ballbot_ros.errors import BallbotError, StudyError
 from ballbot_ros.lab.search.candidates import (
-    SearchObserver,
     has_value,
     least_steps,
     run_candidates,
@@ -29,15 +28,15 @@ from ballbot_ros.lab.search.shrinking import Case, deviations, shrunk
 from ballbot_ros.lab.studies.columns import PASSED, MeasureColumn
 from ballbot_ros.lab.studies.execution import (
     LocalWorkers,
+    StudyObserver,
     StudyRun,
     StudyStoppedError,
-    WorkerProcess,
     WorkersOfJob,
+    call_safely,
 )
 from ballbot_ros.lab.studies.job import Job, job_of
-from ballbot_ros.lab.studies.programs import may_hang
 from ballbot_ros.lab.studies.rerun import scenario_spec
-from ballbot_ros.lab.studies.runs import Results, Samples, simulator_for
+from ballbot_ros.lab.studies.runs import Results, Samples
 from ballbot_ros.lab.studies.sampling import seeds_of_runs
 from ballbot_ros.lab.studies.study import Study
 from ballbot_ros.lab.studies.study_data import RunResults
@@ -185,7 +184,7 @@ def robustness(column: MeasureColumn, values: Floats) -> Floats:
 def run_falsification(
     falsification: Falsification,
     folder: Path,
-    observer: SearchObserver,
+    observer: StudyObserver,
     workers: WorkersOfJob = LocalWorkers,
     processes: Processes = Processes.SEPARATE,
     *,
@@ -226,7 +225,7 @@ def job_for(study: Study, folder: Path) -> Job:
 def search(
     falsification: Falsification,
     folder: Path,
-    observer: SearchObserver,
+    observer: StudyObserver,
     workers: WorkersOfJob = LocalWorkers,
     *,
     again: bool = False,
@@ -375,25 +374,12 @@ def _simulated(job: Job, study: Study, number: int, cases: Sequence[Case]) -> li
     if study.draws_seeds:
         columns[SEED] = np.repeat(seeds_of_runs(study.seed, number, number + 1), len(cases))
     try:
-        samples = study.samples(columns, number)
-        results = _in_process(job, samples) if may_hang(job.spec) else _simulate(job, samples)
+        results = call_safely(Job.simulate, job, study.samples(columns, number))
     except BallbotError:
         if len(cases) == 1:
             return [None]
         return [_simulated(job, study, number, [each])[0] for each in cases]
     return [results.part(slice(run, run + 1)) for run in range(len(cases))]
-
-
-def _simulate(job: Job, samples: Samples) -> Results:
-    return simulator_for(job.spec, job.measures).simulate(samples)
-
-
-def _in_process(job: Job, samples: Samples) -> Results:
-    process = WorkerProcess()
-    try:
-        return process.call(_simulate, job, samples)
-    finally:
-        process.kill()
 
 
 def _violates(job: Job, requirement: str, results: Results) -> bool:

@@ -1,8 +1,9 @@
-"""The report of a tuning: what it has found, how, and whether that holds for other robots."""
+"""The reports of a tuning and of a falsification: what was searched, how, and what was found."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from ballbot_ros.controllers.design.linear_model import DesignError
 from ballbot_ros.controllers.design.loop_analysis import analyse_sampled
 from ballbot_ros.controllers.loading import is_installed, public_reference
 from ballbot_ros.engine.scenario.reader import scenario_names
+from ballbot_ros.engine.scenario.scenario import bounds_text
 from ballbot_ros.files import own_command
 from ballbot_ros.lab.search.charts import (
     NamedChart,
@@ -23,10 +25,17 @@ from ballbot_ros.lab.search.charts import (
     path_chart,
     robots_chart,
 )
+from ballbot_ros.lab.search.falsify import (
+    COUNTEREXAMPLES,
+    Counterexample,
+    FalsificationResult,
+    requirements_of,
+)
 from ballbot_ros.lab.search.objective import INFEASIBLE
 from ballbot_ros.lab.search.optimiser import Method
 from ballbot_ros.lab.search.tune import AFTER, BEFORE, SEARCH, STEPS, TuningResult
 from ballbot_ros.lab.studies.columns import MeasureColumn
+from ballbot_ros.lab.studies.job import job_of
 from ballbot_ros.lab.studies.maps import PANEL_WIDTH
 from ballbot_ros.lab.studies.programs import with_values
 from ballbot_ros.lab.studies.report import (
@@ -39,7 +48,15 @@ from ballbot_ros.lab.studies.report import (
 )
 from ballbot_ros.lab.studies.study_data import QUANTILES, StudyData
 from ballbot_ros.lab.studies.survey import with_unit
-from ballbot_ros.lab.studies.variables import Distribution, Levels, LogUniform, Normal, WholeNumbers
+from ballbot_ros.lab.studies.variables import (
+    Distribution,
+    Levels,
+    LogUniform,
+    Normal,
+    Variable,
+    WholeNumbers,
+    nominal_value,
+)
 from ballbot_ros.parameters import DOCUMENTS_PROGRAM, ControllerParameters
 from ballbot_ros.parameters.files import plain_values
 
@@ -48,8 +65,7 @@ AT_AN_END = 0.01
 
 _BOTH = {BEFORE: 'start', AFTER: 'tuned'}
 _DISCRETE = Levels, WholeNumbers
-METHODS = {Method.CMA: 'CMA-ES', Method.RANDOM: 'random search'}
-"""Names of the methods."""
+_METHODS = {Method.CMA: 'CMA-ES', Method.RANDOM: 'random search'}
 
 
 def tuning_report(result: TuningResult) -> StudyReport:
@@ -171,7 +187,7 @@ class _Findings:
             ('Controller', self.controller),
             ('Candidates', f'{len(self.result.points):,}'),
             ('Robots per candidate', f'{study.runs:,}{each_of}'),
-            ('Method', f'{METHODS[self.tuning.method]}, population {self.tuning.population:,}'),
+            ('Method', f'{_METHODS[self.tuning.method]}, population {self.tuning.population:,}'),
             ('Seed', str(study.seed)),
             ('Version', f'{versions.ballbot_ros}, code {self.record.code_sha256[:12]}'),
             ('Python, numpy', f'{versions.python}, {versions.numpy}'),
@@ -194,7 +210,7 @@ class _Findings:
         share = self.result.points[self.result.best, number]
         return (
             variable.name,
-            '' if variable.parameter.unit == '1' else variable.parameter.unit,
+            _unit(variable),
             range_text(variable.distribution),
             value_text(start),
             value_text(tuned),
@@ -298,6 +314,85 @@ class _Findings:
         caption = f'{meaning[:1].upper()}{meaning[1:]}.' if meaning else ''
         title = ', '.join(words[1:] or words)
         return RenderedFigure(self.names(*words), title, caption, png, named.table)
+
+
+def falsification_report(result: FalsificationResult) -> StudyReport:
+    """Make the report of a falsification; its pictures are those next to the recordings."""
+    study, job = result.of.study, job_of(result.of.study, result.folder)
+    reference = study.spec.parameters.of(ControllerParameters).implementation
+    page = render_template(
+        'falsification.html',
+        package='ballbot_ros.lab.search',
+        title=study.name,
+        purpose=study.purpose,
+        outcome=_falsified(result),
+        facts=[
+            ('Runs', f'{result.runs:,} of {study.runs:,}'),
+            ('Not passed', f'{result.violating:,}'),
+            ('Scenario', study.spec.name),
+            ('Controller', public_reference(reference)),
+            ('Method', _METHODS[result.of.method]),
+            ('Seed', str(study.seed)),
+            ('Version', f'{job.record.versions.ballbot_ros}, code {job.record.code_sha256[:12]}'),
+        ],
+        requirements=[
+            (each.name, bounds_text(each.minimum, each.maximum).replace('-', '−'), each.meaning,
+             each.unit, number_text(float(result.least[each.name][-1])))
+            for each in requirements_of(study)
+        ],
+        variables=[
+            (each.name, _unit(each),
+             _value(nominal_value(study.spec, each)), range_text(each.distribution))
+            for each in study.variables
+        ],
+        counterexamples=[
+            _counterexample(result, rank, each)
+            for rank, each in enumerate(result.counterexamples, 1)
+        ],
+    )  # fmt: skip
+    return StudyReport(page, [], {})
+
+
+def _falsified(result: FalsificationResult) -> str:
+    if not result.counterexamples:
+        return f'No counterexample in {result.runs:,} runs. That does not prove that there is none.'
+    count = len(result.counterexamples)
+    return f'{count} counterexample{"s" * (count > 1)} in {result.runs:,} runs.'
+
+
+def _counterexample(
+    result: FalsificationResult, rank: int, found: Counterexample
+) -> dict[str, Any]:
+    study, scenario = result.of.study, found.scenario
+    assert scenario is not None
+    folder = f'{COUNTEREXAMPLES}/{rank}'
+    recording = scenario.with_suffix('.mcap')
+    return {
+        'requirement': found.requirement,
+        'number': found.number,
+        'folder': folder,
+        'figure': f'{folder}/{scenario.stem}.png',
+        'is_same': found.is_same,
+        'rows': [
+            (each.name, _unit(each),
+             _value(nominal_value(study.spec, each)), _value(found.found[each.name]),
+             _value(found.shrunk[each.name]))
+            for each in study.variables
+        ],
+        'commands': [
+            own_command('run', scenario), own_command('view', recording),
+            own_command('report', recording),
+        ],
+    }  # fmt: skip
+
+
+def _value(value: object) -> str:
+    return '–' if value is None else value_text(value)
+
+
+def _unit(variable: Variable) -> str:
+    unit = variable.parameter.unit
+    return '' if unit == '1' else unit
 
 
 def _term(column: MeasureColumn) -> str:

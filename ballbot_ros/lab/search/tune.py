@@ -14,7 +14,6 @@ from ballbot_ros.controllers.design.loop_analysis import dead_time_margin_ms
 from ballbot_ros.engine.rows import Column, whole_values
 from ballbot_ros.errors import StudyError
 from ballbot_ros.lab.search.candidates import (
-    SearchObserver,
     joined,
     least_steps,
     run_candidates,
@@ -26,7 +25,13 @@ from ballbot_ros.lab.search.optimiser import optimiser_of
 from ballbot_ros.lab.search.tuning import Tuning
 from ballbot_ros.lab.studies.columns import FALLEN, OUTCOME, MeasureColumn
 from ballbot_ros.lab.studies.data_set import MANIFEST
-from ballbot_ros.lab.studies.execution import LocalWorkers, StudyRun, WorkersOfJob, run_study
+from ballbot_ros.lab.studies.execution import (
+    LocalWorkers,
+    StudyObserver,
+    StudyRun,
+    WorkersOfJob,
+    run_study,
+)
 from ballbot_ros.lab.studies.job import Job, job_of
 from ballbot_ros.lab.studies.part_file import write_atomically
 from ballbot_ros.lab.studies.programs import with_values
@@ -117,7 +122,7 @@ def tuned_values(tuning: Tuning, point: Floats) -> dict[str, object]:
 def run_tuning(
     tuning: Tuning,
     folder: Path,
-    observer: SearchObserver,
+    observer: StudyObserver,
     workers: WorkersOfJob = LocalWorkers,
     *,
     again: bool = False,
@@ -154,7 +159,7 @@ def run_tuning(
 def search(
     tuning: Tuning,
     folder: Path,
-    observer: SearchObserver,
+    observer: StudyObserver,
     workers: WorkersOfJob = LocalWorkers,
     *,
     again: bool = False,

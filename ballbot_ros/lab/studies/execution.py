@@ -20,7 +20,7 @@ from ballbot_ros.lab.studies.data_set import begin_or_resume
 from ballbot_ros.lab.studies.job import Job
 from ballbot_ros.lab.studies.manifest import PartSummary
 from ballbot_ros.lab.studies.part_file import load_pyarrow
-from ballbot_ros.lab.studies.programs import programs_of, why_not_compiled
+from ballbot_ros.lab.studies.programs import may_hang, programs_of, why_not_compiled
 from ballbot_ros.lab.studies.runs import Advance, Samples
 from ballbot_ros.nodes.processes import END_WITH_PARENT, end_with_parent, exit_description
 from ballbot_ros.process import StopRequest
@@ -80,6 +80,17 @@ class WorkerProcess:
         self._process.kill()
 
 
+def call_safely(method: Callable[..., _Answer], job: Job, *arguments: object) -> _Answer:
+    """Call a method of a job, in a process that can be ended if a run of it may hang."""
+    if not may_hang(job.spec):
+        return method(job, *arguments)
+    process = WorkerProcess()
+    try:
+        return process.call(method, job, *arguments)
+    finally:
+        process.kill()
+
+
 def main() -> None:
     """Do parts until the parent closes the connection."""
     if not end_with_parent():
@@ -104,7 +115,7 @@ POLL_S = 0.2
 
 
 class StudyObserver:
-    """Sees how a study goes on; this one shows nothing."""
+    """Sees how a study or search goes on; this one shows nothing."""
 
     def begin(self, runs: int, done: PartSummary) -> None:
         """Show that a study of so many runs begins, or goes on after those that are done."""
@@ -114,6 +125,9 @@ class StudyObserver:
 
     def part(self, summary: PartSummary) -> None:
         """Show the runs of a part that has been written."""
+
+    def generation(self, text: str) -> None:
+        """Show what is known after another generation of a search."""
 
     def notice(self, text: str) -> None:
         """Show a line."""

@@ -94,6 +94,10 @@ class Job:
         store_part(self.folder, self.record, part, encoded.data)
         return encoded.summary
 
+    def simulate(self, samples: Samples, advance: Advance = ignore) -> Results:
+        """Return the results of runs; BallbotError if a value is not possible."""
+        return _simulator(self).simulate(samples, advance)
+
     def encode(self, part: int, samples: Samples, advance: Advance = ignore) -> EncodedPart:
         """Simulate and judge a part, and return the bytes of its file.
 
@@ -102,7 +106,7 @@ class Job:
         BallbotError
             If a value is not possible; the message is one line.
         """
-        results = _simulator(self).simulate(samples, advance)
+        results = self.simulate(samples, advance)
         if self.has_designs:
             has_gains = np.any([samples.values[name] for name in GAINS], axis=0)
             results.failed[~has_gains] = True

@@ -50,20 +50,13 @@ def _difference(required: Mapping[str, str]) -> str:
 
 
 def _do(payload: bytes, folder: Path) -> Answer:
-    from ballbot_ros.lab.studies.execution import WorkerProcess
+    from ballbot_ros.lab.studies.execution import call_safely
     from ballbot_ros.lab.studies.job import Job
-    from ballbot_ros.lab.studies.programs import may_hang
 
     packed, part, samples = pickle.loads(payload)
     job: Job = packed.unpack(folder)
-    if not may_hang(job.spec):
-        encoded = job.encode(part, samples)
-    else:  # it can't be interrupted in a thread of the worker
-        process = WorkerProcess()
-        try:
-            encoded = process.call(Job.encode, job, part, samples)
-        finally:
-            process.kill()
+    # A run that hangs can't be interrupted in a thread of the worker.
+    encoded = call_safely(Job.encode, job, part, samples)
     summary = encoded.summary
     return '', encoded.data, (summary.runs, summary.passed, summary.failed, summary.fallen)
 

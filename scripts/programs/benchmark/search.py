@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.lab.search import falsify, tune
-from ballbot_ros.lab.search.candidates import SearchObserver
 from ballbot_ros.lab.search.falsify import Falsification
 from ballbot_ros.lab.search.optimiser import Method
 from ballbot_ros.lab.search.tuning import Tuning, read_tuning
@@ -92,7 +91,7 @@ def _costs(read: Tuning, method: Method, seed: int) -> Floats:
     studies = tuple(replace(each, runs=ROBOTS, seed=seed) for each in read.studies)
     tuning = replace(read, studies=studies, method=method)
     with tempfile.TemporaryDirectory() as folder:
-        _, verdicts, _ = tune.search(tuning, Path(folder) / 'search', SearchObserver())
+        _, verdicts, _ = tune.search(tuning, Path(folder) / 'search', StudyObserver())
     return np.minimum.accumulate(verdicts.cost)
 
 
@@ -109,7 +108,7 @@ def _falsification(name: str) -> _Row:
     def runs(method: Method, seed: int) -> int:
         searched = Falsification(replace(study, seed=seed), 1, method)
         with tempfile.TemporaryDirectory() as folder:
-            result = falsify.search(searched, Path(folder) / 'search', SearchObserver(), _Here)
+            result = falsify.search(searched, Path(folder) / 'search', StudyObserver(), _Here)
         return result.counterexamples[0].number + 1 if result.counterexamples else BUDGET
 
     return _Row(f'falsify {name}', {
