@@ -32,8 +32,8 @@ from ballbot_ros.lab.studies.part_file import (
     DamagedPartError,
     check_part,
     sync_folder,
-    unwritable,
     write_atomically,
+    writing,
 )
 
 MANIFEST = 'manifest.json'
@@ -74,9 +74,9 @@ def _locked(folder: Path) -> Iterator[None]:
             f'{folder}: in use by another command, or by its last workers; '
             f'wait for their end, or {_REMEDY}'
         ) from None
-    except OSError as error:
+    except OSError:
         os.close(descriptor)
-        raise StudyError(f'{path}: {error.strerror}; {_REMEDY}') from None
+        raise
     try:
         yield
     finally:
@@ -120,7 +120,7 @@ class StudyFolder:
         StudyError
             If the folder can't be read or written, or pyarrow is not installed.
         """
-        try:
+        with writing(self.path):
             there = {each.name for each in (self.path / PARTS).iterdir()}
             names = [self.study.part_name(part) for part in range(self.study.parts)]
             notices = [
@@ -138,8 +138,6 @@ class StudyFolder:
                         missing.append(part)
                 else:
                     missing.append(part)
-        except OSError as error:
-            raise unwritable(self.path, error) from None
         return PartCheck(missing, summary, notices)
 
     def finish(self, now: datetime) -> PartCheck:
@@ -166,11 +164,9 @@ class StudyFolder:
         """
         # First the manifest: a finished one promises all parts.
         self._write(Manifest(self.study, now.isoformat(timespec='seconds')))
-        try:
+        with writing(self.path):
             for each in (self.path / PARTS).iterdir():
                 each.unlink()
-        except OSError as error:
-            raise unwritable(self.path, error) from None
 
     def _write(self, manifest: Manifest) -> None:
         _write_manifest(self.path, manifest)
@@ -199,20 +195,17 @@ def begin_or_resume(folder: Path, study: StudyRecord, now: datetime) -> Iterator
         If the folder has another study, or the study of another version of the code, or other
         files, is in use by another command, or can't be written.
     """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except (FileExistsError, NotADirectoryError):
-        raise StudyError(f'{folder}: not a folder; {_REMEDY}') from None
-    except OSError as error:
-        raise unwritable(folder, error) from None
-    with ExitStack() as stack:
+    with writing(folder):
         try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except (FileExistsError, NotADirectoryError):
+            raise StudyError(f'{folder}: not a folder; {_REMEDY}') from None
+    with ExitStack() as stack:
+        with writing(folder):
             # Foreign folders get no lock file.
             _check_contents(folder)
             stack.enter_context(_locked(folder))
             begun = _begin_or_resume(folder, study, now)
-        except OSError as error:
-            raise unwritable(folder, error) from None
         yield begun
 
 
@@ -274,10 +267,8 @@ def _check_contents(folder: Path) -> bool:
 
 
 def _write_manifest(folder: Path, manifest: Manifest) -> None:
-    try:
+    with writing(folder / MANIFEST):
         write_atomically(folder / MANIFEST, manifest.to_json().encode())
-    except OSError as error:
-        raise unwritable(folder / MANIFEST, error) from None
 
 
 def _is_temporary(name: str) -> bool:

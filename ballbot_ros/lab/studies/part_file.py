@@ -43,7 +43,7 @@ _NO_DIGEST = b'0' * (2 * _HASH_BYTES)
 _STUDY, _PART, _SUMMARY, _DIGEST = (
     b'ballbot_study', b'ballbot_part', b'ballbot_summary', b'ballbot_sha256',
 )  # fmt: skip
-_STORE_ATTEMPTS = 3
+_MORE_ATTEMPTS = 2
 
 
 class DamagedPartError(StudyError):
@@ -149,17 +149,13 @@ def store_part(folder: Path, study: StudyRecord, part: int, data: bytes) -> None
         If it can't be written.
     """
     path = folder / PARTS / study.part_name(part)
-    for attempt in range(1, _STORE_ATTEMPTS + 1):
-        try:
-            write_atomically(path, data)
-        except FileNotFoundError as error:
+    with writing(path):
+        for _ in range(_MORE_ATTEMPTS):
             # A command that resumes the study takes the temporary file for that of a dead process.
-            if attempt == _STORE_ATTEMPTS:
-                raise StudyError(f'{path}: {error.strerror}') from None
-        except OSError as error:
-            raise unwritable(path, error) from None
-        else:
-            return
+            with suppress(FileNotFoundError):
+                write_atomically(path, data)
+                return
+        write_atomically(path, data)
 
 
 def write_atomically(path: Path, data: bytes) -> None:
@@ -198,14 +194,16 @@ def sync_folder(folder: Path) -> None:
         os.close(descriptor)
 
 
-def unwritable(path: Path, error: OSError) -> StudyError:
-    """Return the error for a file that can't be written."""
-    if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
-        return StudyError(
-            f'{path}: {error.strerror}; the parts in the folder are kept: '
-            'make room and give the same command again'
-        )
-    return StudyError(f'{path}: {error.strerror}; choose another --output')
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Raise StudyError if a file or folder can't be written in this context."""
+    try:
+        yield
+    except OSError as error:
+        remedy = 'choose another --output'
+        if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+            remedy = 'the parts in the folder are kept: make room and give the same command again'
+        raise StudyError(f'{path}: {error.strerror}; {remedy}') from None
 
 
 def check_part(path: Path, study: StudyRecord, part: int) -> PartSummary:

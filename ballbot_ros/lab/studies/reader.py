@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Hashable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from itertools import product
 from math import prod
@@ -178,6 +179,18 @@ class StudyReader(DistributionReader):
             redesign=redesign,
         )
 
+    @contextmanager
+    def _naming(self, *keys: Hashable) -> Iterator[None]:
+        """Add file and line to the message of an error."""
+        try:
+            yield
+        except BallbotError as error:
+            raise self._error(keys, str(error)) from None
+
+    def _beside(self, name: str) -> str:
+        """Return a path that is one from the study's folder."""
+        return str((self._document.path.parent / name).resolve())
+
     def _redesign(
         self, data: Mapping[str, object], spec: RunSpec, given: Collection[str]
     ) -> Redesign | None:
@@ -235,13 +248,11 @@ class StudyReader(DistributionReader):
         ]
         ends = [(part, each.ends) for part, each in varied]
         faults: dict[Fault, None] = {}
-        try:
+        with self._naming('vary'):
             for chosen in product(*words):
                 for each in extreme_scenarios(spec.scenario, [*ends, *chosen], end):
                     faults |= dict.fromkeys(each.faults)
             all_faults(_with_faults(spec, faults).parameters.of)
-        except BallbotError as error:
-            raise self._error(('vary',), str(error)) from None
 
     def _fixed(self, data: object) -> tuple[ParameterSet, dict[str, object]]:
         """Return the fixed parameters, and their values by ``node.param``."""
@@ -256,7 +267,7 @@ class StudyReader(DistributionReader):
                 if name == 'implementation' and isinstance(value, str):
                     value = resolve_reference(value, folder)
                 if name == 'map' and isinstance(value, str) and is_file_name(value):
-                    value = str((folder / value).resolve())
+                    value = self._beside(value)
                 fixed.set(str(node), name, value, self._document.where(*keys))
                 values[f'{node}.{name}'] = value
         return fixed, values
@@ -264,10 +275,8 @@ class StudyReader(DistributionReader):
     def _options(self, data: Mapping[str, object], values: Mapping[str, object]) -> RunOptions:
         profile, controller = self._profile(data), data.get('controller')
         if profile is not None:
-            try:
+            with self._naming('profile'):
                 load_profile(profile)
-            except BallbotError as error:
-                raise self._error(('profile',), str(error)) from None
         if self._controller is not None:
             controller = resolve_reference(self._controller, Path.cwd())
         elif controller is not None:
@@ -285,26 +294,21 @@ class StudyReader(DistributionReader):
         """Return the device profile, if there is one; a path is one from the study's folder."""
         profile = data.get('profile')
         if isinstance(profile, str) and is_yaml_path(profile):
-            return str((self._document.path.parent / profile).resolve())
+            return self._beside(profile)
         return None if profile is None else str(profile)
 
     def _scenario(self, reference: str, data: Mapping[str, object]) -> str:
         """Return the name of a shipped scenario unchanged, or the path of a file."""
         if reference not in scenario_names() and is_yaml_path(reference):
-            reference = str((self._document.path.parent / reference).resolve())
-        try:
+            reference = self._beside(reference)
+        with self._naming('scenario'):
             load_scenario(reference, self._profile(data))
-        except BallbotError as error:
-            raise self._error(('scenario',), str(error)) from None
         return reference
 
     def _spec(self, reference: str, data: Mapping[str, object], options: RunOptions) -> RunSpec:
-        try:
+        # The scenario alone is valid.
+        with self._naming('controller' if 'controller' in data else 'parameters'):
             spec = RunSpec.of_scenario(reference, options)
-        except BallbotError as error:
-            # The scenario alone is valid.
-            key = 'controller' if 'controller' in data else 'parameters'
-            raise self._error((key,), str(error)) from None
         return _with_faults(spec, self._faults(data, spec.plant.duration))
 
     def _sampling(self, value: object) -> Sampling:
@@ -339,10 +343,8 @@ class StudyReader(DistributionReader):
     def _variable(
         self, name: str, data: object, keys: tuple[Hashable, ...], spec: RunSpec
     ) -> Variable:
-        try:
+        with self._naming(*keys):
             parameter = find_variable(name, spec)
-        except BallbotError as error:
-            raise self._error(keys, str(error)) from None
         variable = Variable(name, parameter, self._distribution(data, keys, parameter))
         low, _ = variable.distribution.ends
         if name == DURATION and low < TICK_S:

@@ -263,7 +263,7 @@ class _Findings:
             ('Fallen', f'{totals.fallen:,}'),
             ('Failed', f'{totals.failed:,}'),
             ('Seed', str(study.seed)),
-            ('Sampling', self.text.sampling or 'unknown'),
+            ('Sampling', self.text.sampling),
             ('Version', f'{study.versions.ballbot_ros}, code {study.code_sha256[:12]}'),
             ('Begun', manifest.begun.replace('T', ' ')),
         ]

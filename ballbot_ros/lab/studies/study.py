@@ -25,7 +25,6 @@ from ballbot_ros.lab.studies.variables import (
     LOG_UNIFORM,
     NORMAL,
     SEED,
-    UNIFORM,
     Grid,
     Levels,
     Variable,
@@ -189,7 +188,6 @@ class StudyText:
     Attributes
     ----------
     purpose, sampling : str
-        Empty if the text does not say.
     is_grid : bool
         Whether the runs are all combinations of levels.
     distributions : mapping of str to str
@@ -200,52 +198,43 @@ class StudyText:
         How the gains of each robot are designed; empty if all have the same.
     """
 
-    purpose: str = ''
-    sampling: str = ''
-    is_grid: bool = False
-    distributions: Mapping[str, str] = field(default_factory=dict)
-    logarithmic: frozenset[str] = frozenset()
-    redesign: str = ''
+    purpose: str
+    sampling: str
+    is_grid: bool
+    distributions: Mapping[str, str]
+    logarithmic: frozenset[str]
+    redesign: str
 
     @classmethod
     def of(cls, text: str) -> StudyText:
-        """Read a text; it was valid when the study ran, so what is not expected is left out."""
-        try:
-            data = yaml.safe_load(text)
-        except yaml.YAMLError:
-            return cls()
-        if not isinstance(data, dict):
-            return cls()
-        varied = data.get('vary')
-        varied = varied if isinstance(varied, dict) else {}
-        given = {str(name): each for name, each in varied.items() if isinstance(each, dict)}
-        sampling = str(data.get('sampling', Sampling.RANDOM.value))
+        """Read the text of a study that has run, so that it is valid."""
+        data = yaml.safe_load(text)
+        varied = data.get('vary', {})
+        sampling = Sampling(data.get('sampling', Sampling.RANDOM.value))
         return cls(
-            printable(str(data.get('purpose', ''))),
-            _SAMPLINGS[Sampling(sampling)] if sampling in list(Sampling) else '',
-            sampling == Sampling.GRID,
-            {name: _words(each) for name, each in given.items()},
-            frozenset(name for name, each in given.items() if LOG_UNIFORM in each),
+            printable(data.get('purpose', '')),
+            _SAMPLINGS[sampling],
+            sampling is Sampling.GRID,
+            {name: _words(each) for name, each in varied.items()},
+            frozenset(name for name, each in varied.items() if LOG_UNIFORM in each),
             _design_words(data.get('redesign', '')),
         )
 
 
 def _words(given: Mapping[str, object]) -> str:
     """Return a distribution in words."""
-    kind = next((each for each in DISTRIBUTIONS if each in given), '')
-    values = given.get(kind)
+    kind = next(each for each in DISTRIBUTIONS if each in given)
+    values = given[kind]
     items = [_number(each) for each in values] if isinstance(values, list) else [str(values)]
     if kind == LIST:
         more = ' …' if len(items) > _SHOWN_LEVELS else ''
         return f'one of {", ".join(items[:_SHOWN_LEVELS])}{more}'
-    if kind == GRID and len(items) == 3:
+    if kind == GRID:
         return f'levels at equal distances, {items[0]} … {items[1]}'
-    if kind == NORMAL and len(items) == 2:
+    if kind == NORMAL:
         limits = [f'{key} {_number(given[key])}' for key in ('min', 'max') if key in given]
         return ', '.join([f'normal, {items[0]} ± {items[1]}', *limits])
-    if kind in (UNIFORM, LOG_UNIFORM) and len(items) == 2:
-        return f'{kind.replace("_", "-")}, {items[0]} … {items[1]}'
-    return ''
+    return f'{kind.replace("_", "-")}, {items[0]} … {items[1]}'
 
 
 def _design_words(given: object) -> str:
