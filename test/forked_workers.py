@@ -33,7 +33,7 @@ def load(path):
     study = read_study(path)
     job = job_of(study, Path())
     PackedJob.of(job)
-    simulator_for(job.spec, job.measures).simulate(Sampler(study).part(0, 1))
+    simulator_for(job.spec, study.measures).simulate(Sampler(study).part(0, 1))
     worker_versions()
 
 

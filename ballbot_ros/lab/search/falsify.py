@@ -204,15 +204,14 @@ def run_falsification(
         If the folder is another study's or can't be written, a run is not possible, or a
         requirement has no value in any run.
     """
-    study = falsification.study
-    job = job_for(study, folder)
+    job = job_for(falsification.study, folder)
     result = search(falsification, folder, observer, workers, again=again)
     place = folder / COUNTEREXAMPLES
     shutil.rmtree(place, ignore_errors=True)
     found: list[Counterexample] = []
     for rank, each in enumerate(result.counterexamples, 1):
         observer.generation(f'counterexample {rank}: shrinking and recording')
-        simpler = _shrunk(job, study, each)
+        simpler = _shrunk(job, each)
         found.append(_recorded(job, simpler, place / str(rank), processes))
     return replace(result, counterexamples=found)
 
@@ -343,21 +342,22 @@ def _worst(
     return Counterexample(number, name, case, case, (), seed)
 
 
-def _shrunk(job: Job, study: Study, found: Counterexample) -> Counterexample:
+def _shrunk(job: Job, found: Counterexample) -> Counterexample:
     """Return a counterexample with a simpler run."""
+    study = job.study
     nominal = {each.name: nominal_value(study.spec, each) for each in study.variables}
 
-    (results,) = _simulated(job, study, found.number, [dict(found.found)])
+    (results,) = _simulated(job, found.number, [dict(found.found)])
     assert results is not None
     names = [COMPLETED, *(each.name for each in requirements_of(study))]
     requirement = found.requirement or next(n for n in names if _violates(job, n, results))
 
     def violates(cases: Sequence[Case]) -> list[bool]:
-        results = _simulated(job, study, found.number, cases)
+        results = _simulated(job, found.number, cases)
         return [each is not None and _violates(job, requirement, each) for each in results]
 
     case = shrunk(dict(found.found), study.variables, nominal, violates)
-    (results,) = _simulated(job, study, found.number, [case])
+    (results,) = _simulated(job, found.number, [case])
     assert results is not None
     return replace(
         found,
@@ -368,8 +368,9 @@ def _shrunk(job: Job, study: Study, found: Counterexample) -> Counterexample:
     )
 
 
-def _simulated(job: Job, study: Study, number: int, cases: Sequence[Case]) -> list[Results | None]:
+def _simulated(job: Job, number: int, cases: Sequence[Case]) -> list[Results | None]:
     """Return the results of runs with the seed of a run; None of one that is not possible."""
+    study = job.study
     columns = {name: np.array([each[name] for each in cases]) for name in cases[0]}
     if study.draws_seeds:
         columns[SEED] = np.repeat(seeds_of_runs(study.seed, number, number + 1), len(cases))
@@ -378,7 +379,7 @@ def _simulated(job: Job, study: Study, number: int, cases: Sequence[Case]) -> li
     except BallbotError:
         if len(cases) == 1:
             return [None]
-        return [_simulated(job, study, number, [each])[0] for each in cases]
+        return [_simulated(job, number, [each])[0] for each in cases]
     return [results.part(slice(run, run + 1)) for run in range(len(cases))]
 
 

@@ -22,7 +22,6 @@ from ballbot_ros.lab.studies.columns import ColumnKind, ResultColumn
 from ballbot_ros.lab.studies.manifest import PartSummary, StudyRecord
 from ballbot_ros.lab.studies.part_file import EncodedPart, PartRows, encode_part, store_part
 from ballbot_ros.lab.studies.programs import why_not_compiled
-from ballbot_ros.lab.studies.redesign import GAINS
 from ballbot_ros.lab.studies.rerun import parameter_text
 from ballbot_ros.lab.studies.runs import (
     Advance,
@@ -32,7 +31,7 @@ from ballbot_ros.lab.studies.runs import (
     ignore,
     simulator_for,
 )
-from ballbot_ros.lab.studies.study import Study
+from ballbot_ros.lab.studies.study import GAINS, Study
 from ballbot_ros.lab.studies.variables import SEED
 from ballbot_ros.parameters import (
     CONTROLLER,
@@ -59,25 +58,21 @@ class Job:
     Attributes
     ----------
     record : StudyRecord
-        The study.
-    spec : RunSpec
-        The run that all are like, but for their samples.
-    measures : tuple of Measure or Property
-        What is measured, in the order of the record's columns.
-    expectations : tuple of Expectation
-        Their measures are among those.
+        The study, as it is in the folder.
+    study : Study
+        The same; its specification has no class of a controller, which can't be pickled.
     folder : Path
         Where the part is written.
-    has_designs : bool
-        Whether the gains of each robot are designed, and are among the samples.
     """
 
     record: StudyRecord
-    spec: RunSpec
-    measures: tuple[Measure | Property, ...]
-    expectations: tuple[Expectation, ...]
+    study: Study
     folder: Path
-    has_designs: bool = False
+
+    @property
+    def spec(self) -> RunSpec:
+        """The run that all are like, but for their samples."""
+        return self.study.spec
 
     def do(self, part: int, samples: Samples, advance: Advance = ignore) -> PartSummary:
         """Simulate, judge and write a part.
@@ -107,7 +102,7 @@ class Job:
             If a value is not possible; the message is one line.
         """
         results = self.simulate(samples, advance)
-        if self.has_designs:
+        if self.study.redesign:
             has_gains = np.any([samples.values[name] for name in GAINS], axis=0)
             results.failed[~has_gains] = True
         varied = {**samples.values, **samples.events}
@@ -118,7 +113,7 @@ class Job:
             seeds.astype(np.int64),
             [varied[each.name] for each in self.record.varied],
             results._replace(measured=measured),
-            passed(results, self.measures, self.expectations),
+            passed(results, self.study.measures, self.study.expectations),
         )
         return encode_part(self.record, part, rows)
 
@@ -155,8 +150,7 @@ def job_of(study: Study, folder: Path, runs_per_part: int | None = None) -> Job:
         varied=(*varied, *(gains if study.redesign else ())),
         measures=study.measure_columns,
     )
-    measures, expectations = study.measures, study.expectations
-    return Job(record, spec, measures, expectations, folder, study.redesign is not None)
+    return Job(record, replace(study, spec=spec), folder)
 
 
 def _identities(spec: RunSpec) -> str:
@@ -205,7 +199,7 @@ def _simulator(job: Job) -> Simulator:
     with _making:
         if identity not in _simulators:
             _simulators.clear()
-            _simulators[identity] = simulator_for(job.spec, job.measures)
+            _simulators[identity] = simulator_for(job.spec, job.study.measures)
         return _simulators[identity]
 
 
@@ -283,7 +277,8 @@ class PackedJob:
             parameters.set(CONTROLLER, 'implementation', reference)
         if self.controller_sha256 and find_code(reference).source.sha256 != self.controller_sha256:
             raise StudyError(f'its controller {reference} has other code')
-        return replace(self.job, spec=replace(self.job.spec, parameters=parameters))
+        spec = replace(self.job.spec, parameters=parameters)
+        return replace(self.job, study=replace(self.job.study, spec=spec))
 
 
 def _controller_of(job: Job) -> str:

@@ -34,8 +34,16 @@ from ballbot_ros.files import read_text, share_directory
 from ballbot_ros.lab.studies.columns import OTHERS
 from ballbot_ros.lab.studies.events import event_part, extreme_scenarios, is_event
 from ballbot_ros.lab.studies.programs import with_values
-from ballbot_ros.lab.studies.redesign import GAINS, K_F
-from ballbot_ros.lab.studies.study import CASE, MAX_RUNS, Sampling, Study, grid_shape, nearest_grid
+from ballbot_ros.lab.studies.study import (
+    CASE,
+    GAINS,
+    K_F,
+    MAX_RUNS,
+    Sampling,
+    Study,
+    grid_shape,
+    nearest_grid,
+)
 from ballbot_ros.lab.studies.variables import (
     CONE_RAYS,
     DURATION,

@@ -42,10 +42,9 @@ from ballbot_ros.lab.studies.manifest import StudyRecord
 from ballbot_ros.lab.studies.maps import PassMap, PredictedLimit, map_bins, predict, usual_values
 from ballbot_ros.lab.studies.outcomes import ending_table, endings_below, endings_of
 from ballbot_ros.lab.studies.programs import with_values
-from ballbot_ros.lab.studies.redesign import GAINS
 from ballbot_ros.lab.studies.rerun import study_parameters
 from ballbot_ros.lab.studies.sensitivity import MAX_SAMPLE, MIN_SAMPLE, SLICES, analyse
-from ballbot_ros.lab.studies.study import StudyText
+from ballbot_ros.lab.studies.study import GAINS, StudyText
 from ballbot_ros.lab.studies.study_data import QUANTILES, RunResults, StudyData, StudySummary
 from ballbot_ros.lab.studies.survey import Axis, Survey, tally
 

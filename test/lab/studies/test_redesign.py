@@ -20,10 +20,10 @@ from ballbot_ros.lab.search.tuning import read_tuning
 from ballbot_ros.lab.studies.execution import StudyObserver, run_study
 from ballbot_ros.lab.studies.job import job_of
 from ballbot_ros.lab.studies.reader import read_study
-from ballbot_ros.lab.studies.redesign import GAINS
 from ballbot_ros.lab.studies.report import study_report
 from ballbot_ros.lab.studies.runs import OrdinarySimulator, Samples
 from ballbot_ros.lab.studies.sampling import Sampler
+from ballbot_ros.lab.studies.study import GAINS
 from ballbot_ros.lab.studies.study_data import StudyData
 from ballbot_ros.parameters import ControllerParameters
 from ballbot_ros.parameters.files import read_parameter_file
