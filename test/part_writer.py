@@ -11,10 +11,9 @@ import sys
 import time
 from pathlib import Path
 
-from study_folders import NOW, record, rows_of, write_part
+from study_folders import NOW, encoded, record, rows_of, write_part
 
 from ballbot_ros.lab.studies.data_set import begin_or_resume
-from ballbot_ros.lab.studies.part_file import encode_part
 
 SMALL = {'runs': 480, 'runs_per_part': 8}
 
@@ -58,7 +57,7 @@ def write_in_fork(folder, parts, delay_s):
 def main():
     # The first part takes a quarter of a second, which every process would need again.
     study = record(**SMALL)
-    encode_part(study, 0, rows_of(study, 0))
+    encoded(study, 0, rows_of(study, 0))
     for line in sys.stdin:
         parts, delay_s, folder = line.strip('\n').split('\t')
         print(write_in_fork(Path(folder), parts, float(delay_s)), flush=True)

@@ -1,16 +1,18 @@
 """Studies with made-up results."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from datetime import datetime, timezone
+from typing import Any
 
 import numpy as np
 
 from ballbot_ros.engine.scenario.scenario import Expectation, Measure
 from ballbot_ros.lab.studies.columns import ColumnKind, MeasureColumn, ResultColumn
 from ballbot_ros.lab.studies.data_set import begin_or_resume
-from ballbot_ros.lab.studies.manifest import StudyRecord, Versions
-from ballbot_ros.lab.studies.part_file import PartRows, encode_part, store_part
+from ballbot_ros.lab.studies.manifest import PartSummary, StudyRecord, Versions
+from ballbot_ros.lab.studies.part_file import encode_part, store_part
 from ballbot_ros.lab.studies.runs import Results
+from ballbot_ros.lockstep.run_actions import Outcome
 
 NOW = datetime(2026, 1, 2, 3, 4, 5, tzinfo=timezone.utc)
 
@@ -32,6 +34,34 @@ MEASURES = tuple(
         Measure('wall_clearance_m'),
     )
 )
+
+
+@dataclass(frozen=True)
+class PartRows:
+    """The runs of a part."""
+
+    seed: Any
+    varied: Any
+    results: Results
+    passed: Any
+
+    @property
+    def summary(self):
+        failed, fallen = self.results.failed, self.results.fallen
+        return PartSummary(
+            len(self.seed), *(int(each.sum()) for each in (self.passed, failed, fallen))
+        )
+
+
+def encoded(study, part, rows):
+    """Return a part with these rows, and its numbers of runs."""
+    results = rows.results
+    outcomes = np.where(results.failed, Outcome.FAILED.value, Outcome.COMPLETED.value)
+    columns = [
+        np.array(study.numbers(part)), rows.seed, *rows.varied, *results.measured.T, rows.passed,
+        outcomes, results.fallen, results.ticks, results.duty_sha256,
+    ]  # fmt: skip
+    return encode_part(study, part, columns)
 
 
 def record(**changes):
@@ -80,9 +110,9 @@ def rows_of(study, part, seed=0):
 
 def write_part(folder, study, part, rows):
     """Write a part as a worker does; return its numbers of runs."""
-    encoded = encode_part(study, part, rows)
-    store_part(folder, study, part, encoded.data)
-    return encoded.summary
+    data, summary = encoded(study, part, rows)
+    store_part(folder, study, part, data)
+    return summary
 
 
 def write_study(folder, study=None, parts=None):

@@ -20,7 +20,7 @@ from ballbot_ros.engine.scenario.writer import scenario_data
 from ballbot_ros.errors import StudyError, os_errors
 from ballbot_ros.lab.studies.columns import ColumnKind, ResultColumn
 from ballbot_ros.lab.studies.manifest import PartSummary, StudyRecord
-from ballbot_ros.lab.studies.part_file import EncodedPart, PartRows, encode_part, store_part
+from ballbot_ros.lab.studies.part_file import EncodedPart, encode_part, store_part
 from ballbot_ros.lab.studies.programs import why_not_compiled
 from ballbot_ros.lab.studies.rerun import parameter_text
 from ballbot_ros.lab.studies.runs import (
@@ -33,6 +33,7 @@ from ballbot_ros.lab.studies.runs import (
 )
 from ballbot_ros.lab.studies.study import GAINS, Study
 from ballbot_ros.lab.studies.variables import SEED
+from ballbot_ros.lockstep.run_actions import Outcome
 from ballbot_ros.parameters import (
     CONTROLLER,
     DOCUMENTS_PROGRAM,
@@ -109,13 +110,14 @@ class Job:
         seeds = varied.get(SEED, np.full(samples.count, self.spec.plant.seed))
         # What has no time to be judged has no value, though it holds.
         measured = np.where(np.isinf(results.measured), np.nan, results.measured)
-        rows = PartRows(
-            seeds.astype(np.int64),
-            [varied[each.name] for each in self.record.varied],
-            results._replace(measured=measured),
-            passed(results, self.study.measures, self.study.expectations),
-        )
-        return encode_part(self.record, part, rows)
+        good = passed(results, self.study.measures, self.study.expectations)
+        outcomes = np.where(results.failed, Outcome.FAILED.value, Outcome.COMPLETED.value)
+        columns = [
+            np.array(self.record.numbers(part)), seeds.astype(np.int64),
+            *(varied[each.name] for each in self.record.varied), *measured.T,
+            good, outcomes, results.fallen, results.ticks, results.duty_sha256,
+        ]  # fmt: skip
+        return encode_part(self.record, part, columns)
 
 
 def job_of(study: Study, folder: Path, runs_per_part: int | None = None) -> Job:

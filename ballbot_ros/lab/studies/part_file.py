@@ -13,24 +13,28 @@ import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 from uuid import uuid4
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot_ros.engine.rows import Column
 from ballbot_ros.errors import StudyError, importing, one_line
 from ballbot_ros.files import read_bytes
-from ballbot_ros.lab.studies.columns import NUMBER, TICKS, ColumnKind, ResultColumn
+from ballbot_ros.lab.studies.columns import (
+    FALLEN,
+    NUMBER,
+    OUTCOME,
+    PASSED,
+    TICKS,
+    ColumnKind,
+    ResultColumn,
+)
 from ballbot_ros.lab.studies.manifest import PartSummary, StudyRecord
 from ballbot_ros.lockstep.run_actions import Outcome
-
-if TYPE_CHECKING:
-    from ballbot_ros.lab.studies.runs import Results
 
 PARTS = 'parts'
 """Name of the folder of the parts."""
@@ -60,38 +64,6 @@ class DamagedPartError(StudyError):
         self.reason = reason
 
 
-@dataclass(frozen=True)
-class PartRows:
-    """The runs of a part, in the order of their numbers.
-
-    Attributes
-    ----------
-    seed : ndarray of int64, shape (r,)
-        Seeds of the runs.
-    varied : sequence of ndarray, shape (r,) each
-        Varied values, in the order of the study's columns.
-    results : Results
-        What the simulator returns; the measures are in the order of the study's columns.
-    passed : ndarray of bool, shape (r,)
-        Whether a run was completed and all expectations hold.
-    """
-
-    seed: NDArray[np.int64]
-    varied: Sequence[Column]
-    results: Results
-    passed: NDArray[np.bool_]
-
-    @property
-    def summary(self) -> PartSummary:
-        """The numbers of runs."""
-        return PartSummary(
-            len(self.seed),
-            int(np.count_nonzero(self.passed)),
-            int(np.count_nonzero(self.results.failed)),
-            int(np.count_nonzero(self.results.fallen)),
-        )
-
-
 class EncodedPart(NamedTuple):
     """The bytes of a part's file."""
 
@@ -99,21 +71,27 @@ class EncodedPart(NamedTuple):
     summary: PartSummary
 
 
-def encode_part(study: StudyRecord, part: int, rows: PartRows) -> EncodedPart:
+def encode_part(study: StudyRecord, part: int, columns: Sequence[Column]) -> EncodedPart:
     """Return the bytes of a part's file, for those who can't write the folder themselves.
+
+    Parameters
+    ----------
+    columns : sequence of ndarray, shape (r,) each
+        Those of the study, in their order; hashes are rows of bytes.
 
     Raises
     ------
     StudyError
         If pyarrow is not installed.
     """
-    numbers = study.numbers(part)
-    summary = rows.summary
-    if summary.runs != len(numbers):
-        raise ValueError(f'part {part} has {len(numbers)} runs, not {summary.runs}')
+    values = dict(zip((each.name for each in study.columns), columns, strict=True))
+    passed, fallen = values[PASSED.name], values[FALLEN.name]
+    failed = values[OUTCOME.name] == Outcome.FAILED
+    summary = PartSummary(len(passed), *map(int, map(np.count_nonzero, (passed, failed, fallen))))
+    if summary.runs != len(study.numbers(part)):
+        raise ValueError(f'part {part} has {len(study.numbers(part))} runs, not {summary.runs}')
     arrow = load_pyarrow()
     schema = _schema(arrow, study, part, summary)
-    values = _values(study, rows, numbers)
     arrays = [_array(arrow, field.type, values[field.name]) for field in schema]
     table = arrow.Table.from_arrays(arrays, schema=schema)
     repeated = [each.name for each in study.columns if _repeats(each, values[each.name])]
@@ -121,7 +99,7 @@ def encode_part(study: StudyRecord, part: int, rows: PartRows) -> EncodedPart:
     arrow.parquet.write_table(
         table,
         stream,
-        row_group_size=len(numbers),
+        row_group_size=summary.runs,
         use_dictionary=repeated,
         column_encoding={
             each.name: _ENCODINGS[each.kind] for each in study.columns if each.name not in repeated
@@ -303,16 +281,6 @@ def _schema(arrow: Any, study: StudyRecord, part: int, summary: PartSummary) -> 
         _DIGEST: _DIGEST_MARK + _NO_DIGEST,
     }
     return arrow.schema(fields, metadata=metadata)
-
-
-def _values(study: StudyRecord, rows: PartRows, numbers: range) -> dict[str, Column]:
-    results = rows.results
-    outcomes = np.where(results.failed, Outcome.FAILED.value, Outcome.COMPLETED.value)
-    columns = [
-        np.arange(numbers.start, numbers.stop), rows.seed, *rows.varied, *results.measured.T,
-        rows.passed, outcomes, results.fallen, results.ticks, results.duty_sha256,
-    ]  # fmt: skip
-    return {each.name: column for each, column in zip(study.columns, columns, strict=True)}
 
 
 def _array(arrow: Any, kind: object, values: Column) -> object:

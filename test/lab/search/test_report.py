@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from html_pages import Page
 from PIL import Image
-from study_folders import NOW, write_part
+from study_folders import NOW, PartRows, write_part
 
 pytest.importorskip('pyarrow')
 
@@ -21,7 +21,6 @@ from ballbot_ros.lab.search.tune import TuningResult
 from ballbot_ros.lab.search.tuning import read_tuning
 from ballbot_ros.lab.studies.data_set import begin_or_resume
 from ballbot_ros.lab.studies.job import job_of
-from ballbot_ros.lab.studies.part_file import PartRows
 from ballbot_ros.lab.studies.programs import with_values
 from ballbot_ros.lab.studies.runs import Results
 from ballbot_ros.lab.studies.study_data import wilson_interval

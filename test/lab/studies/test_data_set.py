@@ -11,14 +11,14 @@ from pathlib import Path
 
 import pytest
 from laws import refusal
-from study_folders import MEASURES, NOW, VARIED, record, rows_of, write_part, write_study
+from study_folders import MEASURES, NOW, VARIED, encoded, record, rows_of, write_part, write_study
 
 pytest.importorskip('pyarrow')
 
 from ballbot_ros.errors import StudyError
 from ballbot_ros.lab.studies.data_set import begin_or_resume, read_manifest
 from ballbot_ros.lab.studies.manifest import Manifest, PartSummary, StudyRecord, Versions
-from ballbot_ros.lab.studies.part_file import encode_part, store_part
+from ballbot_ros.lab.studies.part_file import store_part
 from ballbot_ros.lab.studies.study_data import StudyData
 
 
@@ -217,7 +217,7 @@ def test_damaged_and_foreign_parts_are_moved_aside_and_redone(folder):
     parts = folder / 'parts'
     names = [study.part_name(part) for part in range(3)]
     (parts / names[0]).write_bytes(b'')
-    (parts / names[1]).write_bytes(encode_part(study, 0, rows_of(study, 0)).data)
+    (parts / names[1]).write_bytes(encoded(study, 0, rows_of(study, 0)).data)
     (parts / 'part-000009.parquet').write_bytes(b'mine')
     for round_ in (1, 2):
         with begin_or_resume(folder, study, NOW) as begun:
@@ -234,7 +234,7 @@ def test_damaged_and_foreign_parts_are_moved_aside_and_redone(folder):
         kept = {each: data for each, data in files(folder).items() if 'damaged' not in each.parts}
         assert kept == good
         (parts / names[0]).write_bytes(b'')
-        (parts / names[1]).write_bytes(encode_part(study, 0, rows_of(study, 0)).data)
+        (parts / names[1]).write_bytes(encoded(study, 0, rows_of(study, 0)).data)
     assert len(list((folder / 'damaged').iterdir())) == 5
 
 
@@ -306,7 +306,7 @@ def small_files(size):
 def test_a_part_that_can_not_be_written_leaves_nothing(folder, monkeypatch):
     study = write_study(folder, parts=[0])
     good = files(folder)
-    part = (folder, study, 1, encode_part(study, 1, rows_of(study, 1)).data)
+    part = (folder, study, 1, encoded(study, 1, rows_of(study, 1)).data)
     with small_files(1000):
         text = refusal(StudyError, store_part, *part)
     assert 'File too large; the parts in the folder are kept' in text

@@ -8,7 +8,17 @@ import pytest
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from laws import given, is_read_or_refused_in_one_line, refusal, settings
-from study_folders import MEASURES, NOW, VARIED, record, rows_of, write_part, write_study
+from study_folders import (
+    MEASURES,
+    NOW,
+    VARIED,
+    PartRows,
+    encoded,
+    record,
+    rows_of,
+    write_part,
+    write_study,
+)
 
 pytest.importorskip('pyarrow')
 import pyarrow.parquet
@@ -19,9 +29,7 @@ from ballbot_ros.lab.studies.data_set import begin_or_resume
 from ballbot_ros.lab.studies.manifest import PartSummary
 from ballbot_ros.lab.studies.part_file import (
     DamagedPartError,
-    PartRows,
     check_part,
-    encode_part,
     read_columns,
     read_part,
 )
@@ -112,7 +120,7 @@ def test_a_part_is_read_as_it_was_written(tmp_path_factory, drawn):
 
 def test_the_same_rows_are_the_same_bytes():
     study = record()
-    first, again = (encode_part(study, 1, rows_of(study, 1)).data for _ in range(2))
+    first, again = (encoded(study, 1, rows_of(study, 1)).data for _ in range(2))
     assert first == again
 
 
@@ -191,7 +199,7 @@ def test_a_row_is_small_on_disk():
         ~failed,
     )
     numbers = 1 + len(varied) + measured.shape[1]
-    assert len(encode_part(study, 0, rows).data) / 5000 <= 40 + 6.1 * numbers
+    assert len(encoded(study, 0, rows).data) / 5000 <= 40 + 6.1 * numbers
 
 
 def damages():
@@ -257,7 +265,7 @@ def test_parts_of_others_are_not_taken(folder):
         (record(text='runs: 26\n'), 0, 'not a part of this study'),
         (study, 1, 'another part'),
     ):
-        path.write_bytes(encode_part(other, part, rows_of(other, part)).data)
+        path.write_bytes(encoded(other, part, rows_of(other, part)).data)
         for read in (check_part, read_part):
             assert reason in refusal(DamagedPartError, read, path, study, 0), reason
         assert reason in refusal(DamagedPartError, read_columns, path, study, 0, ['number'])
@@ -269,7 +277,7 @@ def test_parts_of_others_are_not_taken(folder):
 def test_rows_must_be_those_of_the_part():
     study = record()
     with pytest.raises(ValueError, match='part 2 has 5 runs, not 10'):
-        encode_part(study, 2, rows_of(study, 0))
+        encoded(study, 2, rows_of(study, 0))
 
 
 def test_column_names_are_single():

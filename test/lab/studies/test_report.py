@@ -13,7 +13,7 @@ from browsing import open_document, shared_browser
 from html_pages import Page
 from laws import refusal
 from PIL import Image
-from study_folders import EXPECTATIONS, NOW, record, write_part, write_study
+from study_folders import EXPECTATIONS, NOW, PartRows, record, write_part, write_study
 
 pytest.importorskip('pyarrow')
 pytest.importorskip('SALib')
@@ -24,7 +24,6 @@ from ballbot_ros.errors import BallbotError
 from ballbot_ros.lab.studies.columns import ColumnKind, MeasureColumn, ResultColumn
 from ballbot_ros.lab.studies.data_set import begin_or_resume
 from ballbot_ros.lab.studies.job import job_of
-from ballbot_ros.lab.studies.part_file import PartRows
 from ballbot_ros.lab.studies.reader import read_study
 from ballbot_ros.lab.studies.report import study_report
 from ballbot_ros.lab.studies.runs import Results

@@ -7,13 +7,12 @@ import sys
 import numpy as np
 import pytest
 from laws import refusal
-from study_folders import MEASURES, NOW, record, rows_of, write_part, write_study
+from study_folders import MEASURES, NOW, PartRows, record, rows_of, write_part, write_study
 
 pytest.importorskip('pyarrow')
 
 from ballbot_ros.errors import MissingExtraError, StudyError
 from ballbot_ros.lab.studies.data_set import begin_or_resume
-from ballbot_ros.lab.studies.part_file import PartRows
 from ballbot_ros.lab.studies.runs import Results
 from ballbot_ros.lab.studies.study_data import QUANTILES, RunResults, StudyData, wilson_interval
 
