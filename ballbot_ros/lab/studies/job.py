@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from threading import Lock
 from typing import NamedTuple
-from uuid import uuid4
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +19,7 @@ from ballbot_ros.engine.scenario.writer import scenario_data
 from ballbot_ros.errors import StudyError, os_errors
 from ballbot_ros.lab.studies.columns import ColumnKind, ResultColumn
 from ballbot_ros.lab.studies.manifest import PartSummary, StudyRecord
-from ballbot_ros.lab.studies.part_file import EncodedPart, encode_part, store_part
+from ballbot_ros.lab.studies.part_file import EncodedPart, encode_part, store_part, write_atomically
 from ballbot_ros.lab.studies.programs import why_not_compiled
 from ballbot_ros.lab.studies.rerun import parameter_text
 from ballbot_ros.lab.studies.runs import (
@@ -216,12 +215,10 @@ class PackedFile(NamedTuple):
         path = folder / hashlib.sha256(self.data).hexdigest() / self.name
         if path.exists():
             return path
-        # Other threads may do the same, and read the file as soon as it has its name.
-        temporary = path.with_name(f'.{uuid4().hex}')
         with os_errors(StudyError, path):
             path.parent.mkdir(parents=True, exist_ok=True)
-            temporary.write_bytes(self.data)
-            temporary.replace(path)
+            # Other threads may do the same, and read the file as soon as it has its name.
+            write_atomically(path, self.data)
         return path
 
 
