@@ -176,9 +176,8 @@ class Manifest:
     def to_json(self) -> str:
         """Return the text of the file."""
         values = {'format': FORMAT, 'identity': self.study.identity, **asdict(self)}
-        return (
-            json.dumps({**values, 'sha256': _digest(values)}, indent=2, ensure_ascii=False) + '\n'
-        )
+        signed = {**values, 'sha256': _digest(values)}
+        return json.dumps(signed, indent=2, ensure_ascii=False) + '\n'
 
     @classmethod
     def from_json(cls, text: str) -> Manifest:

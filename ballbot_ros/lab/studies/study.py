@@ -268,7 +268,7 @@ class StudyText:
         varied = data.get('vary', {})
         sampling = Sampling(data.get('sampling', Sampling.RANDOM.value))
         return cls(
-            printable(data.get('purpose', '')),
+            printable(str(data.get('purpose', ''))),
             _SAMPLINGS[sampling],
             sampling is Sampling.GRID,
             {name: _words(each) for name, each in varied.items()},
