@@ -422,9 +422,6 @@ class RecorderNode(Node):
     def report_loss(self, stream, sequence):
         self.lost.append(f'{stream.name}: before {sequence}')
 
-    def begin_file(self):
-        """Each run has what is kept for itself."""
-
     def has_several_publishers(self, stream):
         return self.world.sees(self, stream.name) > 1
 

@@ -1,8 +1,5 @@
 """Changed copies of recordings."""
 
-import struct
-
-from ballbot_ros.recording.messages.raw import has_stamp
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.schemas import encoder
 from ballbot_ros.recording.writer import RecordingWriter
@@ -17,14 +14,13 @@ def copy_recording(
     attach=lambda data: data,
     first=(),
     extra=None,
-    later_ns=None,
 ):
     """Write a copy of recordings, one after the other; return its path.
 
     It has the `wanted` topics, in other `types` if these are given. `edit` returns the data of a
     message in the source of a number, from 1, and `attach` that of an attachment; None drops it.
     The messages `first`, as topic, stamp and data, come before those of a source; the messages
-    `extra`, as message and stamp by topic, are the last. The log times of a source are `later_ns`.
+    `extra`, as message and stamp by topic, are the last.
     """
     with RecordingWriter(path) as writer:
         topics = {}
@@ -34,9 +30,7 @@ def copy_recording(
                 topics[name] = writer.add_topic(name, kind)
             return topics[name]
 
-        for number, (source, later) in enumerate(
-            zip(sources, later_ns or [0] * len(sources), strict=True), 1
-        ):
+        for number, source in enumerate(sources, 1):
             with RecordingReader(source) as reader:
                 for name, file in reader.attachments().items():
                     if (data := attach(file.data)) is not None:
@@ -48,22 +42,8 @@ def copy_recording(
                 for raw in filter(lambda raw: wanted(raw.topic), reader.raw_messages()):
                     copied = topic(raw.topic, kinds[raw.topic])
                     if (data := edit(raw, number)) is not None:
-                        writer.write(copied, raw.stamp_ns + later, data, raw.sequence)
+                        writer.write(copied, raw.stamp_ns, data, raw.sequence)
         for name, (message, stamp_ns) in (extra or {}).items():
             kind = message.__msgtype__
             writer.write(topic(name, kind), stamp_ns, encoder(kind)(message), 1)
     return path
-
-
-def two_runs(path, first, second):
-    """Write two recorded runs as those of one plant: the second one begins 100 s later."""
-    with RecordingReader(second) as reader:
-        kinds = {name: each.type_name for name, each in reader.topics().items()}
-
-    def edit(raw, number):
-        if number == 1 or not has_stamp(kinds[raw.topic]):
-            return raw.data
-        (seconds,) = struct.unpack_from('<i', raw.data, 4)
-        return raw.data[:4] + struct.pack('<i', seconds + 100) + raw.data[8:]
-
-    return copy_recording(path, first, second, edit=edit, later_ns=(0, 100_000_000_000))

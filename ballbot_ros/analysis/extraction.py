@@ -7,6 +7,7 @@ some million messages.
 from __future__ import annotations
 
 from array import array
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -126,30 +127,35 @@ voltage [V]; sticks forward, rightward, each -1 ... 1.
 
 
 class SampleBuffer:
-    """The samples of a stamped topic.
+    """The samples of a stamped topic, by epoch of the file.
 
     A sample has `width` numbers, of a type code of the module `array`.
     """
 
     def __init__(self, type_code: str, width: int) -> None:
         self._type_code, self._width = type_code, width
-        self._stamps, self._numbers = array('q'), array(type_code)
+        self._epochs: dict[int, tuple[array[int], array[float]]] = {}
 
     def __bool__(self) -> bool:
         """Return whether there are samples."""
-        return bool(self._stamps)
+        return bool(self._epochs)
 
-    def extend(self, stamps: NDArray[np.int64], values: Floats) -> None:
-        """Add samples: stamps (n,) and values (n, width)."""
-        self._stamps.frombytes(stamps.tobytes())
-        self._numbers.frombytes(values.astype(self._type_code, copy=False).tobytes())
+    def extend(self, stamps: NDArray[np.int64], values: Floats, epochs: NDArray[np.intp]) -> None:
+        """Add samples: stamps (n,), values (n, width) and epochs (n,)."""
+        for epoch in np.unique(epochs).tolist():
+            column, numbers = self._epochs.setdefault(epoch, (array('q'), array(self._type_code)))
+            selected = epochs == epoch
+            column.frombytes(stamps[selected].tobytes())
+            numbers.frombytes(values[selected].astype(self._type_code, copy=False).tobytes())
 
-    @property
-    def content(self) -> tuple[NDArray[np.int64], Floats]:
-        """Stamps, shape (n,), and values, shape (n, width), which are not copied."""
+    def epoch(self, number: int) -> tuple[NDArray[np.int64], Floats]:
+        """Return stamps, shape (n,), and values, shape (n, width), without copying them."""
+        if number not in self._epochs:
+            return np.zeros(0, np.int64), np.zeros((0, self._width), self._type_code)
+        stamps, numbers = self._epochs[number]
         return (
-            np.frombuffer(self._stamps, np.int64),
-            np.frombuffer(self._numbers, self._type_code).reshape(-1, self._width),
+            np.frombuffer(stamps, np.int64),
+            np.frombuffer(numbers, self._type_code).reshape(-1, self._width),
         )
 
 
@@ -222,9 +228,9 @@ class TopicStatistics:
 
 @dataclass
 class Extraction:
-    """The content of a recording; each event is a pair of log time [ns] and content.
+    """The content of a recording; each event is a tuple of epoch, log time [ns] and content.
 
-    `is_real` says whether it was a real robot.
+    The pushes are by epoch. `is_real` says whether it was a real robot.
     """
 
     runs: tuple[RecordedRun, ...] = ()
@@ -235,36 +241,36 @@ class Extraction:
         }
     )
     announced: AnnouncedParameters = field(default_factory=AnnouncedParameters)
-    states: list[tuple[int, str]] = field(default_factory=list)
-    statuses: list[tuple[int, Status]] = field(default_factory=list)
-    pages: list[tuple[int, str]] = field(default_factory=list)
-    tones: list[tuple[int, Tone]] = field(default_factory=list)
-    jobs: list[tuple[int, Jobs]] = field(default_factory=list)
-    retunings: list[tuple[int, Mapping[str, Value]]] = field(default_factory=list)
-    maps: list[tuple[int, OccupancyGridMessage]] = field(default_factory=list)
-    wall_hits: list[tuple[int, bool]] = field(default_factory=list)
-    pushes: PushPairs = field(default_factory=PushPairs)
+    states: list[tuple[int, int, str]] = field(default_factory=list)
+    statuses: list[tuple[int, int, Status]] = field(default_factory=list)
+    pages: list[tuple[int, int, str]] = field(default_factory=list)
+    tones: list[tuple[int, int, Tone]] = field(default_factory=list)
+    jobs: list[tuple[int, int, Jobs]] = field(default_factory=list)
+    retunings: list[tuple[int, int, Mapping[str, Value]]] = field(default_factory=list)
+    maps: list[tuple[int, int, OccupancyGridMessage]] = field(default_factory=list)
+    wall_hits: list[tuple[int, int, bool]] = field(default_factory=list)
+    pushes: defaultdict[int, PushPairs] = field(default_factory=lambda: defaultdict(PushPairs))
     topic_statistics: dict[str, TopicStatistics] = field(default_factory=dict)
     notices: list[str] = field(default_factory=list)
 
-    def take(self, topic: Topic, log_ns: int, message: Any) -> None:
+    def take(self, topic: Topic, epoch: int, log_ns: int, message: Any) -> None:
         """Take an event; raise ValueError or OverflowError if it is malformed."""
         if topic is OPERATING_STATE:
-            self.states.append((log_ns, message.data))
+            self.states.append((epoch, log_ns, message.data))
         elif topic is DIAGNOSTICS:
-            self.statuses += [(log_ns, _status(each)) for each in message.status]
+            self.statuses += [(epoch, log_ns, _status(each)) for each in message.status]
         elif topic is LCD:
-            self.pages.append((log_ns, message.data))
+            self.pages.append((epoch, log_ns, message.data))
         elif topic is ACCEPTED_PUSH:
-            self.pushes.add(message)
+            self.pushes[epoch].add(message)
         elif topic is WALL_HIT:
-            self.wall_hits.append((log_ns, message.data))
+            self.wall_hits.append((epoch, log_ns, message.data))
         elif topic is SOUND:
-            self.tones.append((log_ns, sound_tone(message)))
+            self.tones.append((epoch, log_ns, sound_tone(message)))
         elif topic is BRICK_TASKS:
-            self.jobs.append((log_ns, jobs_in(message)))
+            self.jobs.append((epoch, log_ns, jobs_in(message)))
         elif topic is MAP:
-            self.maps.append((log_ns, message))
+            self.maps.append((epoch, log_ns, message))
 
 
 def extract(recording: RecordingReader, progress: ProgressCallback) -> Extraction:
@@ -296,14 +302,14 @@ def extract(recording: RecordingReader, progress: ProgressCallback) -> Extractio
         )
         for topic, topic_rows in samples.items():
             stamps[topic_rows], values[topic] = _samples(recording, topic, batch, topic_rows)
+        epochs, are_new = finder.process(batch, ours, samples, stamps)
         for topic, topic_rows in samples.items():
-            new = finder.are_new(topic, stamps[topic_rows])
-            extraction.buffers[topic].extend(stamps[topic_rows][new], values[topic][new])
-        for row in ours.get(RUN, ()):
-            finder.announce(batch.message(row))
+            new = are_new[topic_rows]
+            kept = topic_rows[new]
+            extraction.buffers[topic].extend(stamps[kept], values[topic][new], epochs[kept])
         for row in sorted(chain.from_iterable(ours[t].tolist() for t in _EVENTS if t in ours)):
             raw = batch.message(row)
-            _take_event(extraction, recording, wanted[raw.topic], raw)
+            _take_event(extraction, recording, wanted[raw.topic], raw, int(epochs[row]))
         newest = _newest_log_ns(log_ns, newest_ns, ours.get(ACCEPTED_PUSH))
         newest_ns = int(newest[-1])
         ages_ms = (np.maximum(newest, log_ns) - stamps) * 1e-6
@@ -328,7 +334,7 @@ class MessageCollector:
     """
 
     def __init__(self, name: str, start_ns: int) -> None:
-        self._extraction = Extraction(runs=(RecordedRun(name, start_ns),))
+        self._extraction = Extraction(runs=(RecordedRun(0, name, start_ns),))
         self._statistics: dict[str, TopicStatistics] = {}
 
     def add(self, topic: Topic, stamps_ns: Stamps, messages: Messages) -> None:
@@ -340,11 +346,11 @@ class MessageCollector:
         if topic in _EVENTS:
             decode = decoder(topic.type_name)
             for stamp_ns, message in zip(stamps_ns.tolist(), messages, strict=True):
-                self._extraction.take(topic, stamp_ns, decode(message.tobytes()))
+                self._extraction.take(topic, 0, stamp_ns, decode(message.tobytes()))
         elif topic in STAMPED_TOPICS and not (topic is MOTOR_DUTY and is_stop(first)):
             records: Any = messages.view(_record_type(topic, first)).view(np.recarray)
             values = _values(topic, records)
-            self._extraction.buffers[topic].extend(stamps_ns, values)
+            self._extraction.buffers[topic].extend(stamps_ns, values, np.zeros(count, np.intp))
 
     def extraction(self, names: Iterable[str]) -> Extraction:
         """Return what was collected; `names` are those of the topics in the order of the file."""
@@ -411,7 +417,7 @@ def _values(topic: Topic, messages: Any) -> Floats:
 
 
 def _take_event(
-    extraction: Extraction, recording: RecordingReader, topic: Topic, raw: RawMessage
+    extraction: Extraction, recording: RecordingReader, topic: Topic, raw: RawMessage, epoch: int
 ) -> None:
     if topic in (PARTICIPANTS, RUN_STATUS):
         extraction.announced.add(topic, raw.data)
@@ -419,9 +425,9 @@ def _take_event(
     try:
         if topic is PARAMETER_EVENTS:
             values = decode_parameter_event(raw.data)
-            extraction.retunings.append((raw.stamp_ns, values))
+            extraction.retunings.append((epoch, raw.stamp_ns, values))
         else:
-            extraction.take(topic, raw.stamp_ns, recording.decode(raw))
+            extraction.take(topic, epoch, raw.stamp_ns, recording.decode(raw))
     except (ValueError, OverflowError) as error:
         raise _unlike(recording, raw, error) from None
 

@@ -6,6 +6,7 @@ import math
 import struct
 from collections.abc import Iterable, Sequence
 from dataclasses import fields, is_dataclass
+from itertools import repeat
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,6 +26,7 @@ class MessageDifference(NamedTuple):
     stamp_ns: int
     topic: str
     what: str
+    epoch: int = 0
 
 
 class MessageComparator:
@@ -39,16 +41,20 @@ class MessageComparator:
     def __init__(self, topics: Iterable[Topic]) -> None:
         self._topics = {topic: _Pairs(topic) for topic in topics}
 
-    def add_recorded(self, topic: Topic, stamps_ns: Sequence[int], data: Sequence[bytes]) -> None:
+    def add_recorded(
+        self, topic: Topic, stamps_ns: Sequence[int], data: Sequence[bytes], epoch: int = 0
+    ) -> None:
         """Add recorded messages of a topic."""
         if pairs := self._topics.get(topic):
-            pairs.recorded.extend(stamps_ns, data)
+            pairs.recorded.extend(epoch, stamps_ns, data)
             pairs.compare_many()
 
-    def add_replayed(self, topic: Topic, stamps_ns: Sequence[int], data: Sequence[bytes]) -> None:
+    def add_replayed(
+        self, topic: Topic, stamps_ns: Sequence[int], data: Sequence[bytes], epoch: int = 0
+    ) -> None:
         """Add replayed messages of a topic."""
         if pairs := self._topics.get(topic):
-            pairs.replayed.extend(stamps_ns, data)
+            pairs.replayed.extend(epoch, stamps_ns, data)
             pairs.compare_many()
 
     def compared(self, topics: Iterable[Topic] | None = None) -> int:
@@ -65,7 +71,7 @@ class MessageComparator:
         for order, pairs in enumerate(self._topics.values()):
             pairs.compare()
             if first := pairs.first or (pairs.unpaired() if complete else None):
-                found.append((first.stamp_ns, order, first))
+                found.append((first.epoch, first.stamp_ns, order, first))
         return min(found)[-1] if found else None
 
 
@@ -78,23 +84,24 @@ class _Waiting:
 
     Attributes
     ----------
-    stamps_ns, data : list
-        Stamps of the ticks [ns], and messages.
+    moments, data : list
+        Epochs and stamps of the ticks [ns], and messages.
     """
 
     def __init__(self) -> None:
-        self.stamps_ns: list[int] = []
+        self.moments: list[tuple[int, int]] = []
         self.data: list[bytes] = []
 
-    def extend(self, stamps_ns: Sequence[int], data: Sequence[bytes]) -> None:
-        self.stamps_ns += stamps_ns
+    def extend(self, epoch: int, stamps_ns: Sequence[int], data: Sequence[bytes]) -> None:
+        self.moments += zip(repeat(epoch), stamps_ns)
         self.data += data
 
     def difference(self, at: int, topic: Topic, what: str) -> MessageDifference:
-        return MessageDifference(self.stamps_ns[at], topic.name, what)
+        epoch, stamp_ns = self.moments[at]
+        return MessageDifference(stamp_ns, topic.name, what, epoch)
 
     def drop(self, count: int) -> None:
-        del self.stamps_ns[:count], self.data[:count]
+        del self.moments[:count], self.data[:count]
 
 
 class _Pairs:
@@ -144,8 +151,8 @@ class _Pairs:
         recorded, replayed = self.recorded, self.replayed
         if recorded.data[at] == replayed.data[at]:
             return None
-        if self._is_stamped and recorded.stamps_ns[at] != replayed.stamps_ns[at]:
-            is_extra = recorded.stamps_ns[at] < replayed.stamps_ns[at]
+        if self._is_stamped and recorded.moments[at] != replayed.moments[at]:
+            is_extra = recorded.moments[at] < replayed.moments[at]
             earlier, text = (recorded, _EXTRA) if is_extra else (replayed, _MISSING)
             return earlier.difference(at, self._topic, text)
         # Compare the content, since padding bytes may differ.

@@ -1,7 +1,8 @@
 """The runs of a recording, and the robot's topics in it, in any namespace.
 
-Time never goes back within a recording: the recorder begins another file when another plant begins
-a run. So a stamp says which run a message belongs to.
+Time may go back within a file: the runs of each plant begin at 1 s, and a recorder may outlive one
+plant and record the runs of the next into the same file. A part of the file in which time does not
+go back is an *epoch*; a stamp identifies a tick only within its epoch.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 
 from ballbot_ros.errors import RecordingError
 from ballbot_ros.lockstep.participants import MAP_HASH, Participant
+from ballbot_ros.lockstep.recording_order import MAX_AHEAD_NS
 from ballbot_ros.parameters import (
     CONTROLLER,
     NODES,
@@ -37,6 +39,7 @@ from ballbot_ros.recording.messages.topics import (
     PLANT_IMU,
     PLANT_JOINT_STATES,
     PLANT_ODOM,
+    RUN,
     RUN_STATUS,
     TOPICS,
     UNRECORDED,
@@ -156,24 +159,27 @@ class RecordedRun:
 
     Attributes
     ----------
+    epoch : int
+        Its epoch in the file, from 0.
     name : str
         Its name in ``plant/run``; '' if unknown.
     start_ns : int
         Sim time of its first tick [ns].
     end_ns : int
-        Sim time at which the next run begins [ns], or :data:`END_OF_TIME_NS`.
+        Sim time at which the next run of the epoch begins [ns], or :data:`END_OF_TIME_NS`.
     is_announced : bool
-        Whether ``plant/run`` announces it. If not, it begins with the first sample.
+        Whether ``plant/run`` announces it. If not, it begins with the first sample of its epoch.
     """
 
+    epoch: int
     name: str
     start_ns: int
     end_ns: int = END_OF_TIME_NS
     is_announced: bool = True
 
-    def has(self, stamp_ns: int) -> bool:
-        """Return whether a stamp [ns] belongs to this run."""
-        return self.start_ns <= stamp_ns < self.end_ns
+    def has(self, epoch: int, stamp_ns: int) -> bool:
+        """Return whether a stamp of an epoch [ns] belongs to this run."""
+        return epoch == self.epoch and self.start_ns <= stamp_ns < self.end_ns
 
 
 def samples_in(batch: Batch, rows: Mapping[Topic, Rows]) -> dict[Topic, Rows]:
@@ -187,98 +193,235 @@ def samples_in(batch: Batch, rows: Mapping[Topic, Rows]) -> dict[Topic, Rows]:
     return samples
 
 
+Epochs = tuple[NDArray[np.intp], NDArray[np.bool_]]
+"""The epoch of each message in a batch, and which are new samples: newer than all earlier ones of
+their topic and epoch."""
+
+
+class EpochMessage(NamedTuple):
+    """A recorded message with its topic and epoch."""
+
+    epoch: int
+    topic: Topic
+    raw: RawMessage
+
+
+@dataclass
+class _Epoch:
+    """Start [ns] and name of the runs announced in an epoch, and the span of its samples [ns]."""
+
+    names: dict[int, str] = field(default_factory=dict)
+    oldest_ns: int = END_OF_TIME_NS
+    newest_ns: int = -1
+
+    def note(self, oldest_ns: int, newest_ns: int) -> None:
+        self.oldest_ns = min(self.oldest_ns, oldest_ns)
+        self.newest_ns = max(self.newest_ns, newest_ns)
+
+
+def _by_row(rows: Mapping[Topic, Rows]) -> dict[int, Topic]:
+    return {row: topic for topic, topic_rows in rows.items() for row in topic_rows.tolist()}
+
+
 class RunFinder:
-    """Finds the runs of a recording: those announced, or else one from the first sample on."""
+    """Finds the runs of a recording from its messages in file order.
+
+    The topics of a file are in no fixed order relative to each other, so each is tracked
+    separately. The first topic whose time goes back begins the next epoch, and the others follow.
+    A message without a stamp belongs to the epoch around it. If it is from the plant and follows
+    the announcement of the next epoch's first run, it belongs to the next epoch.
+    """
 
     def __init__(self, reader: RecordingReader) -> None:
         self._reader = reader
-        self._names: dict[int, str] = {}  # of announced runs, by their start
-        self._first_ns: dict[Topic, int] = {}
-        self._newest_ns: dict[Topic, int] = {}
+        self._epochs = [_Epoch()]
+        self._next: dict[int, str] = {}  # announced runs of the next epoch
+        self._newest: dict[Topic, tuple[int, int]] = {}  # sample: its epoch and stamp
 
-    def announce(self, raw: RawMessage) -> None:
-        """Take a message of ``plant/run``.
-
-        Raises
-        ------
-        RecordingError
-            If it cannot be decoded, or announces the run of another plant.
-        """
-        message = self._reader.decode(raw)
-        start_ns = time_ns(message.stamp)
-        if self._names.setdefault(start_ns, message.frame_id) != message.frame_id:
-            raise self._goes_back(start_ns)
-
-    def are_new(self, topic: Topic, stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Take samples of a topic in file order; return which are newer than all earlier ones.
-
-        Raises
-        ------
-        RecordingError
-            If time goes back further than for a sample that was late or sent again.
-        """
-        first_ns = self._first_ns.setdefault(topic, int(stamps[0]))
-        newest = np.append(self._newest_ns.get(topic, -1), stamps)
-        *_, self._newest_ns[topic] = newest = np.maximum.accumulate(newest)
-        before = newest[:-1]
-        far_back = stamps < np.maximum(before - HISTORY * topic.period_ns, first_ns + 1)
-        if (goes_back := far_back & (stamps < before)).any():
-            raise self._goes_back(int(stamps[goes_back][0]))
-        return np.asarray(stamps > before)
+    @property
+    def epochs(self) -> int:
+        """Number of epochs so far, at least 1."""
+        return len(self._epochs)
 
     def runs(self) -> tuple[RecordedRun, ...]:
-        """Return the runs in the order of their times."""
-        starts = sorted(self._names)
-        if not starts and self._first_ns:
-            return (RecordedRun('', min(self._first_ns.values()), is_announced=False),)
-        return tuple(
-            RecordedRun(self._names[start], start, end)
-            for start, end in zip(starts, [*starts[1:], END_OF_TIME_NS], strict=False)
-        )
+        """Return the runs found so far, in file order."""
+        runs = []
+        for number, epoch in enumerate(self._epochs):
+            starts = sorted(epoch.names)
+            runs += [
+                RecordedRun(number, epoch.names[start], start, end)
+                for start, end in zip(starts, [*starts[1:], END_OF_TIME_NS], strict=False)
+            ]
+            if not starts and epoch.newest_ns >= 0:
+                runs.append(RecordedRun(number, '', epoch.oldest_ns, is_announced=False))
+        return tuple(runs)
 
-    def _goes_back(self, stamp_ns: int) -> RecordingError:
-        return RecordingError(
-            f'{self._reader.path}: time goes back to {stamp_ns * 1e-9:.3f} s: record the runs of '
-            'each plant to a file of its own'
-        )
+    def process(
+        self,
+        batch: Batch,
+        rows: Mapping[Topic, Rows],
+        samples: Mapping[Topic, Rows],
+        stamps: NDArray[np.int64],
+    ) -> Epochs:
+        """Process the next messages of the file.
+
+        Parameters
+        ----------
+        rows : mapping of Topic to ndarray
+            The rows of the batch by topic.
+        samples : mapping of Topic to ndarray
+            The rows that are samples, from :func:`samples_in`.
+        stamps : ndarray, shape (n,)
+            The stamps of the samples [ns], and the log times of all other messages.
+
+        Raises
+        ------
+        RecordingError
+            If a message of ``plant/run`` cannot be decoded.
+        """
+        if RUN not in rows and not self._next:
+            are_new = self._process_together(samples, stamps)
+            if are_new is not None:
+                return np.full(len(batch), self.epochs - 1), are_new
+        topics, sample_topics = _by_row(rows), _by_row(samples)
+        epochs, are_new = np.empty(len(batch), np.intp), np.zeros(len(batch), np.bool_)
+        for row, stamp_ns in enumerate(stamps.tolist()):
+            if row in sample_topics:
+                epochs[row], are_new[row] = self._process_sample(sample_topics[row], stamp_ns)
+                continue
+            topic = topics.get(row)
+            if topic is RUN:
+                message = self._reader.decode(batch.message(row))
+                self._announce(time_ns(message.stamp), message.frame_id)
+            epochs[row] = self.epochs - 1
+            if self._next and topic and topic.publisher == PLANT:
+                epochs[row] += 1  # it is from the next plant, which has announced its run
+        return epochs, are_new
+
+    def _process_together(
+        self, samples: Mapping[Topic, Rows], stamps: NDArray[np.int64]
+    ) -> NDArray[np.bool_] | None:
+        """Process messages of the current epoch, and return which are new.
+
+        None, and nothing is processed, if a sample is older than an earlier one.
+        """
+        are_new = np.zeros(len(stamps), np.bool_)
+        for topic, rows in samples.items():
+            epoch, newest_ns = self._newest.get(topic, (self.epochs - 1, -1))
+            steps = np.diff(stamps[rows], prepend=newest_ns)
+            if epoch != self.epochs - 1 or (steps < 0).any():
+                return None
+            are_new[rows] = steps > 0
+        for topic, rows in samples.items():
+            first, last = stamps[rows[[0, -1]]].tolist()
+            self._newest[topic] = self.epochs - 1, last
+            self._epochs[-1].note(first, last)
+        return are_new
+
+    def _announce(self, start_ns: int, name: str) -> None:
+        epoch = self._epochs[-1]
+        rises = start_ns > max(epoch.names, default=-1)
+        if rises and (not self._next or start_ns > epoch.newest_ns):
+            epoch.names[start_ns] = name
+        else:
+            self._next[start_ns] = name
+
+    def _process_sample(self, topic: Topic, stamp_ns: int) -> tuple[int, bool]:
+        """Return the epoch of a sample, and whether it is newer than earlier ones."""
+        epoch, newest_ns = self._newest.get(topic, (self.epochs - 1, -1))
+        if epoch == self.epochs - 1:
+            is_far_back = stamp_ns < newest_ns - HISTORY * topic.period_ns
+            is_earliest = self._epochs[-1].oldest_ns >= stamp_ns < newest_ns
+            if stamp_ns in self._next or is_far_back or is_earliest:
+                # It begins another epoch, rather than being late or a resend.
+                self._epochs.append(_Epoch(self._next))
+                self._next = {}
+        elif stamp_ns > max(newest_ns, self._epochs[-1].newest_ns + MAX_AHEAD_NS):
+            # It is late, and belongs to the previous epoch.
+            self._newest[topic] = epoch, stamp_ns
+            return epoch, True
+        if epoch != self.epochs - 1:
+            epoch, newest_ns = self.epochs - 1, -1
+        if stamp_ns <= newest_ns:
+            return epoch, False
+        if topic.publisher == PLANT and self._next.items() <= self._epochs[-1].names.items():
+            self._next = {}  # the same run was announced again
+        self._newest[topic] = epoch, stamp_ns
+        self._epochs[-1].note(stamp_ns, stamp_ns)
+        return epoch, True
 
 
-class TopicBlock(NamedTuple):
-    """Messages of a topic, in file order, and their log times [ns]."""
+def messages_by_epoch(
+    reader: RecordingReader, topics: RobotTopics, finder: RunFinder, wanted: Collection[Topic]
+) -> Iterator[EpochMessage]:
+    """Iterate over the messages of some topics in file order, with the epochs that `finder` finds.
 
+    For this it also receives all samples and announcements.
+    """
+    read = [n for n, topic in topics.by_name.items() if topic in (*wanted, RUN) or topic.period_ns]
+    well_typed = topics.well_typed
+    for batch in reader.batches(read):
+        rows = batch.rows()
+        ours = {
+            well_typed[name]: topic_rows for name, topic_rows in rows.items() if name in well_typed
+        }
+        epochs, _ = finder.process(batch, ours, samples_in(batch, ours), batch.log_ns)
+        is_wanted = np.zeros(len(batch), np.bool_)
+        for name, topic_rows in rows.items():
+            is_wanted[topic_rows] = topics.by_name[name] in wanted
+        messages = batch.select(is_wanted).messages()
+        for epoch, raw in zip(epochs[is_wanted].tolist(), messages, strict=True):
+            yield EpochMessage(epoch, topics.by_name[raw.topic], raw)
+
+
+class EpochBlock(NamedTuple):
+    """Messages of a topic in an epoch of a recording, in file order, and their log times [ns]."""
+
+    epoch: int
     topic: Topic
     stamps_ns: list[int]
     data: list[bytes]
 
 
-class RobotRecording(NamedTuple):
-    """A recording of the robot, with its topics."""
+@dataclass(frozen=True)
+class RobotRecording:
+    """A recording of the robot, with its topics and its number of epochs, at least 1."""
 
     reader: RecordingReader
     topics: RobotTopics
+    epochs: int
 
-    def messages(
-        self, wanted: Collection[Topic], start_ns: int = 0
-    ) -> Iterator[tuple[Topic, RawMessage]]:
+    def messages(self, wanted: Collection[Topic], start_ns: int = 0) -> Iterator[EpochMessage]:
         """Iterate over the messages of some topics in file order, from a log time [ns] on."""
-        names = {name: topic for name, topic in self.topics.by_name.items() if topic in wanted}
-        for raw in self.reader.raw_messages(names, start_ns):
-            yield names[raw.topic], raw
+        if self.epochs == 1:
+            names = {name: topic for name, topic in self.topics.by_name.items() if topic in wanted}
+            for raw in self.reader.raw_messages(names, start_ns):
+                yield EpochMessage(0, names[raw.topic], raw)
+            return
+        finder = RunFinder(self.reader)
+        for each in messages_by_epoch(self.reader, self.topics, finder, wanted):
+            if each.raw.stamp_ns >= start_ns:
+                yield each
 
     def blocks(
         self, wanted: Collection[Topic], start_ns: int, last_ns: int
-    ) -> Iterator[TopicBlock]:
+    ) -> Iterator[EpochBlock]:
         """Iterate over the messages with log times [ns] from `start_ns` to `last_ns`.
 
         Those of a part of the file come topic by topic, which takes less time.
         """
+        if self.epochs > 1:
+            for epoch, topic, raw in self.messages(wanted, start_ns):
+                if raw.stamp_ns <= last_ns:
+                    yield EpochBlock(epoch, topic, [raw.stamp_ns], [raw.data])
+            return
         names = {name: topic for name, topic in self.topics.by_name.items() if topic in wanted}
         for batch in self.reader.batches(names, start_ns):
             for name, rows in batch.rows().items():
                 rows = rows[batch.log_ns[rows] <= last_ns]
                 if len(rows):
                     log_ns = batch.log_ns[rows].tolist()
-                    yield TopicBlock(names[name], log_ns, batch.contents(rows))
+                    yield EpochBlock(0, names[name], log_ns, batch.contents(rows))
 
 
 class AnnouncedParameters:

@@ -306,9 +306,12 @@ class RecordingReplay:
                 self.controller_in_robot = replace(result, subject='controller', messages=messages)
             return result
         # Show the last run that had begun by then; it may have ended before the difference.
-        stamp_ns = result.difference.stamp_ns
-        begun = [job for job in self._begun if job.inputs.run.start_ns <= stamp_ns]
-        return replace(result, context=self._context(begun[-1], stamp_ns)) if begun else result
+        moment = result.difference.epoch, result.difference.stamp_ns
+        starts = ((job.inputs.run, job) for job in self._begun)
+        begun = [job for run, job in starts if (run.epoch, run.start_ns) <= moment]
+        if not begun:
+            return result
+        return replace(result, context=self._context(begun[-1], result.difference.stamp_ns))
 
     def _robot_shows_controller(self) -> bool:
         """Return whether an identical robot implies an identical controller.
@@ -366,9 +369,9 @@ class RecordingReplay:
                     divergence.add(tick.stamp_ns, duty, tick.outputs.duty)
                 done += TICK_S
                 update(done)
-            for topic, raw in self.recording.messages([BRICK_TASKS], job.inputs.run.start_ns):
-                if raw.stamp_ns <= job.inputs.last_ns:
-                    comparator.add_recorded(topic, [raw.stamp_ns], [raw.data])
+            for epoch, topic, raw in self.recording.messages([BRICK_TASKS]):
+                if job.inputs.run.has(epoch, raw.stamp_ns) and raw.stamp_ns <= job.inputs.last_ns:
+                    comparator.add_recorded(topic, [raw.stamp_ns], [raw.data], epoch)
             divergence.jobs = comparator.first_difference(complete=False)
             divergences.append(divergence)
         return divergences

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
+from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import repeat
+from itertools import groupby, repeat
+from operator import attrgetter
 from typing import Any, NamedTuple
-
-import numpy as np
 
 from ballbot_ros.analysis.message_comparison import MessageComparator
 from ballbot_ros.analysis.recorded_runs import (
@@ -19,6 +19,7 @@ from ballbot_ros.analysis.recorded_runs import (
     RecordedRun,
     RobotRecording,
     RunFinder,
+    messages_by_epoch,
     robot_topics,
 )
 from ballbot_ros.analysis.recorded_scenario import PushPairs
@@ -172,7 +173,8 @@ class RecordedInputs:
     def has_begun(self, run: RecordedRun) -> bool:
         """Return whether the plant published the first tick of a run, even if no duty answered."""
         clocks = self.recording.messages([CLOCK], run.start_ns)
-        return next((raw.stamp_ns for _, raw in clocks), None) == run.start_ns
+        stamps = (each.raw.stamp_ns for each in clocks if each.epoch == run.epoch)
+        return next(stamps, None) == run.start_ns
 
 
 class _RecordingErrorContext(NamedTuple):
@@ -208,22 +210,22 @@ def read_inputs(reader: RecordingReader) -> RecordedInputs:
     for name in topics.wrong_types:
         if topics.by_name[name] in _DECODED:
             raise RecordingError(f'{reader.path}: {topics.mismatch(name)}')
-    recording, finder = RobotRecording(reader, topics), RunFinder(reader)
-    announced, inputs, duties_ns = AnnouncedParameters(), _Inputs(), list[int]()
+    finder, announced = RunFinder(reader), AnnouncedParameters()
+    epochs: defaultdict[int, _EpochInputs] = defaultdict(_EpochInputs)
     wanted = (
-        RUN, RUN_STATUS, PARTICIPANTS, GAMEPAD_JOY, ACCEPTED_PUSH, MOTOR_DUTY, PARAMETER_EVENTS,
+        RUN_STATUS, PARTICIPANTS, GAMEPAD_JOY, ACCEPTED_PUSH, MOTOR_DUTY, PARAMETER_EVENTS,
     )  # fmt: skip
-    for topic, raw in recording.messages(wanted):
-        if topic is RUN:
-            finder.announce(raw)
-        elif topic in (PARTICIPANTS, RUN_STATUS):
+    for epoch, topic, raw in messages_by_epoch(reader, topics, finder, wanted):
+        if topic in (PARTICIPANTS, RUN_STATUS):
             announced.add(topic, raw.data)
         elif topic is not MOTOR_DUTY or not is_stop(raw.data):
-            inputs.add(reader, topic, raw)
-            duties_ns += [raw.stamp_ns] * (topic is MOTOR_DUTY)
-    if duties_ns:
-        finder.are_new(MOTOR_DUTY, np.array(duties_ns))
-    return RecordedInputs(recording, inputs.of_runs(reader, finder.runs()), announced)
+            epochs[epoch].add(reader, topic, raw)
+    inputs: list[RunInputs] = []
+    for epoch, runs in groupby(finder.runs(), key=attrgetter('epoch')):
+        inputs += epochs[epoch].of_runs(reader, list(runs))
+    if not inputs:
+        raise _begins_in_mid_run(reader)
+    return RecordedInputs(RobotRecording(reader, topics, finder.epochs), tuple(inputs), announced)
 
 
 def _begins_in_mid_run(reader: RecordingReader) -> RecordingError:
@@ -231,8 +233,8 @@ def _begins_in_mid_run(reader: RecordingReader) -> RecordingError:
 
 
 @dataclass
-class _Inputs:
-    """The external inputs of all runs, by stamp [ns]."""
+class _EpochInputs:
+    """The external inputs in one epoch of the file, by stamp [ns]."""
 
     sticks: dict[int, tuple[int, int]] = field(default_factory=dict)
     sources: dict[int, str] = field(default_factory=dict)
@@ -256,16 +258,14 @@ class _Inputs:
             else:
                 self.sticks[stamp_of(raw.data)] = decode_sticks(raw.data)
 
-    def of_runs(
-        self, reader: RecordingReader, runs: Sequence[RecordedRun]
-    ) -> tuple[RunInputs, ...]:
-        """Return the inputs of each run.
+    def of_runs(self, reader: RecordingReader, runs: Sequence[RecordedRun]) -> list[RunInputs]:
+        """Return the inputs of each run of the epoch.
 
         Messages of different topics have no fixed order in a file, so the stamps decide which run
         a message belongs to.
         """
         starts = [run.start_ns for run in runs]
-        if not runs or not runs[0].is_announced or min(self.duties, default=starts[0]) < starts[0]:
+        if not runs[0].is_announced or min(self.duties, default=starts[0]) < starts[0]:
             raise _begins_in_mid_run(reader)
         last = [start - TICK_NS for start in starts]
         for stamp in self.duties:
@@ -274,10 +274,10 @@ class _Inputs:
         pushes: list[list[Push]] = [[] for _ in runs]
         for push in self.pushes.pushes:
             pushes[bisect_right(starts, push.start_ns) - 1].append(push)
-        return tuple(
+        return [
             RunInputs(run, last_ns, self.sticks, self.sources, self.duties, acted, self.retunings)
             for run, last_ns, acted in zip(runs, last, pushes, strict=True)
-        )
+        ]
 
 
 class ReplayedTick(NamedTuple):
@@ -330,7 +330,7 @@ def replay_controller(job: RunToRepeat, comparator: MessageComparator) -> Iterat
     samples: dict[Topic, dict[int, Any]] = {topic: {} for topic in INPUT_READERS}
 
     def replayed(topic: Topic, stamp_ns: int, data: bytes) -> None:
-        comparator.add_replayed(topic, [stamp_ns], [data])
+        comparator.add_replayed(topic, [stamp_ns], [data], run.epoch)
 
     messages = ControllerMessages(lambda topic: partial(replayed, topic))
     retuned = _RetunedProgram(job, messages)
@@ -338,7 +338,7 @@ def replay_controller(job: RunToRepeat, comparator: MessageComparator) -> Iterat
     tasks = BrickTasks(job.parameters.of(ControllerParameters), run.start_ns)
     now = run.start_ns
     for topic, raw in _messages(job, STAMPED_TOPICS):
-        comparator.add_recorded(topic, [raw.stamp_ns], [raw.data])
+        comparator.add_recorded(topic, [raw.stamp_ns], [raw.data], run.epoch)
         if topic not in INPUT_READERS:
             continue
         with _RecordingErrorContext(reader, raw.topic, raw.stamp_ns):
@@ -374,11 +374,12 @@ def replay_run(
     robot = _Robot(job, comparator, samples)
     run, last_ns = job.inputs.run, job.inputs.last_ns
     blocks = job.recording.blocks(STAMPED_TOPICS, run.start_ns, last_ns)
-    for topic, stamps_ns, data in blocks:
-        comparator.add_recorded(topic, stamps_ns, data)
-        # Do not run ahead of the recording, so that few messages wait for their counterparts.
-        if topic is CLOCK:
-            yield from robot.run_to(max(stamps_ns))
+    for epoch, topic, stamps_ns, data in blocks:
+        if epoch == run.epoch:
+            comparator.add_recorded(topic, stamps_ns, data, epoch)
+            # Do not run ahead of the recording, so that few messages wait for their counterparts.
+            if topic is CLOCK:
+                yield from robot.run_to(max(stamps_ns))
 
 
 class _Robot:
@@ -401,16 +402,16 @@ class _Robot:
         parameters.update(job.parameters)
         # The recorded sticks are those that have passed the gamepad's faults.
         parameters.set(GAMEPAD, 'faults', '')
-        start_ns = inputs.run.start_ns
+        start_ns, epoch = inputs.run.start_ns, inputs.run.epoch
 
         def replayed(topic: Topic, stamp_ns: int, data: bytes) -> None:
             # Leave out stamped messages after the last tick with a duty: a push may end later, and
             # in a run without a duty only events are compared.
             if stamp_ns <= inputs.last_ns or topic in EVENTS:
-                comparator.add_replayed(topic, [stamp_ns], [data])
+                comparator.add_replayed(topic, [stamp_ns], [data], epoch)
 
         def all_replayed(topic: Topic, stamps_ns: Stamps, messages: Messages) -> None:
-            comparator.add_replayed(topic, stamps_ns.tolist(), messages.tolist())
+            comparator.add_replayed(topic, stamps_ns.tolist(), messages.tolist(), epoch)
 
         def make(topic: Topic) -> Send:
             return partial(replayed, topic)
@@ -464,16 +465,16 @@ def _samples(job: RunToRepeat, topic: Topic) -> dict[int, object]:
 def compare_events(
     recording: RobotRecording, runs: Iterable[RunInputs], comparator: MessageComparator
 ) -> None:
-    """Add the events to a comparator, up to the end of the last of the `runs`."""
-    end_ns = max((max(each.run.start_ns, each.last_ns) for each in runs), default=-1)
-    for topic, raw in recording.messages(EVENTS):
-        if raw.stamp_ns <= end_ns:
-            comparator.add_recorded(topic, [raw.stamp_ns], [raw.data])
+    """Add the events to a comparator, in each epoch up to the end of the last of the `runs`."""
+    ends = {each.run.epoch: max(each.run.start_ns, each.last_ns) for each in runs}
+    for epoch, topic, raw in recording.messages(EVENTS):
+        if epoch in ends and raw.stamp_ns <= ends[epoch]:
+            comparator.add_recorded(topic, [raw.stamp_ns], [raw.data], epoch)
 
 
 def _messages(job: RunToRepeat, wanted: Collection[Topic]) -> Iterator[tuple[Topic, RawMessage]]:
     """Iterate over the messages of some stamped topics in a run."""
     run, last_ns = job.inputs.run, job.inputs.last_ns
-    for topic, raw in job.recording.messages(wanted, run.start_ns):
-        if raw.stamp_ns <= last_ns:
+    for epoch, topic, raw in job.recording.messages(wanted, run.start_ns):
+        if epoch == run.epoch and raw.stamp_ns <= last_ns:
             yield topic, raw

@@ -428,7 +428,7 @@ def _series(extraction: Extraction, run: RecordedRun) -> dict[Topic, Series]:
     """Return the samples of a run by topic; topics with equal stamps share stamps and times."""
     found: dict[Topic, Series] = {}
     for topic in STAMPED_TOPICS:
-        stamps, values = extraction.buffers[topic].content
+        stamps, values = extraction.buffers[topic].epoch(run.epoch)
         first, last = np.searchsorted(stamps, [run.start_ns, run.end_ns])
         if first == last:
             continue
@@ -503,15 +503,19 @@ def _timing(
     return task_timing(controller, table, duty.stamps[rows], trajectory.duty[:ticks], delays_ns)
 
 
-def _events(events: list[tuple[int, _Event]], run: RecordedRun) -> tuple[tuple[float, _Event], ...]:
+def _events(
+    events: list[tuple[int, int, _Event]], run: RecordedRun
+) -> tuple[tuple[float, _Event], ...]:
     """Return the events of a run with their times [s]."""
     return tuple(
-        ((stamp - run.start_ns) / SECOND_NS, event) for stamp, event in events if run.has(stamp)
+        ((stamp - run.start_ns) / SECOND_NS, event)
+        for epoch, stamp, event in events
+        if run.has(epoch, stamp)
     )
 
 
 def _lasting(
-    published: list[tuple[int, _Event]], run: RecordedRun, last: float
+    published: list[tuple[int, int, _Event]], run: RecordedRun, last: float
 ) -> Iterator[tuple[float, float, _Event]]:
     """Yield begin and end [s] of what each event says, which holds until the next event."""
     events = _events(published, run)
@@ -523,7 +527,8 @@ def _lasting(
 def _pushes(
     extraction: Extraction, run: RecordedRun, last: float, scenario: Scenario | None
 ) -> tuple[RecordedPush, ...]:
-    pushes = [push for push in extraction.pushes.pushes if run.has(push.start_ns)]
+    announced = extraction.pushes[run.epoch].pushes
+    pushes = [push for push in announced if run.has(run.epoch, push.start_ns)]
     scheduled = scenario.pushes_from(run.start_ns) if scenario else ()
     found = recorded_pushes(pushes, scheduled, run.start_ns)
     # The pushes of a scenario are announced at its start, also those after an early end.
@@ -532,7 +537,11 @@ def _pushes(
 
 def _grid(extraction: Extraction, run: RecordedRun) -> OccupancyGrid | None:
     """Return the last map published before the end of a run."""
-    published = [message for stamp, message in extraction.maps if stamp < run.end_ns]
+    published = [
+        message
+        for epoch, stamp, message in extraction.maps
+        if (epoch, stamp) < (run.epoch, run.end_ns)
+    ]
     if not published:
         return None
     message = published[-1]

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.analysis.recorded_runs import robot_topics
+from ballbot_ros.analysis.extraction import STAMPED_TOPICS
+from ballbot_ros.analysis.recorded_runs import RobotTopics, RunFinder, robot_topics, samples_in
 from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.errors import RecordingError
 from ballbot_ros.parameters.timing import SECOND_NS
@@ -24,6 +25,7 @@ from ballbot_ros.recording.columns import (
 )
 from ballbot_ros.recording.messages.column_hints import column_hints
 from ballbot_ros.recording.messages.recording_files import open_recording
+from ballbot_ros.recording.messages.topics import RUN
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.robot.arithmetic import Floats
 
@@ -96,13 +98,32 @@ def read_topic(
         change during the run.
     """
     with open_recording(run.path) as reader:
-        samples = _RunSamples(reader, topic, robot_topics(reader).namespace, run)
-        done, total = 0, reader.topics()[topic].message_count
-        for batch in reader.batches({topic}):
+        robot = robot_topics(reader)
+        samples = _RunSamples(reader, topic, robot.namespace, run)
+        finder = RunFinder(reader)
+        topics = reader.topics()
+        with_epochs = {*STAMPED_TOPICS, RUN}
+        names = {topic, *(name for name, each in robot.well_typed.items() if each in with_epochs)}
+        done, total = 0, sum(topics[name].message_count for name in names)
+        for batch in reader.batches(names):
             progress(done, total)
             done += len(batch)
-            samples.add(batch, batch.rows()[topic])
+            epochs = _epochs(finder, robot, batch)
+            if topic in (rows := batch.rows()):
+                samples.add(batch, rows[topic], epochs)
     return samples.joined()
+
+
+def _epochs(finder: RunFinder, robot: RobotTopics, batch: Batch) -> NDArray[np.intp]:
+    """Return the epoch of each message, found as for the run itself."""
+    known = robot.well_typed
+    ours = {known[name]: rows for name, rows in batch.rows().items() if name in known}
+    samples = samples_in(batch, {topic: ours[topic] for topic in STAMPED_TOPICS if topic in ours})
+    stamps = batch.log_ns.copy()
+    for rows in samples.values():
+        stamps[rows] = batch.stamps_ns(rows)
+    epochs, _ = finder.process(batch, ours, samples, stamps)
+    return epochs
 
 
 class _RunSamples:
@@ -116,7 +137,7 @@ class _RunSamples:
         # Messages with the same columns: these, their times [ns] and their values.
         self._parts: list[tuple[TopicColumns, NDArray[np.int64], Floats]] = []
 
-    def add(self, batch: Batch, rows: Rows) -> None:
+    def add(self, batch: Batch, rows: Rows, epochs: NDArray[np.intp]) -> None:
         """Read the messages of a batch that are in the run."""
         recorded = self._run.recorded
         last_ns = recorded.start_ns + round(self._run.end * SECOND_NS)
@@ -132,6 +153,7 @@ class _RunSamples:
                 is_in_time = (stamps >= recorded.start_ns) & (stamps <= last_ns)
                 times = np.where(is_in_time, stamps, times)
             kept = (times >= recorded.start_ns) & (times < recorded.end_ns)
+            kept &= epochs[some] == recorded.epoch
             if kept.any():
                 self._parts.append((columns, times[kept], values[kept]))
 

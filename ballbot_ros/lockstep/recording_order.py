@@ -182,9 +182,6 @@ class Writer(Protocol):
     def has_several_publishers(self, stream: Stream) -> bool:
         """Return whether a topic has several publishers, so that one may be a stranger."""
 
-    def begin_file(self) -> None:
-        """Write to another file from now on: another plant begins a run."""
-
 
 class _Message(NamedTuple):
     stream: Stream
@@ -226,10 +223,6 @@ class RecordingGate:
         self._held: list[_Message] = []
         self.now_ns = 0
 
-    def is_next_plants(self, run: RunIdentity) -> bool:
-        """Return whether a run belongs to another plant than the run before."""
-        return self._run is not None and run.plant != self._run.plant
-
     def begin(self, run: RunIdentity, streams: Iterable[Stream]) -> bool:
         """Begin another run with some streams; return whether it belongs to another plant.
 
@@ -238,11 +231,11 @@ class RecordingGate:
         dropped: no plant sends a sample before all participants have joined its run.
         """
         is_first = self._run is None
-        is_another_plants = is_first or self.is_next_plants(run)
+        is_another_plants = self._run is None or run.plant != self._run.plant
         self._run, self.awaits_run = run, False
         self._with_strangers.clear()
         if is_another_plants:
-            self._first_ns, self._late_ns, self.now_ns = run.start_ns, 0, 0
+            self._first_ns, self.now_ns = run.start_ns, 0
             for stream in streams:
                 stream.begin()
             held, self._held = self._held, []

@@ -53,22 +53,18 @@ class RunRecording:
         self._begin(run)
 
     def announces(self, run: RunIdentity) -> bool:
-        """Note an announced run; return whether the announcement is to be recorded, and now.
+        """Note an announced run; return whether the announcement is to be recorded.
 
-        That of another plant waits until the recorder joins its run. It begins the first run: a
-        player announces runs, but does not call the roll.
+        It begins the first run: a player announces runs, but does not call the roll.
         """
-        is_next_plants = self.gate.is_next_plants(run)
-        if run == self._announced or (is_next_plants and self.gate.takes_part):
+        if run == self._announced:
             return False
-        if self.run is None or is_next_plants:
+        if self.run is None:
             self._begin(run)
         self._announced = run
         return True
 
     def _begin(self, run: RunIdentity) -> None:
-        if self.gate.is_next_plants(run):
-            self._writer.begin_file()
         self.run, self.outcome, self.members, self._stop = run.name, {}, {}, None
         if self.gate.begin(run, [stream for _, stream in self._streams()]):
             self.ticks.begin()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -34,7 +33,7 @@ from ballbot_ros.parameters.timing import SECOND_NS
 from ballbot_ros.recording.messages import topics
 from ballbot_ros.recording.messages.conversions import encode_header, is_stop
 from ballbot_ros.recording.messages.raw import decoder, has_stamp, same_content, stamp_of
-from ballbot_ros.recording.messages.run_reports import decode_announcement, decode_run_status
+from ballbot_ros.recording.messages.run_reports import decode_run_status
 from ballbot_ros.recording.messages.topics import Topic, find_message_class
 from ballbot_ros.recording.rosbag2 import RELIABLE_LATCHED, QosProfile
 from ballbot_ros.recording.writer import RUN_PARTICIPANTS, RecordingWriter
@@ -211,11 +210,15 @@ class Recorder(BallbotNode[RecorderParameters]):
     def __init__(self, parameters: RecorderParameters | None = None) -> None:
         super().__init__(RecorderParameters, parameters)
         new = f'runs/{datetime.now():%Y-%m-%d_%H-%M-%S}/ballbot.mcap'
-        path = self._first = Path(self.parameters.output or new)
+        path = Path(self.parameters.output or new)
         self._writer = RecordingWriter.with_attachments(path, self.parameters.attachments)
         self._channels = RecordedChannels(self)
-        self._derived, self._files = self._derive(), 1
-        self._early: list[tuple[str, Item]] = []  # announcements, and the runs that they precede
+        self._derived = DerivedChannels(
+            self._writer,
+            PlantParameters(),
+            name_of=lambda topic: self.resolve_topic_name(topic.name),
+            is_published=self._channels.is_published,
+        )
         self._recording = RunRecording(
             self, lambda: ((each.topic.name, each.stream) for each in self._channels)
         )
@@ -228,14 +231,6 @@ class Recorder(BallbotNode[RecorderParameters]):
         self.create_wall_timer(POLL_S, self._poll)
         self.create_wall_timer(FLUSH_PERIOD_S, self._flush)
         self.create_wall_timer(DISCOVERY_S, self._channels.discover)
-
-    def _derive(self) -> DerivedChannels:
-        return DerivedChannels(
-            self._writer,
-            PlantParameters(),
-            name_of=lambda topic: self.resolve_topic_name(topic.name),
-            is_published=self._channels.is_published,
-        )
 
     def _poll(self) -> None:
         """Write the messages that have arrived, in order of arrival, and acknowledge them."""
@@ -260,18 +255,15 @@ class Recorder(BallbotNode[RecorderParameters]):
     def _take(self, channel: RecordedChannel, data: bytes, sequence: int) -> None:
         try:
             stamp_ns = stamp_of(data) if channel.is_stamped else 0
-            if channel.topic is topics.RUN:
-                run = RunIdentity(self._decode_run(data).frame_id, stamp_ns)
-                if not self._recording.announces(run):
-                    self._early.append((run.name, (channel, data, sequence)))
-                    return
+            if channel.topic is topics.RUN and not self._recording.announces(
+                RunIdentity(self._decode_run(data).frame_id, stamp_ns)
+            ):
+                return
         except ValueError as error:
             self.warn_malformed(channel.topic, error)
             return
         if channel.topic is topics.RUN_STATUS:
             self._note_status(data)
-        elif channel.topic is topics.PARTICIPANTS:
-            self._note_announcement((channel, data, sequence))
         elif channel.topic is topics.MOTOR_DUTY and is_stop(data):
             self._recording.hold_stop(channel.stream, stamp_ns, data, sequence)
             return
@@ -292,26 +284,9 @@ class Recorder(BallbotNode[RecorderParameters]):
         for channel in self._channels:
             channel.begin()
         try:
-            files = self._files
             self._recording.join(run)
         except RecordingError as error:
             self._fail(error)
-            return
-        early, self._early = self._early, []
-        for name, item in early if self._files > files else ():
-            if name == run.name:
-                self._take(*item)
-
-    def begin_file(self) -> None:
-        """Finish the file, and begin another one for the runs of another plant."""
-        self._write_metadata()
-        self._writer.close()
-        self._files, self._lost = self._files + 1, 0
-        self._writer = RecordingWriter(self._first.with_stem(f'{self._first.stem}_{self._files}'))
-        self._derived = self._derive()
-        for channel in self._channels:
-            channel.recorded = None
-        self.get_logger().info(f'records to {self._writer.path}')
 
     def keep(self, stream: Stream, log_ns: int, data: bytes, sequence: int) -> None:
         """Write a message."""
@@ -348,12 +323,6 @@ class Recorder(BallbotNode[RecorderParameters]):
             self._recording.note_status(decode_run_status(data))
         except ValueError as error:
             self.warn_malformed(topics.RUN_STATUS, error)
-
-    def _note_announcement(self, item: Item) -> None:
-        """Note an announcement that comes before its run, whose file may be another one."""
-        with suppress(ValueError):
-            if (name := decode_announcement(item[1]).run) != self._recording.run:
-                self._early.append((name, item))
 
     def _flush(self) -> None:
         if self.finished:

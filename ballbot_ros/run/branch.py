@@ -366,12 +366,13 @@ def held_sticks(samples: Sequence[tuple[int, int]], begun: float) -> Iterator[Se
 
 def prove(past: Past, recording: Path, at: float) -> Proof:
     """Compare the recording of a branch that begins at a time [s], message by message."""
-    start_ns = past.inputs.run.start_ns
+    start_ns, epoch = past.inputs.run.start_ns, past.inputs.run.epoch
     comparator = MessageComparator(_COMPARED)
     with RecordingReader(recording) as reader:
-        branch = RobotRecording(reader, robot_topics(reader))
+        branch = RobotRecording(reader, robot_topics(reader), epochs=1)
         for each in past.recording.blocks(_COMPARED, start_ns, past.inputs.last_ns):
-            comparator.add_recorded(each.topic, each.stamps_ns, each.data)
+            if each.epoch == epoch:
+                comparator.add_recorded(each.topic, each.stamps_ns, each.data)
         for each in branch.blocks(_COMPARED, start_ns, past.inputs.last_ns):
             comparator.add_replayed(each.topic, each.stamps_ns, each.data)
         is_whole = past.recording.reader.complete and reader.complete

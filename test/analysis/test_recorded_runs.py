@@ -10,18 +10,25 @@ from ballbot_ros.analysis.recorded_runs import (
     END_OF_TIME_NS,
     RecordedRun,
     RunFinder,
+    messages_by_epoch,
     robot_namespace,
     robot_topics,
+    samples_in,
 )
 from ballbot_ros.analysis.replay import RunInputs, read_inputs
 from ballbot_ros.errors import RecordingError
+from ballbot_ros.lockstep.recording_order import MAX_AHEAD_NS
 from ballbot_ros.recording.messages.conversions import fill_header
 from ballbot_ros.recording.messages.topics import (
+    BATTERY_STATE,
     CLOCK,
     GYRO_IMU,
+    LCD,
     MOTOR_DUTY,
     PLANT_IMU,
+    PLANT_ODOM,
     RUN,
+    SONAR_RANGE,
     WALL_HIT,
 )
 from ballbot_ros.recording.reader import RecordingReader
@@ -93,22 +100,25 @@ def write(path, messages):
             if topic not in channels:
                 channels[topic] = writer.add_topic(topic.resolved(), topic.type_name)
             message = new_message(topic.type_name)
-            header = message if topic is RUN else getattr(message, 'header', None)
-            if header:
-                fill_header(header, stamp_ns, *name or [''])
+            if topic is RUN:
+                fill_header(message, stamp_ns, *name)
             writer.write(channels[topic], stamp_ns, encoder(topic.type_name)(message), 1)
     return path
 
 
+ALL = (CLOCK, RUN, PLANT_IMU, PLANT_ODOM, BATTERY_STATE, GYRO_IMU, SONAR_RANGE, WALL_HIT, LCD)
+
+
 @pytest.fixture
 def find(tmp_path):
-    """Return the runs of a file with some messages."""
+    """Return the runs of a file with some messages, and the epochs of the messages."""
 
     def run(*messages):
-        path = tmp_path / 'file.mcap'
-        path.unlink(missing_ok=True)
-        with RecordingReader(write(path, messages)) as reader:
-            return extract(reader, lambda *done: None).runs
+        with RecordingReader(write(tmp_path / 'file.mcap', messages)) as reader:
+            finder = RunFinder(reader)
+            found = messages_by_epoch(reader, robot_topics(reader), finder, ALL)
+            epochs = [each.epoch for each in found]
+            return finder.runs(), epochs
 
     return run
 
@@ -119,75 +129,170 @@ def ticks(start_ns, end_ns, *topics):
 
 def plant(name, end_ns, *topics):
     """Return the messages of a run from 1 s on: those of the plant, and some on `topics`."""
-    return [(RUN, S, name), *ticks(S, end_ns, PLANT_IMU, *topics)]
+    return [(RUN, S, name), *ticks(S, end_ns, CLOCK, PLANT_IMU, *topics)]
 
 
-def test_runs_of_one_plant_follow_each_other(find):
-    second = (RUN, 2 * S, '2 a'), *ticks(2 * S, 2 * S + 3 * TICK, PLANT_IMU)
-    assert find(*plant('1 a', S + 5 * TICK), *second) == (
-        RecordedRun('1 a', S, 2 * S),
-        RecordedRun('2 a', 2 * S, END_OF_TIME_NS),
+def test_runs_of_one_plant_follow_each_other_in_one_epoch(find):
+    first = plant('1 a', S + 5 * TICK)
+    runs, epochs = find(*first, (RUN, 2 * S, '2 a'), *ticks(2 * S, 2 * S + 3 * TICK, CLOCK))
+    assert runs == (
+        RecordedRun(0, '1 a', S, 2 * S),
+        RecordedRun(0, '2 a', 2 * S, END_OF_TIME_NS),
     )
+    assert set(epochs) == {0}
 
 
 @pytest.mark.parametrize('count', [1, 2, 500], ids=lambda count: f'{count}_ticks_before')
-@pytest.mark.parametrize('names', [('1 a', '1 b'), ('1', '1')])
-def test_the_runs_of_two_plants_in_one_file_are_refused(find, count, names):
-    first, second = names
-    if first == second and count == 1:  # its tick may have been sent again
-        return
-    with pytest.raises(
-        RecordingError, match=r'time goes back to 1\.000 s: record the runs of each'
-    ):
-        find(*plant(first, S + count * TICK), *plant(second, S + 3 * TICK))
+def test_another_plant_begins_another_epoch_however_short_the_first_run_was(find, count):
+    first = plant('1 a', S + count * TICK)
+    second = plant('1 b', S + 3 * TICK)
+    runs, epochs = find(*first, *second)
+    assert runs == (RecordedRun(0, '1 a', S), RecordedRun(1, '1 b', S))
+    assert epochs == [0] * len(first) + [1] * len(second)
+
+
+def test_runs_without_a_token_are_distinguished_when_time_goes_back(find):
+    first, second = plant('1', 3 * S), plant('1', 2 * S)
+    runs, epochs = find(*first, *second)
+    assert runs == (RecordedRun(0, '1', S), RecordedRun(1, '1', S))
+    assert epochs.count(1) >= len(second) - 1
 
 
 def test_a_run_that_is_announced_again_is_one(find):
     messages = plant('1 a', 2 * S)
     messages[10:10] = [(RUN, S, '1 a')]
     messages[-1:-1] = [(RUN, S, '1 a'), (WALL_HIT, 2 * S)]
-    assert find(*messages, *ticks(2 * S, 3 * S, PLANT_IMU)) == (RecordedRun('1 a', S),)
+    runs, _ = find(*messages, *ticks(2 * S, 3 * S, CLOCK), (LCD, 3 * S), (WALL_HIT, 3 * S))
+    assert runs == (RecordedRun(0, '1 a', S),)
 
 
 def test_an_announcement_may_come_after_the_first_tick(find):
     messages = plant('1 b', 2 * S)
     messages[0], messages[1] = messages[1], messages[0]
-    assert find(*messages) == (RecordedRun('1 b', S),)
+    runs, _ = find(*plant('1 a', 3 * S), *messages)
+    assert runs == (RecordedRun(0, '1 a', S), RecordedRun(1, '1 b', S))
 
 
-def test_a_repeated_sample_is_no_step_back(find):
+def test_a_topic_only_in_the_second_epoch_belongs_to_it(find):
+    second = plant('1 b', 2 * S, SONAR_RANGE)
+    runs, epochs = find(*plant('1 a', 3 * S), *second)
+    assert len(runs) == 2
+    assert epochs[-len(second) :] == [1] * len(second)
+
+
+def test_messages_of_a_plant_before_its_first_tick_belong_to_its_own_run(find):
+    first = plant('1 a', 3 * S)
+    between = [(RUN, S, '1 b'), (WALL_HIT, S), (LCD, 3 * S), (GYRO_IMU, 3 * S)]
+    runs, epochs = find(*first, (GYRO_IMU, 3 * S - TICK), *between, *ticks(S, 2 * S, CLOCK))
+    assert epochs[len(first) + 1 :][: len(between)] == [1, 1, 0, 0]
+    assert [run.name for run in runs] == ['1 a', '1 b']
+
+
+def test_a_leftover_sample_stays_with_the_previous_plant(find):
+    first, second = plant('1 a', 9 * S, GYRO_IMU), ticks(S, 2 * S, CLOCK, PLANT_IMU, GYRO_IMU)
+    late = [(GYRO_IMU, 9 * S)]
+    runs, epochs = find(*first, (RUN, S, '1 b'), *second[:2], *late, *second[2:])
+    assert len(runs) == 2
+    assert epochs == [0] * len(first) + [1, 1, 1, 0] + [1] * (len(second) - 2)
+
+
+@pytest.mark.parametrize(('ahead_ns', 'epoch'), [(MAX_AHEAD_NS, 1), (MAX_AHEAD_NS + TICK, 0)])
+def test_a_sample_that_no_node_of_the_new_run_can_have_sent_belongs_to_the_previous_run(
+    find, ahead_ns, epoch
+):
+    first = plant('1 a', S + 2 * TICK, GYRO_IMU)
+    _, epochs = find(*first, *plant('1 b', S + TICK), (GYRO_IMU, S + ahead_ns))
+    assert epochs[-1] == epoch
+
+
+def test_a_plant_may_begin_its_second_run_before_a_tick_of_its_first(find):
+    first = plant('1 a', 9 * S)
+    announced = [(RUN, S, '1 b'), (RUN, 2 * S, '2 b')]
+    runs, _ = find(*first, *announced, *ticks(2 * S, 3 * S, CLOCK, PLANT_IMU))
+    assert runs == (
+        RecordedRun(0, '1 a', S),
+        RecordedRun(1, '1 b', S, 2 * S),
+        RecordedRun(1, '2 b', 2 * S),
+    )
+
+
+def test_a_tick_of_the_previous_plant_does_not_cancel_an_announcement(find):
+    first, late = plant('1 a', 3 * S), ticks(3 * S, 3 * S + TICK, CLOCK, PLANT_IMU)
+    runs, _ = find(*first, (RUN, S, '1 b'), *late, *ticks(S, 2 * S, CLOCK, PLANT_IMU))
+    assert runs == (RecordedRun(0, '1 a', S), RecordedRun(1, '1 b', S))
+
+
+def test_a_short_unannounced_run_ends_where_time_goes_back_to_its_start(find):
+    first, second = ticks(S, S + 9 * TICK, PLANT_IMU), ticks(S, S + 3 * TICK, PLANT_IMU)
+    runs, epochs = find(*first, *second)
+    assert [(run.epoch, run.start_ns) for run in runs] == [(0, S), (1, S)]
+    assert epochs == [0] * 9 + [1] * 3
+
+
+def test_a_repeated_sample_begins_no_run(find):
     again = [(GYRO_IMU, 2 * S - 9 * TICK), (PLANT_IMU, 2 * S - TICK)]
-    assert len(find(*plant('1 a', 2 * S, GYRO_IMU), *again, *ticks(2 * S, 3 * S, GYRO_IMU))) == 1
+    runs, epochs = find(*plant('1 a', 2 * S, GYRO_IMU), *again, *ticks(2 * S, 3 * S, GYRO_IMU))
+    assert len(runs) == 1
+    assert set(epochs) == {0}
 
 
-def test_without_an_announcement_a_run_begins_with_the_first_sample(find):
-    unknown = RecordedRun('', 5 * S, is_announced=False)
-    assert find(*ticks(5 * S, 9 * S, PLANT_IMU)) == (unknown,)
-    with pytest.raises(RecordingError, match=r'time goes back to 3\.000 s'):
-        find(*ticks(5 * S, 9 * S, PLANT_IMU), *ticks(3 * S, 4 * S, PLANT_IMU))
+def test_without_an_announcement_a_run_begins_where_time_goes_back(find):
+    runs, _ = find(*ticks(5 * S, 9 * S, PLANT_IMU), *ticks(3 * S, 4 * S, PLANT_IMU))
+    assert runs == (
+        RecordedRun(0, '', 5 * S, is_announced=False),
+        RecordedRun(1, '', 3 * S, is_announced=False),
+    )
 
 
-@given(st.lists(st.integers(1, 9), max_size=40), st.integers(1, 9))
-def test_new_samples_do_not_depend_on_how_a_file_is_cut_into_chunks(places, size):
-    stamps = S + TICK * np.array([0, *places])
-    finder = RunFinder(None)
-    pieces = [stamps[start : start + size] for start in range(0, len(stamps), size)]
-    are_new = np.concatenate([finder.are_new(PLANT_IMU, each) for each in pieces])
-    assert are_new.tolist() == RunFinder(None).are_new(PLANT_IMU, stamps).tolist()
-    assert (np.diff(stamps[are_new]) > 0).all()
-    assert stamps[are_new][-1] == stamps.max()
+STAMPS = st.one_of(st.integers(0, 5).map(lambda n: S + n * TICK), st.integers(1, 4).map(S.__mul__))
+MESSAGES = st.one_of(
+    st.tuples(st.sampled_from([CLOCK, PLANT_IMU, GYRO_IMU, BATTERY_STATE, WALL_HIT, LCD]), STAMPS),
+    st.tuples(st.just(RUN), STAMPS, st.sampled_from(['1 a', '2 a', '1 b'])),
+)
 
 
-def test_replay_and_report_find_the_same_runs(short):
-    with RecordingReader(short[0]) as reader:
+@given(st.lists(MESSAGES, min_size=1, max_size=40), st.integers(1, 9))
+def test_the_runs_do_not_depend_on_how_a_file_is_cut_into_chunks(tmp_path_factory, messages, size):
+    path = write(tmp_path_factory.mktemp('law') / 'file.mcap', [(PLANT_IMU, S), *messages])
+    with RecordingReader(path) as reader:
+        well_typed = robot_topics(reader).well_typed
+        (whole,) = reader.batches()
+
+        def placed(step):
+            finder, epochs, are_new = RunFinder(reader), [], []
+            for start in range(0, len(whole), step):
+                batch = whole.select(np.arange(start, min(start + step, len(whole))))
+                rows = {well_typed[name]: topic_rows for name, topic_rows in batch.rows().items()}
+                assignment = finder.process(batch, rows, samples_in(batch, rows), batch.log_ns)
+                epochs += assignment[0].tolist()
+                are_new += assignment[1].tolist()
+            return finder.runs(), epochs, are_new
+
+        at_once, piece_by_piece = placed(len(whole)), placed(size)
+    assert at_once == piece_by_piece
+    runs, epochs, are_new = at_once
+    starts = [(run.epoch, run.start_ns) for run in runs]
+    assert starts == sorted(set(starts))
+    rising = {}
+    for message, epoch, is_new in zip([(PLANT_IMU, S), *messages], epochs, are_new, strict=True):
+        if is_new:
+            assert message[1] > rising.get((message[0], epoch), -1)
+            rising[message[0], epoch] = message[1]
+
+
+def test_replay_and_report_find_the_same_runs(short, driven, copy):
+    path = copy(short[0], driven[0], short[0])
+    with RecordingReader(path) as reader:
         inputs = read_inputs(reader)
         assert tuple(each.run for each in inputs.runs) == extract(reader, lambda *done: None).runs
-    assert [each.ticks for each in inputs.runs] == [short[1]['ticks']]
+    assert [each.run.epoch for each in inputs.runs] == [0, 1, 2]
+    counts = [each[1]['ticks'] for each in (short, driven, short)]
+    assert [each.ticks for each in inputs.runs] == counts
 
 
 def test_pushes_and_sticks_move_with_the_start_of_a_run():
     push = Push(4 * S, 5 * S, (1.0, 2.0))
-    inputs = RunInputs(RecordedRun('run', 3 * S), 9 * S, {4 * S: (1, 2)}, {}, {}, [push], {})
+    inputs = RunInputs(RecordedRun(0, 'run', 3 * S), 9 * S, {4 * S: (1, 2)}, {}, {}, [push], {})
     assert inputs.pushes_from(3 * S) == [push]
     assert inputs.pushes_from(1 * S) == [Push(2 * S, 3 * S, (1.0, 2.0))]
     assert inputs.sticks_at(1.0) == (1, 2)

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import example, settings
 from hypothesis import strategies as st
 from laws import given, is_read_or_refused_in_one_line
-from recordings import two_runs
 
 from ballbot_ros import simulate
 from ballbot_ros.analysis.assessment import assess
@@ -229,8 +228,8 @@ def test_a_missing_tick_is_counted_and_prevents_a_verdict(short, copy):
     assert {each.verdict for each in part.expectations} == {'not judged'}
 
 
-def test_the_last_of_two_runs_is_reported_by_default(short, driven, driven_assessment, tmp_path):
-    path = two_runs(tmp_path / 'two.mcap', driven[0], short[0])
+def test_the_last_of_two_runs_is_reported_by_default(short, driven, driven_assessment, copy):
+    path = copy(driven[0], short[0])
     last = read_run(path)
     assert (last.number, last.count) == (2, 2)
     assert any('2 runs' in notice for notice in last.notices)

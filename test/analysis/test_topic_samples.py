@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from graph import record
 from own_controllers import BALANCE
-from recordings import copy_recording, two_runs
+from recordings import copy_recording
 
 from ballbot_ros.analysis.run_data import read_run
 from ballbot_ros.analysis.topic_samples import TopicSamples, read_topic, topics_with_signals
@@ -123,7 +123,7 @@ def test_elements_that_change_are_an_error(recording, tmp_path):
 
 
 def test_only_the_messages_of_the_run_are_read(recording, tmp_path):
-    twice = two_runs(tmp_path / 'twice.mcap', recording, recording)
+    twice = copy_recording(tmp_path / 'twice.mcap', recording, recording)
     once, second = read_run(recording), read_run(twice, 2)
     for topic in ('/sonar', '/clock'):
         expected, found = read_topic(once, topic), read_topic(second, topic)

@@ -121,11 +121,10 @@ def test_a_late_recorder_knows_from_when_on_it_has_everything():
     for now in (1196, 1200, 1204, 1220):
         file.tick(now)
     assert file.gate.complete_from_ns == 1200 * MS  # the first sample of the sonar
-    file.gate.takes_part = False  # of a player, which may begin anywhere
-    assert file.gate.complete_from_ns == 0
-    file.gate.takes_part = True
-    file.begin('1 other', 3000 * MS)  # which it records from its start on, into another file
+    file.begin('1 other', 3000 * MS)  # which it records from its start on
     file.tick(3000)
+    assert file.gate.complete_from_ns == 1200 * MS
+    file.gate.takes_part = False  # of a player, which may begin anywhere
     assert file.gate.complete_from_ns == 0
     early = File()
     for now in (1000, 1004, 1100, 1104):

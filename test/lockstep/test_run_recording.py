@@ -15,16 +15,12 @@ class File:
         self.clock = Stream('/clock', period_ns=TICK_NS, is_clock=True, is_live=True, is_same=same)
         self.duty = Stream('/motor_duty', period_ns=TICK_NS, is_same=same)
         self.kept = []
-        self.files = 1
         self.gyro = Stream('/gyro', period_ns=TICK_NS, is_same=same)
         streams = (('/clock', self.clock), ('motor_duty', self.duty), ('gyro', self.gyro))
         self.recording = RunRecording(self, lambda: streams)
 
     def keep(self, stream, log_ns, data, sequence):
         self.kept.append((stream.name, log_ns, data, sequence))
-
-    def begin_file(self):
-        self.files += 1
 
     def has_several_publishers(self, stream):
         return False
@@ -50,13 +46,6 @@ def test_only_the_status_of_the_current_run_counts(run, is_noted, comes_first):
         recording.note_status(status(run, outcome='failed'))
     assert recording.outcome == ({'outcome': 'failed'} if is_noted else {})
     assert recording.members == ({'controller': 'it'} if is_noted else {})
-
-
-def test_the_runs_of_another_plant_go_to_another_file():
-    file = File()
-    for name, files in (('1 a', 1), ('2 a', 1), ('1 b', 2), ('2 b', 2), ('1 c', 3)):
-        file.recording.join(RunIdentity(name, FIRST_TICK_NS))
-        assert file.files == files, name
 
 
 def test_a_run_is_announced_once_and_begins_the_first_recording():

@@ -206,20 +206,6 @@ def test_a_run_whose_recorder_started_last_can_be_replayed(start, client, tmp_pa
     assert replay_recording(path, controller='python', assignments=[], as_json=False) == 0
 
 
-def test_a_recorder_that_outlives_its_plant_has_a_file_for_each(start, client, tmp_path):
-    recorder = start(RECORDER, output=tmp_path / 'run.mcap')
-    for duration in (2, 3):
-        plant = start(PLANT, real_time_factor=0, duration=duration, require_recorder='true')
-        assert plant.finish() == 0
-    assert recorder.interrupt() == 0
-    for name, seconds in (('run', 2), ('run_2', 3)):
-        path = tmp_path / f'{name}.mcap'
-        assert replay_recording(path, controller='python', assignments=[], as_json=False) == 0
-        with RecordingReader(path) as reader:
-            assert reader.damage is None
-            assert reader.topics()['/motor_duty'].message_count == 250 * seconds
-
-
 def test_shared_parameters_must_be_equal(start, client):
     assert client.set_value(SONAR, 'map', 'track').successful
     plant = start(PLANT, duration=1)

@@ -13,21 +13,19 @@ from stubs import bare  # noqa: E402
 
 from ballbot_ros.errors import RecordingError  # noqa: E402
 from ballbot_ros.lockstep.lockstep import RunIdentity, SampleStatus  # noqa: E402
-from ballbot_ros.lockstep.participants import Announcement, Participant  # noqa: E402
 from ballbot_ros.nodes import recorder  # noqa: E402
 from ballbot_ros.nodes.recorder import (  # noqa: E402
     RecordedChannel,
     RecordedChannels,
     Recorder,
 )
-from ballbot_ros.parameters import GYRO, RecorderParameters  # noqa: E402
+from ballbot_ros.parameters import RecorderParameters  # noqa: E402
 from ballbot_ros.recording.messages.conversions import (  # noqa: E402
     encode_duty,
     encode_header,
     encode_stop,
 )
 from ballbot_ros.recording.messages.raw import decoder  # noqa: E402
-from ballbot_ros.recording.messages.run_reports import encode_announcement  # noqa: E402
 from ballbot_ros.recording.messages.topics import (  # noqa: E402
     CLOCK,
     JOY,
@@ -338,7 +336,6 @@ def test_each_message_goes_to_the_recording_as_what_it_is():
         },
         _decode_run=decoder(RUN.type_name),
         _note_status=note('status'),
-        _early=[],
     )
     run, duty, status, joy = map(channel_of, (RUN, MOTOR_DUTY, RUN_STATUS, JOY))
     for channel, data, expected in (
@@ -370,40 +367,10 @@ def test_the_rest_of_a_run_is_not_acknowledged_to_the_plant_of_the_next():
             _order=SimpleNamespace(
                 merge=lambda unread, until_ns, events=events: note_write(events, until_ns)
             ),
-            _send_ack=lambda events=events: events.append(('ack',)),
-            _channels=Streams(), _files=1, _early=[],
+            _channels=Streams(), _send_ack=lambda events=events: events.append(('ack',)),
         )  # fmt: skip
         getattr(node, how)(*([RunIdentity('1 next', 1)] if how == '_on_run' else []))
         assert events == expected, how
-
-
-def test_the_runs_of_another_plant_are_in_another_file(tmp_path):
-    """With the announcements that came before the first message of its run."""
-    gyro = Participant(GYRO, '/gyro_driver', 'host', 1, 'ab', 'it', '00', '', ())
-    announcement = encode_announcement(Announcement(gyro, '1 b'))
-    taken = []
-    node = stub_recorder(
-        [], _files=1, _early=[], _first=tmp_path / 'run.mcap', _derive=lambda: 'derived',
-        _channels=Streams([channel_of(PARTICIPANTS)]), _write_until=lambda until: None,
-    )  # fmt: skip
-    (channel,) = node._channels
-    channel.recorded, channel.begin = 'of the first file', lambda: None
-    node._recording = SimpleNamespace(
-        run='1 a', outcome={}, members={},
-        gate=SimpleNamespace(complete_from_ns=0, take=lambda *given: taken.append(given)),
-        join=lambda run: vars(node._recording).update(run=run.name) or node.begin_file(),
-    )  # fmt: skip
-    node._take(channel, announcement, 7)
-    taken.clear()
-    for name, written in (('1 b', [(channel.stream, 0, announcement, 7)]), ('2 b', [])):
-        node._on_run(RunIdentity(name, 1_000_000_000))
-        assert taken == written
-        taken.clear()
-        node._recording.join = lambda run: None
-    assert channel.recorded is None
-    assert node._writer.path == tmp_path / 'run_2.mcap'
-    node._writer.close()
-    assert [each.name for each in tmp_path.iterdir()] == ['run_2.mcap']
 
 
 class Streams(list):
