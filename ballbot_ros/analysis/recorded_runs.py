@@ -74,6 +74,11 @@ class RobotTopics:
     wrong_types: Mapping[str, str]
 
     @property
+    def well_typed(self) -> dict[str, Topic]:
+        """The topics with the correct type, by name."""
+        return {n: topic for n, topic in self.by_name.items() if n not in self.wrong_types}
+
+    @property
     def is_real(self) -> bool:
         """Whether it was a real robot: its data log is there, and no true motion."""
         found = {*self.by_name.values()}

@@ -3,7 +3,7 @@
 import pytest
 from click.testing import CliRunner
 
-from benchmark import challenge, redesign, search, tune
+from benchmark import challenge, commissioning, redesign, search, tune
 
 ROWS = {
     'speed': 3,
@@ -14,6 +14,7 @@ ROWS = {
     'redesign': 2,
     'searches': 2,
     'challenge': 9,
+    'commissioning': 8,
 }
 
 
@@ -35,6 +36,9 @@ def test_an_experiment_prints_its_table(monkeypatch, name):
         monkeypatch.setattr(search, constant, short)
     monkeypatch.setattr(challenge, 'scenario_names', lambda: ['stationary'])
     monkeypatch.setattr(challenge, 'ROBOTS', 4)
+    monkeypatch.setattr(commissioning, 'ROBOTS', 1)
+    short = {'rest_time': 61.0, 'step_time': 0.06, 'play_time': 0.06, 'tilt_time': 0.02}
+    monkeypatch.setattr(commissioning, 'DURATIONS', short)
     result = CliRunner().invoke(tune.tune, [name])
     assert result.exception is None, result.output
     table = [line for line in result.output.splitlines() if line.startswith('|')]

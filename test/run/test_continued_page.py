@@ -71,6 +71,24 @@ def test_a_recorded_run_becomes_live_and_is_kept(tmp_path, monkeypatch, domain):
 
 
 @pytest.mark.timeout(600)
+def test_a_click_counts_although_the_bar_changes_while_the_button_is_down(tmp_path, domain):
+    recording = recorded(tmp_path, EVENTFUL)
+    with (
+        serving(domain, 'view', recording, '--port', 0) as (address, _),
+        browsing(address) as browser,
+    ):
+        page = browser.page
+        mark = page.locator('.mark[data-kind="push"]').first
+        mark.hover()
+        page.mouse.down()
+        for key in '.', 'Home':  # the first changes a button
+            page.keyboard.press(key)
+        wait_until(lambda: browser.shown_time() == 0.0, browser)
+        page.mouse.up()
+        wait_until(lambda: browser.shown_time() == pytest.approx(2.0, abs=0.01), browser)
+
+
+@pytest.mark.timeout(600)
 def test_a_run_that_can_not_go_on_says_why(tmp_path, domain):
     own = tmp_path / 'own.py'
     own.write_text(BALANCE)

@@ -30,6 +30,8 @@ from benchmark.tables import print_table
 
 ROBOTS = 40
 BATTERIES_V = 9.3, 7.6
+DURATIONS = {'tilt_time': 0.02}
+"""Those that differ from the program's: nobody tilts a simulated robot."""
 NAMES = {
     'zero_rate_offset_x': 'deg/s', 'zero_rate_offset_y': 'deg/s', 'noise': 'deg/s',
     'drift': 'deg/s', 'dead_zone': '%', 'voltage_slope': 'V/mV', 'voltage_offset': 'V',
@@ -116,7 +118,7 @@ def errors(found: Commissioning, robot: Values) -> Iterator[tuple[str, float, fl
 def _case(number: int) -> list[tuple[str, float, float]]:
     robot = drawn_robot(number)
     logs = [
-        simulated_log(robot, voltage, 2 * number + log, {'tilt_time': 0.02})
+        simulated_log(robot, voltage, 2 * number + log, DURATIONS)
         for log, voltage in enumerate(BATTERIES_V, 1)
     ]
     return [*errors(commissioned(logs), robot)]
