@@ -11,16 +11,29 @@ export class Transport {
   #time = 0;
   #slider = null;
   #isDragging = false;
+  #isHeld = false;
+  #waiting = null;
   #shown = '';
 
   constructor(send) {
     this.#send = send;
     // Before viser, which moves the camera by some of these keys.
     addEventListener('keydown', (event) => this.#onKey(event), { capture: true });
+    this.node.addEventListener('pointerdown', () => { this.#isHeld = true; });
+    // After the click, which comes next.
+    for (const type of ['pointerup', 'pointercancel']) addEventListener(type, () => setTimeout(() => this.#letGo()));
   }
 
-  /** Show the buttons, speeds and time line of a state. */
-  show({ buttons, rates, rate, timeline }) {
+  #letGo() {
+    this.#isHeld = false;
+    if (this.#waiting) this.show(this.#waiting);
+  }
+
+  /** Show the buttons, speeds and time line of a state; later, if one is held, which would lose its click. */
+  show(state) {
+    this.#waiting = this.#isHeld ? state : null;
+    if (this.#isHeld) return;
+    const { buttons, rates, rate, timeline } = state;
     const shown = JSON.stringify([buttons, rates, rate, timeline]);
     if (shown === this.#shown) return;
     this.#shown = shown;
