@@ -538,13 +538,13 @@ def _port_checks(log: Log) -> Iterator[str]:
                 yield told
 
 
-def _tilt_checks(log: Log) -> Iterator[str]:
-    """Yield what the gyros saw of the tilts, forward and then to the right."""
+def _tilt_checks(log: Log) -> list[str]:
+    """Return what the gyros saw of the tilts, forward and then to the right."""
     numbers = np.flatnonzero(log.phase == TILT)
     rest = log.gyro[log.phase == REST]
     forward, rightward = np.array_split(numbers, 2)
     if len(forward) < 2 or len(rightward) < 2 or not len(rest):
-        return
+        return []
     seen = []
     for part in (forward, rightward):
         rates = log.gyro[part[1:]] - rest.mean(axis=0)
@@ -553,11 +553,11 @@ def _tilt_checks(log: Log) -> Iterator[str]:
     (forward_x, forward_y), (_, rightward_y) = seen
     told = f'{log.path}: tilted forward, gyro x saw {forward_x:+.0f}° and gyro y {forward_y:+.0f}°'
     if max(abs(forward_x), abs(forward_y)) < MIN_TILT_DEG:
-        yield f'{told}: not tilted, so nothing is known of the ports and signs of the gyros'
-        return
+        return [f'{told}: not tilted, so nothing is known of the ports and signs of the gyros']
     if abs(forward_y) > abs(forward_x):
-        yield f'{told}: wrong, each is in the port of the other'
-        return
-    yield told + (': wrong, gyro x is mounted the other way round' if forward_x < 0.0 else '')
-    told = f'{log.path}: tilted to the right, gyro y saw {rightward_y:+.0f}°'
-    yield told + (': wrong, gyro y is mounted the other way round' if rightward_y < 0.0 else '')
+        return [f'{told}: wrong, each is in the port of the other']
+    right = f'{log.path}: tilted to the right, gyro y saw {rightward_y:+.0f}°'
+    return [
+        told + (': wrong, gyro x is mounted the other way round' if forward_x < 0.0 else ''),
+        right + (': wrong, gyro y is mounted the other way round' if rightward_y < 0.0 else ''),
+    ]
