@@ -86,7 +86,7 @@ class Browser:
         # The part of the page without the panel and the notice about missing graphics hardware.
         self.scene = {'x': 0, 'y': 160, 'width': width - 360, 'height': height - 160}
         self.errors = []
-        page.set_default_timeout(LAST_RESORT_S * 1e3)
+        page.context.set_default_timeout(LAST_RESORT_S * 1e3)  # also for pages that it opens
         page.on('console', lambda m: m.type == 'error' and self.errors.append(m.text))
         page.on('pageerror', lambda error: self.errors.append(str(error)))
         page.goto(address)
@@ -274,7 +274,7 @@ def open_document(browser, document, width=1200, scheme='light'):
     """Return the page of a report; errors and requests to hosts are kept in `faults`."""
     context = browser.new_context(viewport={'width': width, 'height': 900}, color_scheme=scheme)
     page = context.new_page()
-    page.set_default_timeout(LAST_RESORT_S * 1e3)
+    page.context.set_default_timeout(LAST_RESORT_S * 1e3)  # also for pages that it opens
     page.faults = []
     page.on('console', lambda m: m.type == 'error' and page.faults.append(m.text))
     page.on('pageerror', lambda error: page.faults.append(str(error)))
