@@ -8,7 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ballbot_ros.cli.options import NEW_FILE, RECORDING, command_line, heading, write_file
+from ballbot_ros.cli.options import (
+    NEW_FILE,
+    RECORDING,
+    command_line,
+    heading,
+    known_profile_option,
+    write_file,
+)
 from ballbot_ros.errors import BallbotError, printable
 from ballbot_ros.parameters import (
     CONTROLLER,
@@ -27,12 +34,7 @@ _DIGITS = 6
 
 @click.command('commission')
 @click.argument('logs', nargs=-1, required=True, type=RECORDING, metavar='LOG...')
-@click.option(
-    '--profile',
-    default='hardware',
-    show_default=True,
-    help='Device profile, or a file of one, for what the logs do not tell.',
-)
+@known_profile_option
 @click.option(
     '--output',
     type=NEW_FILE,

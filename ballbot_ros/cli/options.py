@@ -119,6 +119,14 @@ processes_option = click.option(
 """Selects how a run is executed."""
 
 
+known_profile_option = click.option(
+    '--profile',
+    default='hardware',
+    show_default=True,
+    help='Device profile, or a file, for what a log does not tell.',
+)
+"""Names what is known of a real robot."""
+
 device_option = click.option(
     '--device', help='Gamepad, by its number or part of its name.  [default: any]'
 )

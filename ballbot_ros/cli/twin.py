@@ -6,19 +6,14 @@ from pathlib import Path
 
 import click
 
-from ballbot_ros.cli.options import PATH, RECORDING
+from ballbot_ros.cli.options import PATH, RECORDING, known_profile_option
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.parameters import PLANT
 
 
 @click.command('twin')
 @click.argument('log', type=RECORDING)
-@click.option(
-    '--profile',
-    default='hardware',
-    show_default=True,
-    help='Device profile, or a file, for what the log does not tell.',
-)
+@known_profile_option
 @click.option(
     '--output',
     type=PATH,

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from ballbot_ros.errors import RecordingError
 from ballbot_ros.process import ProgressCallback
 from ballbot_ros.recording.reader import RecordingReader
@@ -84,11 +86,12 @@ def _copy(
     }
     done = 0
     for batch in reader.batches():
-        for row, header in enumerate(batch.headers):
+        contents = batch.contents(np.arange(len(batch)))
+        for header, data in zip(batch.headers, contents, strict=True):
             writer.write(
                 topics[int(header['channel'])],
                 int(header['log_ns']),
-                batch.message(row).data,
+                data,
                 int(header['sequence']),
                 int(header['publish_ns']),
             )

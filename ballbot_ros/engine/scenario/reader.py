@@ -257,9 +257,9 @@ class ScenarioReader(ExpectationReader):
             if required not in data:
                 raise self._error((), f'{required} is missing')
         self._check_lines_of_text(data, ('purpose', 'profile'))
-        own = self._profile(data)
-        given = own if profile is None else profile
-        values = self._load_profile(given)
+        given, values = self._profile(data)
+        if profile is not None:
+            given, values = profile, self._load_profile(profile)
         parameters = self._parameters(data, ParameterSet(values))
         plant = parameters.of(PlantParameters)
         # Parameters may shorten a run, which then does not reach everything.
@@ -282,16 +282,15 @@ class ScenarioReader(ExpectationReader):
         properties = self._properties(data.get('properties', {}), plant, scenario.events)
         return replace(scenario, properties=properties)
 
-    def _profile(self, data: Mapping[str, object]) -> str:
+    def _profile(self, data: Mapping[str, object]) -> tuple[str, ParameterSet]:
         """Return the document's device profile; a path is one from the document's folder."""
         name = str(data.get('profile', IDEAL))
         if is_yaml_path(name):
             name = str(self._document.path.parent / name)
         try:
-            self._load_profile(name)
+            return name, self._load_profile(name)
         except BallbotError as error:
             raise self._error(('profile',), str(error)) from None
-        return name
 
     def _text(self, data: Mapping[str, object], profile: str, values: ParameterSet) -> str:
         """Return a document like this one with a profile, which needs no other file for that."""
