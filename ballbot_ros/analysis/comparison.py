@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
@@ -13,7 +13,7 @@ import numpy as np
 
 from ballbot_ros.analysis import interactive
 from ballbot_ros.analysis.assessment import Assessment
-from ballbot_ros.analysis.drawing import DUTY, PITCH, POSITION, Quantity, draw_rows, draw_tracks
+from ballbot_ros.analysis.drawing import draw_rows, draw_tracks
 from ballbot_ros.analysis.figure_parts import (
     BLUE,
     GRAY,
@@ -23,23 +23,18 @@ from ballbot_ros.analysis.figure_parts import (
     SKY,
     DrawnCurve,
     Line,
+    Panel,
     Row,
     Table,
     csv_text,
+    envelope,
     png_of,
 )
 from ballbot_ros.analysis.metrics import Verdict, number
 from ballbot_ros.analysis.page import number_text, render_template, write_folder
+from ballbot_ros.analysis.panels import DUTY, TRUE_PITCH, TRUE_POSITION, motion_columns
 from ballbot_ros.analysis.report import MEANINGS, MetricText, banner, metric_text
-from ballbot_ros.analysis.run_data import RunData
-from ballbot_ros.analysis.run_figures import (
-    RenderedFigure,
-    duty_table,
-    estimated_motion_table,
-    pitch_table,
-    position_table,
-    track_table,
-)
+from ballbot_ros.analysis.run_figures import RenderedFigure, track_table
 from ballbot_ros.analysis.run_setup import (
     RecordedSetup,
     SetupChange,
@@ -49,13 +44,7 @@ from ballbot_ros.analysis.run_setup import (
 )
 from ballbot_ros.errors import BallbotError, similar
 from ballbot_ros.parameters import CONTROLLER
-from ballbot_ros.recording.messages.topics import (
-    GAMEPAD_JOY,
-    MOTOR_DUTY,
-    PLANT_IMU,
-    PLANT_ODOM,
-    Topic,
-)
+from ballbot_ros.recording.messages.topics import GAMEPAD_JOY
 from ballbot_ros.robot.world.floor_map import FloorMap, OccupancyGrid
 
 _FORM = re.compile(
@@ -130,12 +119,8 @@ _DASHES = ('-', '--', '-.', ':')
 NOTHING_CHANGED = 'Nothing was changed: parameters, scenario, seed and versions are the same.'
 
 
-_SOURCES: Mapping[Quantity, tuple[Topic, Callable[[RunData], Table]]] = {
-    PITCH: (PLANT_IMU, pitch_table),
-    POSITION: (PLANT_ODOM, position_table),
-    DUTY: (MOTOR_DUTY, duty_table),
-}
-"""The compared quantities: the topic that has each, and what makes its table."""
+_COMPARED: Mapping[str, Panel] = {'pitch': TRUE_PITCH, 'position': TRUE_POSITION, 'duty': DUTY}
+"""The compared quantities by the names of their figures."""
 
 
 @dataclass(frozen=True)
@@ -150,8 +135,8 @@ class ComparedRun:
         Name of its controller; '' if unknown.
     trusted : bool
         Whether the run is complete and did not fail.
-    tables : dict of str to Table
-        The numbers of each figure, by the figure's name; of a real robot, as estimated.
+    motion, track : Table
+        The numbers of the figures; of a real robot, as estimated.
     first_stick, calibrated : float
         Time of the first stick that is not neutral, or NaN, and of the end of the calibration [s].
     """
@@ -163,7 +148,8 @@ class ComparedRun:
     controller: str
     trusted: bool
     metrics: dict[str, float]
-    tables: dict[str, Table]
+    motion: Table
+    track: Table
     floor: FloorMap | OccupancyGrid | None
     notes: tuple[str, ...]
     setup: RecordedSetup
@@ -176,13 +162,6 @@ class ComparedRun:
     def from_assessment(cls, letter: str, assessment: Assessment) -> ComparedRun:
         """Return the data of a run that a comparison needs."""
         run = assessment.run
-        sources = _SOURCES.items()
-        tables = {each.name: make(run) for each, (topic, make) in sources if topic in run.series}
-        if run.is_real:
-            estimated = estimated_motion_table(run, POSITION, PITCH)
-            tables |= {PITCH.name: estimated, POSITION.name: estimated}
-        if run.is_real or PLANT_ODOM in run.series:
-            tables['track'] = track_table(run)
         sticks = run.series.get(GAMEPAD_JOY)
         is_moved = sticks is not None and np.nan_to_num(sticks.values).any(axis=1)
         return cls(
@@ -193,7 +172,8 @@ class ComparedRun:
             controller=run.attached.controller,
             trusted=run.complete and assessment.outcome is not Verdict.FAILED,
             metrics=assessment.metrics,
-            tables=tables,
+            motion=envelope(run.motion.time, motion_columns(run.motion)),
+            track=track_table(run),
             floor=run.floor,
             notes=tuple(banner(run)),
             setup=RecordedSetup.of(run),
@@ -205,12 +185,13 @@ class ComparedRun:
 
     def aligned(self, seconds: float) -> ComparedRun:
         """Return the run on another clock, with positions from its start, so without a map."""
-        tables: dict[str, Table] = {}
-        for name, table in self.tables.items():
-            first = {n: each[0] for n, each in table.items() if name in (POSITION.name, 'track')}
-            first['time_s'] = -seconds
-            tables[name] = {n: each - first.get(n, 0.0) for n, each in table.items()}
-        return replace(self, tables=tables, floor=None)
+
+        def moved(table: Table) -> Table:
+            firsts = {n: each[:1] for n, each in table.items() if n.startswith(('position', 'map'))}
+            firsts['time_s'] = np.array([-seconds])
+            return {n: each - firsts.get(n, 0.0) for n, each in table.items()}
+
+        return replace(self, motion=moved(self.motion), track=moved(self.track), floor=None)
 
 
 @dataclass(frozen=True)
@@ -273,15 +254,19 @@ class Comparison:
 
 def _apart(first: ComparedRun, other: ComparedRun) -> str:
     told = []
-    for quantity in (PITCH, POSITION):
-        mine, its = first.tables[quantity.name], other.tables[quantity.name]
-        time, known = mine['time_s'], its['time_s']
-        both = (time >= known[0]) & (time <= known[-1])
-        columns = map(quantity.column, 'xy')
-        gaps = [np.interp(time[both], known, its[each]) - mine[each][both] for each in columns]
+    mine, its = first.motion, other.motion
+    time, known = mine['time_s'], its['time_s']
+    both = (time >= known[0]) & (time <= known[-1])
+    for panel in (TRUE_PITCH, TRUE_POSITION):
+        gaps = [
+            panel.scale * (np.interp(time[both], known, its[each.column]) - mine[each.column][both])
+            for each in panel.curves
+        ]
         rms, peak = np.sqrt(np.mean(np.square(gaps))), np.max(np.abs(gaps), initial=0.0)
-        unit, name = quantity.panel.unit, quantity.panel.quantity
-        told.append(f'{name} {number_text(rms)} {unit} rms, {number_text(peak)} {unit} peak')
+        told.append(
+            f'{panel.quantity} {number_text(rms)} {panel.unit} rms, '
+            f'{number_text(peak)} {panel.unit} peak'
+        )
     return f'{other.letter} − {first.letter} at the same time: {"; ".join(told)}'
 
 
@@ -420,61 +405,65 @@ def write_comparison(comparison: Comparison, failed: Sequence[str], folder: Path
 
 
 def _figures(comparison: Comparison) -> Iterable[RenderedFigure]:
-    for quantity in _SOURCES:
-        if rows := _rows(comparison, quantity):
-            title = quantity.panel.quantity.capitalize()
+    for name, panel in _COMPARED.items():
+        if rows := _rows(comparison, panel):
+            title = panel.quantity.capitalize()
             caption = f'{title} of all runs against time. {_LEFT_OUT}'
-            yield RenderedFigure(quantity.name, title, caption, png_of(draw_rows(rows)), {})
-    if tracks := _lines(comparison, 'track'):
+            yield RenderedFigure(name, title, caption, png_of(draw_rows(rows)), {})
+    if tracks := _tracks(comparison):
         caption = 'The tracks of the ball from above; a dot marks the start, a square the end.'
         png = png_of(draw_tracks(tracks, comparison.runs[0].floor))
         yield RenderedFigure('track', 'Track', caption, png, {})
 
 
 def _interactive(comparison: Comparison) -> interactive.InteractiveFigures | None:
-    rows = [row for quantity in _SOURCES for row in _rows(comparison, quantity)]
+    rows = [row for panel in _COMPARED.values() for row in _rows(comparison, panel)]
     if not rows:
         return None
 
     def make(numbers: interactive.PackedNumbers) -> dict[str, interactive.Json]:
         end = max(float(each.time[-1]) for row in rows for each in row.curves)
         figures = {'history': interactive.history_figure(rows, interactive.Events(end), numbers)}
-        if tracks := _lines(comparison, 'track'):
+        if tracks := _tracks(comparison):
             floor = comparison.runs[0].floor
             figures['path'] = interactive.track_figure(tracks, floor, (), numbers)
         return figures
 
-    return interactive.packed_figures(make, (*(each.name for each in _SOURCES), 'track'))
+    return interactive.packed_figures(make, (*_COMPARED, 'track'))
 
 
-def _rows(comparison: Comparison, quantity: Quantity) -> list[Row]:
+def _rows(comparison: Comparison, panel: Panel) -> list[Row]:
     """Return a row for each plane in which the quantity of a run is not always zero."""
-    rows = []
-    tables = _lines(comparison, quantity.name)
-    for plane in 'xy':
-        panel, column = quantity.panel_of(plane), quantity.column(plane)
-        if any(table[column].any() for table, _ in tables):
-            curves = (
-                DrawnCurve(table['time_s'], table[column], line, f'{panel.quantity}, {line.label}')
-                for table, line in tables
+    rows, lines = [], _lines(comparison)
+    for each in map(panel.of_plane, 'xy'):
+        (curve,) = each.curves
+        curves = tuple(
+            DrawnCurve(
+                run.motion['time_s'], values * each.scale, line, f'{each.quantity}, {line.label}'
             )
-            rows.append(Row(panel, tuple(curves)))
+            for run, line in zip(comparison.runs, lines, strict=True)
+            if not np.isnan(values := run.motion[curve.column]).all()
+        )
+        if any(each.values.any() for each in curves):
+            rows.append(Row(each, curves))
     return rows
 
 
-def _lines(comparison: Comparison, name: str) -> list[tuple[Table, Line]]:
-    """Return the runs' tables of this name, with the line style of each."""
+def _tracks(comparison: Comparison) -> list[tuple[Table, Line]]:
+    """Return the tracks that are known, with their lines."""
+    runs = zip(comparison.runs, _lines(comparison), strict=True)
+    return [(run.track, line) for run, line in runs if not np.isnan(run.track['map_x_cm']).all()]
+
+
+def _lines(comparison: Comparison) -> list[Line]:
+    """Return the line of each run."""
     # The first line is the widest, so that later ones do not hide it.
     return [
-        (
-            each.tables[name],
-            Line(
-                _COLOURS[index % len(_COLOURS)],
-                2.0 if index == 0 else 1.1,
-                _DASHES[index % len(_DASHES)],
-                comparison.labels[index],
-            ),
+        Line(
+            _COLOURS[index % len(_COLOURS)],
+            2.0 if index == 0 else 1.1,
+            _DASHES[index % len(_DASHES)],
+            label,
         )
-        for index, each in enumerate(comparison.runs)
-        if name in each.tables
+        for index, label in enumerate(comparison.labels)
     ]

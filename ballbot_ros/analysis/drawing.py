@@ -22,7 +22,6 @@ from ballbot_ros.analysis.figure_parts import (
     SKY,
     WIDTH,
     YELLOW,
-    Curve,
     Interval,
     IntervalKind,
     Line,
@@ -31,13 +30,11 @@ from ballbot_ros.analysis.figure_parts import (
     Row,
     Table,
     new_figure,
-    panel_of_planes,
-    plane_columns,
     track_columns,
     with_earlier,
 )
+from ballbot_ros.analysis.panels import DUTY, TRUE_PITCH, TRUE_POSITION, motion_columns
 from ballbot_ros.controllers.interface import OperatingState
-from ballbot_ros.engine.rows import Column
 from ballbot_ros.engine.scenario.scenario import Segment
 from ballbot_ros.engine.trajectory import Trajectory
 from ballbot_ros.robot.arithmetic import Floats
@@ -56,43 +53,6 @@ _LINES = 2.0
 
 _OCCUPIED_PERCENT = 50
 """Occupancy from which a cell of a grid is drawn as wall."""
-
-
-@dataclass(frozen=True)
-class Quantity:
-    """A quantity with a column for each plane.
-
-    Its name is that of its figure and of its columns, which end in the unit.
-    """
-
-    name: str
-    suffix: str
-    label: str
-
-    def column(self, plane: str) -> str:
-        """Return the column name of plane ``x`` or ``y``."""
-        return f'{self.name}_{plane}_{self.suffix}'
-
-    def columns(self, values: Column) -> dict[str, Column]:
-        """Return the columns for values of both planes, shape (n, 2), by name."""
-        return plane_columns(self.name, self.suffix, values)
-
-    @property
-    def panel(self) -> Panel:
-        """The true values of both planes."""
-        return panel_of_planes(self.label, [(Role.TRUE, self.column('{}'))])
-
-    def panel_of(self, plane: str) -> Panel:
-        """Return a panel for the values of one plane, which its label names."""
-        quantity, bracket, unit = self.label.partition(' [')
-        return Panel(f'{quantity} {plane}{bracket}{unit}', (Curve(self.column(plane)),))
-
-
-POSITION = Quantity('position', 'cm', 'position [cm]')
-PITCH = Quantity('pitch', 'deg', 'body pitch [°]')
-DUTY = Quantity('duty', 'percent', 'duty [%]')
-ESTIMATED_POSITION = Quantity('estimated_position', 'cm', 'estimated position [cm]')
-ESTIMATED_PITCH = Quantity('estimated_pitch', 'deg', 'estimated body pitch [°]')
 
 
 class Shade(NamedTuple):
@@ -376,8 +336,8 @@ def draw_motion(
             draw_line(track, before['map_x_cm'], before['map_y_cm'], line)
         draw_track(track, track_columns(position), Line(BLUE))
         legend_above(track)
-    quantities = (POSITION, PITCH, DUTY)[: 2 if np.isnan(trajectory.duty).all() else 3]
-    panels, table = tuple(each.panel for each in quantities), _table(trajectory)
+    panels: tuple[Panel, ...] = TRUE_POSITION, TRUE_PITCH, DUTY
+    panels, table = panels[: 2 if np.isnan(trajectory.duty).all() else 3], _table(trajectory)
     if earlier is not None:
         panels, table = with_earlier(panels, table, _table(earlier))
     shaded = _intervals(trajectory, hold_time, segments, marked)
@@ -409,9 +369,4 @@ def _intervals(
 
 
 def _table(trajectory: Trajectory) -> Table:
-    return {
-        'time_s': trajectory.time,
-        **POSITION.columns(trajectory.position * 100.0),
-        **PITCH.columns(np.degrees(trajectory.psi)),
-        **DUTY.columns(trajectory.duty),
-    }
+    return {'time_s': trajectory.time, **motion_columns(trajectory)}

@@ -164,6 +164,8 @@ def every_nth(
     time: Column, columns: Mapping[str, Column], max_rows: int = MAX_FIGURE_ROWS
 ) -> Table:
     """Return a table of the columns; many rows are reduced to every nth and the last."""
+    if len(time) <= max_rows:
+        return {'time_s': time, **columns}
     stride = -(-len(time) // max_rows)
     rows = np.unique(np.append(np.arange(0, len(time), stride), len(time) - 1))
     return {'time_s': time[rows], **{name: values[rows] for name, values in columns.items()}}
@@ -205,6 +207,7 @@ class Role(Enum):
     REFERENCE = 'reference', 0.9, '--'
     ESTIMATED = 'estimated', 0.9, '--'
     READING = 'reading − offset', 0.9, '--'
+    OFFSET = 'offset', 0.9, '--'
     MEASURED = ('',)
     ECHO = 'echo', 3.0, '.', lambda values: np.where(np.isfinite(values), values, np.nan)
     NO_ECHO = 'no echo', 4.0, '|', lambda values: np.where(np.isinf(values), NO_ECHO_CM, np.nan)
@@ -291,6 +294,8 @@ class Panel:
         Values at which there is a dotted line.
     bounds : tuple of float or None
         The ends of the vertical axis; None if the curves decide.
+    scale : float
+        Factor from the unit of the columns to that of the label.
     """
 
     label: str
@@ -298,6 +303,17 @@ class Panel:
     min_span: float = 0.0
     limits: tuple[float, ...] = ()
     bounds: tuple[float, float] | None = None
+    scale: float = 1.0
+
+    def only(self, *roles: Role) -> Panel:
+        """Return the panel with the curves of some roles only."""
+        return replace(self, curves=tuple(each for each in self.curves if each.role in roles))
+
+    def of_plane(self, plane: str) -> Panel:
+        """Return the panel with the curves of one plane only, which its label names."""
+        quantity, bracket, unit = self.label.partition(' [')
+        curves = tuple(each for each in self.curves if each.plane == plane)
+        return replace(self, label=f'{quantity} {plane}{bracket}{unit}', curves=curves)
 
     @property
     def quantity(self) -> str:
@@ -313,7 +329,7 @@ class Panel:
         """Return the panel with the curves that have a value in a table."""
         curves, time = [], table['time_s']
         for each in self.curves:
-            values, role, plane = table[each.column], each.role, each.plane
+            values, role, plane = table[each.column] * self.scale, each.role, each.plane
             if not np.isnan(values).all():
                 label = '' if role is Role.TRUE else role.label
                 words = ' '.join(filter(None, (self.quantity, plane, label)))
@@ -323,15 +339,12 @@ class Panel:
 
 
 def panel_of_planes(
-    label: str, curves: Iterable[tuple[Role, str]], *, min_span: float = 0.0
+    label: str, curves: Iterable[tuple[Role, str]], scale: float = 1.0, min_span: float = 0.0
 ) -> Panel:
     """Return a panel with curves of both planes; {} in a column stands for the plane."""
     both = ((role, column, plane) for role, column in curves for plane in 'xy')
-    return Panel(
-        label,
-        tuple(Curve(column.format(plane), role, plane) for role, column, plane in both),
-        min_span,
-    )
+    every = (Curve(column.format(plane), role, plane) for role, column, plane in both)
+    return Panel(label, tuple(every), min_span, scale=scale)
 
 
 def with_earlier(

@@ -13,6 +13,7 @@ from ballbot_ros.analysis import drawing
 from ballbot_ros.analysis.figure_parts import (
     BLUE,
     GRAY,
+    POINTS,
     WIDTH,
     Curve,
     Line,
@@ -23,24 +24,26 @@ from ballbot_ros.analysis.figure_parts import (
     every_nth,
     new_figure,
     panel_of_planes,
-    plane_columns,
     png_of,
     track_columns,
     with_earlier,
 )
-from ballbot_ros.analysis.processor import ended, pieces, utilisation
-from ballbot_ros.analysis.run_data import RunData, Series
-from ballbot_ros.analysis.run_metrics import (
-    ball_speed,
-    commanded_speed,
-    estimated_gyro_offset,
-    estimated_pitch,
-    estimated_position,
-    reference_position,
-    reference_speed,
-    true_gyro_offset,
+from ballbot_ros.analysis.panels import (
+    BATTERY,
+    DUTY,
+    PITCH,
+    POSITION,
+    SPEED,
+    STICKS,
+    TRUE_PITCH,
+    TRUE_POSITION,
 )
+from ballbot_ros.analysis.processor import ended, pieces, utilisation
+from ballbot_ros.analysis.run_data import Integers, RunData
+from ballbot_ros.analysis.run_metrics import estimated_gyro_offset, true_gyro_offset
+from ballbot_ros.analysis.signals import SIGNALS, Signal
 from ballbot_ros.controllers.interface import OperatingState
+from ballbot_ros.engine.rows import Column
 from ballbot_ros.parameters import ControllerParameters
 from ballbot_ros.parameters.timing import TICK_S
 from ballbot_ros.recording.messages.topics import (
@@ -94,7 +97,7 @@ def figure_contents(run: RunData, earlier: RunData | None = None) -> list[Figure
         figures = (*ESTIMATED_FIGURES, *figures)
     usable = [figure for figure in figures if run.series.keys() >= set(figure.needs)]
     contents = (FigureContent(figure, figure.table(run)) for figure in usable)
-    shown = [each for each in contents if all(map(np.size, each.table.values()))]
+    shown = [each for each in contents if each.figure.says_something(each.table)]
     if earlier is None:
         return shown
     return [_with_earlier(each, earlier) for each in shown]
@@ -126,17 +129,36 @@ def _draw_stacked(run: RunData, table: Table, panels: Sequence[Panel]) -> Figure
 class RunFigure:
     """A figure of a run: its file name without extension, heading and caption.
 
-    It `needs` topics, makes its numbers from a run as a table, and draws them. Its `panels` are
-    what it shows against time.
+    It `needs` topics and draws a table of numbers. Its `panels` are what it shows against time:
+    their signals, at the samples of the first of these topics, are the numbers, unless `numbers`
+    makes others. It is left out if its numbers are not `worth_showing`.
     """
 
     name: str
     title: str
     caption: str
     needs: tuple[Topic, ...]
-    table: Callable[[RunData], Table]
     panels: tuple[Panel, ...] = ()
     draw: Callable[[RunData, Table, Sequence[Panel]], Figure] = _draw_stacked
+    numbers: Callable[[RunData], Table] | None = None
+    worth_showing: Callable[[Table], bool] = lambda table: True
+
+    def table(self, run: RunData) -> Table:
+        """Return its numbers."""
+        if self.numbers:
+            return self.numbers(run)
+        samples, table = run.series[self.needs[0]], dict[str, Column]()
+        curves = [curve for panel in self.panels for curve in panel.curves]
+        reduced = every_nth if any(each.role.dash in POINTS for each in curves) else envelope
+        for signal in (*SIGNALS, *_GYRO_SIGNALS):
+            if not {each.column for each in curves}.isdisjoint(signal.columns):
+                # One after the other: for an hour, the ticks of all would take 60 MB.
+                table |= reduced(samples.time, signal.table(run, samples.stamps))
+        return table
+
+    def says_something(self, table: Table) -> bool:
+        """Return whether the numbers of a run are worth a figure."""
+        return all(map(np.size, table.values())) and self.worth_showing(table)
 
 
 def track_marks(run: RunData) -> list[drawing.TrackMark]:
@@ -199,121 +221,26 @@ def _draw_states(run: RunData, table: Table, _panels: Sequence[Panel]) -> Figure
     return figure
 
 
-def _table(series: Series, name: str, unit: str, values: Floats) -> Table:
-    return envelope(series.time, plane_columns(name, unit, values))
-
-
-def position_table(run: RunData) -> Table:
-    """Return the true position [cm]."""
-    series = run.series[PLANT_ODOM]
-    return envelope(series.time, drawing.POSITION.columns(series.values * 100.0))
-
-
-def pitch_table(run: RunData) -> Table:
-    """Return the true body pitch [°]."""
-    series = run.series[PLANT_IMU]
-    return envelope(series.time, drawing.PITCH.columns(np.degrees(series.values[:, :2])))
-
-
 def track_table(run: RunData) -> Table:
     """Return the track of the ball in ``map`` [cm], of a real robot as estimated."""
-    if run.is_real:
-        return every_nth(run.motion.time, track_columns(run.motion.position))
-    series = run.series[PLANT_ODOM]
-    return every_nth(series.time, track_columns(series.values))
+    return every_nth(run.motion.time, track_columns(run.motion.position))
 
 
-def duty_table(run: RunData) -> Table:
-    """Return the duties [%]."""
-    series = run.series[MOTOR_DUTY]
-    return envelope(series.time, drawing.DUTY.columns(series.values[:, :2]))
-
-
-def motion_table(run: RunData) -> Table:
-    """Return position [cm] and body pitch [°] at ticks that have both."""
-    odometry, body = run.series[PLANT_ODOM], run.series[PLANT_IMU]
-    if np.array_equal(odometry.stamps, body.stamps):
-        return {**position_table(run), **pitch_table(run)}
-    stamps = np.intersect1d(odometry.stamps, body.stamps)
-    time = odometry.time[np.isin(odometry.stamps, stamps)]
-    position, pitch = odometry.at(stamps) * 100.0, np.degrees(body.at(stamps)[:, :2])
-    return envelope(time, drawing.POSITION.columns(position) | drawing.PITCH.columns(pitch))
-
-
-def estimated_motion_table(
-    run: RunData,
-    position: drawing.Quantity = drawing.ESTIMATED_POSITION,
-    pitch: drawing.Quantity = drawing.ESTIMATED_PITCH,
-) -> Table:
-    """Return position [cm] and body pitch [°] of a real robot, as estimated."""
-    motion = run.motion
-    columns = position.columns(motion.position * 100.0) | pitch.columns(np.degrees(motion.psi))
-    return envelope(motion.time, columns)
-
-
-def estimate_table(run: RunData) -> Table:
-    """Return true and estimated pitch [°] and position [cm]."""
-    body = run.series[PLANT_IMU]
-    # Reduce one quantity after the other: for an hour, the ticks of all would take 60 MB.
-    table = dict(_table(body, 'true_pitch', 'deg', np.degrees(body.values[:, :2])))
-    table |= _table(body, 'estimated_pitch', 'deg', np.degrees(estimated_pitch(run, body.stamps)))
-    table |= _table(body, 'true_position', 'cm', run.series[PLANT_ODOM].at(body.stamps) * 100.0)
-    believed = estimated_position(run, body.stamps)
-    table |= _table(body, 'estimated_position', 'cm', believed * 100.0)
-    return table
-
-
-def command_table(run: RunData) -> Table:
-    """Return commanded, reference and true speed [cm/s], and reference and true position [cm].
-
-    It is empty if the controller publishes no reference.
-    """
-    truth = run.series[PLANT_ODOM]
-    stamps = truth.stamps
-    reference = reference_speed(run, stamps)
-    if np.isnan(reference).all():
-        return {'time_s': np.zeros(0)}
-    table = dict(_table(truth, 'reference_speed', 'cm_per_s', reference * 100.0))
-    del reference  # reduce one quantity after the other, as in estimate_table
-    table |= _table(truth, 'commanded_speed', 'cm_per_s', commanded_speed(run, stamps) * 100.0)
-    table |= _table(truth, 'true_speed', 'cm_per_s', ball_speed(run) * 100.0)
-    table |= _table(truth, 'reference_position', 'cm', reference_position(run, stamps) * 100.0)
-    table |= _table(truth, 'true_position', 'cm', truth.values * 100.0)
-    return table
-
-
-def gyro_table(run: RunData) -> Table:
-    """Return true rate, reading minus offset, true and estimated offset [°/s]."""
+def _rate_read(run: RunData, stamps: Integers) -> Floats:
     gyro = run.series[GYRO_IMU]
-    rates = run.series[PLANT_IMU].at(gyro.stamps)[:, 2:]
-    table = dict(_table(gyro, 'true_rate', 'deg_per_s', np.degrees(rates)))
-    offset = estimated_gyro_offset(run)
-    table |= _table(gyro, 'read_rate', 'deg_per_s', np.degrees(gyro.values) - offset)
-    table |= _table(gyro, 'true_offset', 'deg_per_s', true_gyro_offset(run))
-    table |= _table(gyro, 'estimated_offset', 'deg_per_s', offset)
-    return table
+    rates = np.degrees(gyro.values) - estimated_gyro_offset(run)
+    return replace(gyro, values=rates).at(stamps)
 
 
-def sonar_table(run: RunData) -> Table:
-    """Return the measured distances [cm]; infinite for no echo."""
-    series = run.series[SONAR_RANGE]
-    distance = series.values[:, 0].astype(float) * 100.0
-    return every_nth(series.time, {'distance_cm': distance})
+def _true_offset(run: RunData, stamps: Integers) -> Floats:
+    return replace(run.series[GYRO_IMU], values=true_gyro_offset(run)).at(stamps)
 
 
-def sticks_table(run: RunData) -> Table:
-    """Return the sticks [%], forward and rightward positive; empty if they are never moved."""
-    series = run.series[GAMEPAD_JOY]
-    sticks = np.rint(series.values * 100.0) + 0.0
-    if not sticks.any():
-        return {'time_s': np.zeros(0)}
-    return _table(series, 'stick', 'percent', sticks)
-
-
-def battery_table(run: RunData) -> Table:
-    """Return the voltage [V]."""
-    series = run.series[BATTERY_STATE]
-    return envelope(series.time, {'voltage_v': series.values[:, 0]})
+_GYRO_SIGNALS = (
+    Signal('rate_read', 'deg_per_s', _rate_read, (GYRO_IMU, CONTROLLER_STATE)),
+    Signal('true_gyro_offset', 'deg_per_s', _true_offset, (GYRO_IMU, PLANT_IMU)),
+)
+"""What only the figure of the gyro shows."""
 
 
 def utilisation_table(run: RunData) -> Table:
@@ -339,10 +266,17 @@ def state_table(run: RunData) -> Table:
     }
 
 
-def _panel(label: str, column: str, *roles: Role) -> Panel:
-    """Return a panel of both planes with a column for each role, which it begins with."""
-    names = [f'{"read" if role is Role.READING else role.label}_{column}' for role in roles]
-    return panel_of_planes(label, zip(roles, names, strict=True), min_span=MIN_AXIS_SPAN)
+def _spanned(panel: Panel, *roles: Role) -> Panel:
+    """Return curves of a panel whose axis does not magnify noise."""
+    return replace(panel.only(*roles), min_span=MIN_AXIS_SPAN)
+
+
+def _has_reference(table: Table) -> bool:
+    return not np.isnan(table['reference_speed_x_m_per_s']).all()
+
+
+def _are_moved(table: Table) -> bool:
+    return any(table[f'stick_{plane}_percent'].any() for plane in 'xy')
 
 
 FIGURES = (
@@ -353,8 +287,7 @@ FIGURES = (
         '8-2, 8-3, 9-2 and 9-3 of the document; forward and rightward are positive. Calibration, '
         'pushes and wall hits are shaded.',
         (PLANT_ODOM, PLANT_IMU),
-        motion_table,
-        (drawing.POSITION.panel, drawing.PITCH.panel),
+        (TRUE_POSITION, TRUE_PITCH),
     ),
     RunFigure(
         'track',
@@ -362,32 +295,31 @@ FIGURES = (
         'The track of the ball from above, over walls and lines of the recorded map, if any; y of '
         'map is leftward.',
         (PLANT_ODOM,),
-        track_table,
         draw=_draw_track,
+        numbers=track_table,
     ),
     RunFigure(
         'operating_state',
         'Operating state',
         'The state of the control program against time.',
         (),
-        state_table,
         draw=_draw_states,
+        numbers=state_table,
     ),
     RunFigure(
         'duty',
         'Duty',
         'The duties of both motors against time; the dotted lines are the saturation limits.',
         (MOTOR_DUTY,),
-        duty_table,
-        (replace(drawing.DUTY.panel, limits=(-100.0, 100.0)),),
+        (replace(DUTY, limits=(-100.0, 100.0)),),
     ),
     RunFigure(
         'sticks',
         'Sticks',
         'The sticks of the gamepad against time; forward and rightward are positive.',
         (GAMEPAD_JOY,),
-        sticks_table,
-        (panel_of_planes('sticks [%]', [(Role.TRUE, 'stick_{}_percent')]),),
+        (STICKS,),
+        worth_showing=_are_moved,
     ),
     RunFigure(
         'command',
@@ -395,12 +327,12 @@ FIGURES = (
         'Speed and position of the ball. The command of the sticks, or of the autonomous drive, '
         'passes a low pass in the controller, whose output is the reference that it follows.',
         (PLANT_ODOM, CONTROLLER_STATE),
-        command_table,
         (
-            _panel('speed [cm/s]', 'speed_{}_cm_per_s', Role.TRUE, Role.COMMANDED, Role.REFERENCE),
-            _panel(drawing.POSITION.label, 'position_{}_cm', Role.TRUE, Role.REFERENCE),
+            _spanned(SPEED, Role.TRUE, Role.COMMANDED, Role.REFERENCE),
+            _spanned(POSITION, Role.TRUE, Role.REFERENCE),
         ),
         _draw_by_plane,
+        worth_showing=_has_reference,
     ),
     RunFigure(
         'estimate',
@@ -408,10 +340,9 @@ FIGURES = (
         'Body pitch and position as estimated by the controller, and their true values. The '
         'estimates start at the end of the calibration.',
         (PLANT_IMU, PLANT_ODOM, CONTROLLER_STATE),
-        estimate_table,
         (
-            _panel(drawing.PITCH.label, 'pitch_{}_deg', Role.TRUE, Role.ESTIMATED),
-            _panel(drawing.POSITION.label, 'position_{}_cm', Role.TRUE, Role.ESTIMATED),
+            _spanned(PITCH, Role.TRUE, Role.ESTIMATED),
+            _spanned(POSITION, Role.TRUE, Role.ESTIMATED),
         ),
         _draw_by_plane,
     ),
@@ -421,10 +352,20 @@ FIGURES = (
         'Above: gyro reading minus the estimated offset, and the true pitch rate. Below: the '
         'estimated offset and the true one, which is the 1 s mean of reading minus true rate.',
         (GYRO_IMU, PLANT_IMU, CONTROLLER_STATE),
-        gyro_table,
         (
-            _panel('pitch rate [°/s]', 'rate_{}_deg_per_s', Role.TRUE, Role.READING),
-            _panel('gyro offset [°/s]', 'offset_{}_deg_per_s', Role.TRUE, Role.ESTIMATED),
+            panel_of_planes(
+                'pitch rate [°/s]',
+                [(Role.TRUE, 'pitch_rate_{}_deg_per_s'), (Role.READING, 'rate_read_{}_deg_per_s')],
+                min_span=MIN_AXIS_SPAN,
+            ),
+            panel_of_planes(
+                'gyro offset [°/s]',
+                [
+                    (Role.TRUE, 'true_gyro_offset_{}_deg_per_s'),
+                    (Role.ESTIMATED, 'estimated_gyro_offset_{}_deg_per_s'),
+                ],
+                min_span=MIN_AXIS_SPAN,
+            ),
         ),
         # The planes do not share an axis, since their gyros have different offsets.
         partial(_draw_by_plane, share_rows=False),
@@ -434,12 +375,12 @@ FIGURES = (
         'Ultrasonic sensor',
         'The distance measured by the sensor, against time.',
         (SONAR_RANGE,),
-        sonar_table,
         (
             Panel(
                 'distance [cm]',
-                (Curve('distance_cm', Role.ECHO), Curve('distance_cm', Role.NO_ECHO)),
+                (Curve('distance_m', Role.ECHO), Curve('distance_m', Role.NO_ECHO)),
                 bounds=(0.0, 270.0),
+                scale=100.0,
             ),
         ),
     ),
@@ -448,11 +389,17 @@ FIGURES = (
         'Battery',
         'Terminal voltage of the battery against time.',
         (BATTERY_STATE,),
-        battery_table,
-        (Panel('battery [V]', (Curve('voltage_v', Role.MEASURED),), min_span=0.5),),
+        (BATTERY,),
     ),
 )
 """The figures of a report, in order."""
+
+
+def _of_estimates(panel: Panel) -> Panel:
+    """Return a panel that shows the estimates as the motion of a real robot."""
+    curves = (replace(each, role=Role.TRUE) for each in panel.only(Role.ESTIMATED).curves)
+    return replace(panel, label=f'estimated {panel.label}', curves=tuple(curves))
+
 
 _MOTION, _TRACK, *_ = FIGURES
 ESTIMATED_FIGURES = (
@@ -462,8 +409,7 @@ ESTIMATED_FIGURES = (
         caption="In the estimate of the real robot's controller, as in figures 9-2 and 9-3 of the "
         'document. The drift of a gyro and the slip of the ball do not show in it.',
         needs=(CONTROLLER_STATE,),
-        table=estimated_motion_table,
-        panels=(drawing.ESTIMATED_POSITION.panel, drawing.ESTIMATED_PITCH.panel),
+        panels=(_of_estimates(POSITION), _of_estimates(PITCH)),
     ),
     replace(_TRACK, title='Estimated track', needs=(CONTROLLER_STATE,)),
 )
@@ -474,7 +420,7 @@ UTILISATION = RunFigure(
     'Utilisation of the processor',
     "The share of the brick's processor that jobs, interrupts and the bus take in each 100 ms.",
     (MOTOR_DUTY,),
-    utilisation_table,
     (Panel('processor [%]', (Curve('utilisation_percent', Role.MEASURED),), bounds=(0.0, 100.0)),),
+    numbers=utilisation_table,
 )
 """The figure of a run whose tasks take time."""

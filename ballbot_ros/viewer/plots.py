@@ -10,15 +10,22 @@ import numpy as np
 import viser
 from viser import uplot
 
-from ballbot_ros.analysis.drawing import DUTY, PITCH, POSITION
-from ballbot_ros.analysis.figure_parts import BLUE, ORANGE, envelope
+from ballbot_ros.analysis.figure_parts import (
+    BLUE,
+    ORANGE,
+    Curve,
+    Panel,
+    Role,
+    envelope,
+    panel_of_planes,
+)
+from ballbot_ros.analysis.panels import BATTERY, DUTY, PITCH, POSITION, SPEED, STICKS
 from ballbot_ros.parameters.timing import TICK_S
 from ballbot_ros.robot.arithmetic import Floats
 from ballbot_ros.viewer.playback_run import PlaybackRun
 from ballbot_ros.viewer.robot import GHOST, GHOST_LIGHT
 
 _DASHED, _DOTTED = (5.0, 4.0), (1.5, 3.0)
-_PLANE_COLOURS = BLUE, ORANGE
 _GHOST_PREFIX = 'ghost_'
 
 
@@ -132,74 +139,52 @@ def _ghost_of(curve: PlotCurve) -> PlotCurve:
     )
 
 
-def _planes(
-    name: str, unit: str, label: str = '', width: float = 1.5, dash: tuple[float, ...] = ()
-) -> tuple[PlotCurve, ...]:
-    """Return the curves of a signal for planes x and y."""
-    return tuple(
-        PlotCurve(f'{name}_{plane}_{unit}', f'{label} {plane}'.strip(), colour, width, dash)
-        for plane, colour in zip('xy', _PLANE_COLOURS, strict=True)
-    )
+_LINES = {Role.REFERENCE: (1.2, _DASHED)}
+_LINES |= dict.fromkeys((Role.COMMANDED, Role.ESTIMATED, Role.OFFSET), (1.2, _DOTTED))
+"""Width and dash of the curves that are no actual values."""
 
 
-def _commanded(name: str, unit: str, label: str) -> tuple[PlotCurve, ...]:
-    return _planes(name, unit, label, 1.2, _DASHED)
+def _kind(
+    panel: Panel, least: tuple[float, float] | None = None, *, is_default: bool = False
+) -> PlotKind:
+    """Return the plot of a panel."""
+    curves = []
+    for each in panel.curves:
+        role = '' if each.role is Role.TRUE else each.role.label
+        label = ' '.join(filter(None, (role, each.plane))) or panel.quantity
+        colour = ORANGE if each.plane == 'y' else BLUE
+        curves.append(PlotCurve(each.column, label, colour, *_LINES.get(each.role, ())))
+    return PlotKind(panel.label, tuple(curves), panel.scale, least, is_default)
 
 
-def _estimated(name: str, unit: str, label: str = 'estimated') -> tuple[PlotCurve, ...]:
-    return _planes(name, unit, label, 1.2, _DOTTED)
+def _of_planes(
+    label: str, column: str, least: tuple[float, float] | None = None, scale: float = 1.0
+) -> PlotKind:
+    return _kind(panel_of_planes(label, [(Role.TRUE, column)], scale), least)
 
 
 PLOT_KINDS: Sequence[PlotKind] = (
-    PlotKind(
-        PITCH.label,
-        (*_planes('pitch', 'deg'), *_estimated('estimated_pitch', 'deg')),
-        least=(-1.0, 1.0),
+    _kind(PITCH, (-1.0, 1.0), is_default=True),
+    _kind(POSITION, is_default=True),
+    _kind(DUTY, (-10.0, 10.0), is_default=True),
+    _kind(
+        Panel('sonar [cm]', (Curve('distance_m', Role.MEASURED),), scale=100.0),
+        (0.0, 50.0),
         is_default=True,
     ),
-    PlotKind(
-        POSITION.label,
-        (
-            *_planes('position', 'm'),
-            *_commanded('reference_position', 'm', 'reference'),
-            *_estimated('estimated_position', 'm'),
-        ),
-        scale=100.0,
-        is_default=True,
+    _kind(SPEED, (-5.0, 5.0)),
+    _of_planes('pitch rate [°/s]', 'pitch_rate_{}_deg_per_s', (-5.0, 5.0)),
+    _kind(
+        panel_of_planes(
+            'gyro [°/s]',
+            [(Role.TRUE, 'gyro_{}_deg_per_s'), (Role.OFFSET, 'estimated_gyro_offset_{}_deg_per_s')],
+        )
     ),
-    PlotKind(DUTY.label, _planes('duty', 'percent'), least=(-10.0, 10.0), is_default=True),
-    PlotKind(
-        'sonar [cm]',
-        (PlotCurve('distance_m', 'distance', BLUE),),
-        scale=100.0,
-        least=(0.0, 50.0),
-        is_default=True,
-    ),
-    PlotKind(
-        'speed [cm/s]',
-        (
-            *_planes('speed', 'm_per_s'),
-            *_commanded('reference_speed', 'm_per_s', 'reference'),
-            *_estimated('commanded_speed', 'm_per_s', 'commanded'),
-        ),
-        scale=100.0,
-        least=(-5.0, 5.0),
-    ),
-    PlotKind('pitch rate [°/s]', _planes('pitch_rate', 'deg_per_s'), least=(-5.0, 5.0)),
-    PlotKind(
-        'gyro [°/s]',
-        (
-            *_planes('gyro', 'deg_per_s'),
-            *_estimated('estimated_gyro_offset', 'deg_per_s', 'offset'),
-        ),
-    ),
-    PlotKind('encoder [°]', _planes('encoder', 'deg')),
-    PlotKind('motor rate [°/s]', _planes('motor_rate', 'deg_per_s'), least=(-20.0, 20.0)),
-    PlotKind(
-        'motor torque [mN·m]', _planes('motor_torque', 'n_m'), scale=1000.0, least=(-10.0, 10.0)
-    ),
-    PlotKind('sticks [%]', _planes('stick', 'percent'), least=(-10.0, 10.0)),
-    PlotKind('battery [V]', (PlotCurve('battery_v', 'voltage', BLUE),)),
+    _of_planes('encoder [°]', 'encoder_{}_deg'),
+    _of_planes('motor rate [°/s]', 'motor_rate_{}_deg_per_s', (-20.0, 20.0)),
+    _of_planes('motor torque [mN·m]', 'motor_torque_{}_n_m', (-10.0, 10.0), 1000.0),
+    _kind(STICKS, (-10.0, 10.0)),
+    _kind(BATTERY),
 )
 """The plots in the order of the page."""
 

@@ -6,7 +6,6 @@ from matplotlib.figure import Figure
 
 from ballbot_ros.analysis import comparison
 from ballbot_ros.analysis.drawing import (
-    PITCH,
     STATE_COLOURS,
     draw_floor,
     draw_row,
@@ -14,6 +13,7 @@ from ballbot_ros.analysis.drawing import (
     legend_above,
 )
 from ballbot_ros.analysis.figure_parts import BLUE, ON_DARK, Line
+from ballbot_ros.analysis.panels import TRUE_PITCH
 from ballbot_ros.robot.world.floor_map import load_map, occupancy_grid
 
 
@@ -66,8 +66,8 @@ def test_the_ends_of_a_single_track_are_named_in_the_legend_those_of_several_hav
 
 
 def test_plane_x_is_named_first_and_drawn_over_plane_y(axes):
-    values = np.zeros((3, 2))
-    draw_row(axes, PITCH.panel.row({'time_s': np.arange(3), **PITCH.columns(values)}))
+    rows = np.zeros(3)
+    draw_row(axes, TRUE_PITCH.row({'time_s': rows, 'pitch_x_deg': rows, 'pitch_y_deg': rows}))
     x, y = axes.get_lines()
     assert (x.get_label(), y.get_label()) == ('plane x', 'plane y')
     assert x.get_zorder() > y.get_zorder()

@@ -294,13 +294,11 @@ def test_curves_of_a_later_start_are_shifted_to_the_first_stick(files, driven, t
         for letter, each in (('A', path), ('B', driven[0]))
     )
     compared = Comparison.of([late, run])
-    assert compared.runs[0].tables['pitch']['time_s'][0] == 0.0
+    assert compared.runs[0].motion['time_s'][0] == 0.0
     shift = late.first_stick - run.first_stick
     assert shift == pytest.approx(3.0 - run.calibrated, abs=0.05)
-    np.testing.assert_allclose(
-        compared.runs[1].tables['pitch']['time_s'], run.tables['pitch']['time_s'] + shift
-    )
-    assert compared.runs[1].tables['position']['position_x_cm'][0] == 0.0
+    np.testing.assert_allclose(compared.runs[1].motion['time_s'], run.motion['time_s'] + shift)
+    assert compared.runs[1].motion['position_x_m'][0] == 0.0
 
 
 def test_the_page_says_which_run_is_real(command, files, driven, tmp_path):

@@ -104,7 +104,7 @@ def test_every_figure_has_an_image_file_and_a_table(folder):
         header, *rows = csv.reader((folder / f'{name}.csv').read_text().splitlines())
         assert rows
         assert all(len(row) == len(header) for row in rows)
-        unit = re.compile(r'.*_(s|cm|deg|percent|v|deg_per_s|cm_per_s|hz|gain)')
+        unit = re.compile(r'.*_(s|m|cm|deg|percent|v|deg_per_s|m_per_s|hz|gain)')
         assert all(unit.fullmatch(column) or column == 'state' for column in header)
 
 
@@ -252,18 +252,18 @@ def test_the_commanded_speed_is_that_of_the_sticks(driven_assessment):
     run = driven_assessment.run
     command = next(figure for figure in FIGURES if figure.name == 'command')
     table = command.table(run)
-    full_cm_per_s = 100.0 * np.radians(380.0) * 0.026
+    full_m_per_s = np.radians(380.0) * 0.026
     for time, expected in ((1.5, 0.0), (4.0, 1.0), (7.0, 0.0), (10.0, -1.0), (18.0, 0.0)):
         row = np.searchsorted(table['time_s'], time)
-        speed = table['commanded_speed_x_cm_per_s'][row]
-        assert speed == pytest.approx(expected * full_cm_per_s, abs=1e-3), time
-    position = table['true_position_x_cm']
-    assert np.trapezoid(table['true_speed_x_cm_per_s'][1:], dx=0.004) == pytest.approx(
-        position[-1] - position[0], abs=0.05
+        speed = table['commanded_speed_x_m_per_s'][row]
+        assert speed == pytest.approx(expected * full_m_per_s, abs=1e-5), time
+    position = table['position_x_m']
+    assert np.trapezoid(table['speed_x_m_per_s'][1:], dx=0.004) == pytest.approx(
+        position[-1] - position[0], abs=5e-4
     )
-    error = table['true_speed_x_cm_per_s'] - table['reference_speed_x_cm_per_s']
-    still = table['true_speed_y_cm_per_s'] - table['reference_speed_y_cm_per_s']
-    rms = np.sqrt((np.nanmean(error**2) + np.nanmean(still**2)) / 2.0) / 100.0
+    error = table['speed_x_m_per_s'] - table['reference_speed_x_m_per_s']
+    still = table['speed_y_m_per_s'] - table['reference_speed_y_m_per_s']
+    rms = np.sqrt((np.nanmean(error**2) + np.nanmean(still**2)) / 2.0)
     assert driven_assessment.metrics['speed_error_rms_m_per_s'] == pytest.approx(rms, rel=1e-6)
 
 

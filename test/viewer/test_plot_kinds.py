@@ -68,7 +68,7 @@ def test_a_curve_without_any_value_is_left_out():
 
 def test_no_echo_is_neither_left_out_nor_a_distance():
     data = plot_data(SONAR, TIME, {'distance_m': column(np.inf, np.inf)})
-    assert [curve.label for curve in data.curves] == ['distance']
+    assert [curve.label for curve in data.curves] == ['sonar']
     assert np.isinf(data.values[0]).all()
 
 
