@@ -16,7 +16,6 @@ from ballbot_ros.analysis.figure_parts import (
     WIDTH,
     Table,
     new_figure,
-    plane_columns,
     png_of,
 )
 from ballbot_ros.analysis.loop_summary import PredictedFrequency
@@ -280,34 +279,15 @@ _PREDICTED = (
 )
 
 
-def power_density(values: NDArray[Any], segment: int) -> tuple[NDArray[Any], NDArray[np.float64]]:
-    """Return frequencies [Hz] and one-sided power density of each column, by Welch's method.
+def power_density(values: NDArray[Any], segment: int) -> tuple[Floats, Floats]:
+    """Return frequencies [Hz] and one-sided power density of the values at ticks, shape (n,).
 
-    The means of segments are removed; the segments overlap by half and have a Hann window. The
-    integral of the density over the frequency is the variance. It is that of `scipy.signal.welch`,
-    which takes a second to import and many times the memory.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n, k)
-        Samples, one each tick.
-    segment : int
-        Length of a segment, an even number of samples, at most n.
-
-    Returns
-    -------
-    tuple of ndarray
-        Shapes (segment / 2 + 1,) and (segment / 2 + 1, k).
+    Its integral over the frequency is the variance. Segments have `segment` ticks.
     """
-    window = np.hanning(segment + 1)[:-1, np.newaxis]
-    power = np.zeros((segment // 2 + 1, values.shape[1]))
-    starts = range(0, len(values) - segment + 1, segment // 2)
-    for start in starts:
-        part = values[start : start + segment]
-        power += np.abs(np.fft.rfft(window * (part - part.mean(axis=0)), axis=0)) ** 2
-    power[1:-1] *= 2.0  # those of the negative frequencies; the ends have none
-    power *= TICK_S / (len(starts) * np.sum(window**2))
-    return np.fft.rfftfreq(segment, TICK_S), power
+    from scipy.signal import welch  # which takes a second to import
+
+    frequency, power = welch(values, 1.0 / TICK_S, 'hann', segment)
+    return frequency, power
 
 
 def spectrum_table(run: RunData) -> Table:
@@ -320,13 +300,15 @@ def spectrum_table(run: RunData) -> Table:
     if count < MIN_SEGMENT or not {MOTOR_DUTY, PLANT_IMU} <= run.series.keys():
         return {}
     segment = min(max(count // _SEGMENTS // 2 * 2, MIN_SEGMENT), MAX_SEGMENT)
-    frequency, duty = power_density(run.trajectory.duty[ticks], segment)
-    _, psi = power_density(run.trajectory.psi[ticks], segment)
-    return {
-        'frequency_hz': frequency[1:],
-        **plane_columns('duty', 'percent_per_sqrt_hz', np.sqrt(duty[1:])),
-        **plane_columns('pitch', 'deg_per_sqrt_hz', np.degrees(np.sqrt(psi[1:]))),
-    }
+    pitch = np.degrees(run.trajectory.psi[ticks])
+    signals = {'duty_{}_percent': run.trajectory.duty[ticks], 'pitch_{}_deg': pitch}
+    table = {}
+    for name, values in signals.items():
+        for plane, column in zip('xy', values.T, strict=True):
+            frequency, power = power_density(column, segment)
+            table['frequency_hz'] = frequency[1:]
+            table[f'{name.format(plane)}_per_sqrt_hz'] = np.sqrt(power[1:])
+    return table
 
 
 def render_spectrum(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -264,7 +265,7 @@ def commission(
         turns = np.array([turn for log in turning for turn in _missing_turns(log, number)])
         if len(turns) >= MIN_PAIRS:
             plays[name] = turns
-    parameters = [*_gyro_parameters(rests), *_motor_parameters(ramps, plays, plant)]
+    parameters = tuple(_measured(rests, ramps, plays, plant))
     if not parameters:
         raise IdentificationError(
             f'{paths[0]}: ends before its phases have told anything; let the program end, and '
@@ -293,43 +294,36 @@ def commission(
             'that for the slope of the profile; add a log with another battery voltage'
         )
     checks = tuple(line for log in logs for line in (*_port_checks(log), *_tilt_checks(log)))
-    return Commissioning(logs, tuple(parameters), rests, ramps, plays, checks, tuple(notes))
+    return Commissioning(logs, parameters, rests, ramps, plays, checks, tuple(notes))
 
 
-def _gyro_parameters(rests: Mapping[str, Sequence[RestingGyro]]) -> Iterator[MeasuredParameter]:
-    if not all(rests.values()):
-        return
-    for axis, (name, each) in zip('xy', rests.items(), strict=True):
-        offset = pooled([rest.offset for rest in each])
-        yield MeasuredParameter(
-            GyroParameters.node, f'zero_rate_offset_{axis}', offset, {name: offset}
-        )
-    for parameter in ('noise', 'drift'):
-        of = {
-            name: pooled([getattr(rest, parameter) for rest in each])
-            for name, each in rests.items()
-        }
-        yield MeasuredParameter(GyroParameters.node, parameter, pooled([*of.values()]), of)
-
-
-def _motor_parameters(
-    ramps: Mapping[str, RampedMotor], plays: Mapping[str, Floats], plant: PlantParameters
+def _measured(
+    rests: Mapping[str, Sequence[RestingGyro]],
+    ramps: Mapping[str, RampedMotor],
+    plays: Mapping[str, Floats],
+    plant: PlantParameters,
 ) -> Iterator[MeasuredParameter]:
+    found: defaultdict[tuple[str, str], dict[str, Estimate]] = defaultdict(dict)
+    for name, of in {'zero_rate_offset_{}': 'offset', 'noise': 'noise', 'drift': 'drift'}.items():
+        for axis, (gyro, each) in zip('xy', rests.items(), strict=True):
+            if all(rests.values()):
+                estimate = pooled([getattr(rest, of) for rest in each])
+                found[GyroParameters.node, name.format(axis)][gyro] = estimate
     volts = volts_per_speed(plant)
-    found: dict[str, dict[str, Estimate]] = {}
-    for name, ramp in ramps.items():
-        found.setdefault('dead_zone', {})[name] = ramp.dead_zone
+    for motor, ramp in ramps.items():
+        found[PLANT, 'dead_zone'][motor] = ramp.dead_zone
         if ramp.slope.half_width:
-            found.setdefault('voltage_slope', {})[name] = _times(ramp.slope, volts / 1000.0)
-        found.setdefault('voltage_offset', {})[name] = _times(ramp.offset, volts)
-    for name, turns in plays.items():
+            found[PLANT, 'voltage_slope'][motor] = _times(ramp.slope, volts / 1000.0)
+        found[PLANT, 'voltage_offset'][motor] = _times(ramp.offset, volts)
+    for motor, turns in plays.items():
         scatter = max(float(turns.std(ddof=1)), math.sqrt(_ROUNDED_ANGLES / 12.0))
         error = float(stdtrit(len(turns) - 1, 0.975)) * scatter / math.sqrt(len(turns))
         play = Estimate(float(turns.mean()), error)
-        found.setdefault('backlash', {})[name] = _times(play, math.radians(1.0))
-    for name, of in found.items():
+        found[PLANT, 'backlash'][motor] = _times(play, math.radians(1.0))
+    for (node, name), devices in found.items():
         # Both motors have the same duties, and the same readings of the battery.
-        yield MeasuredParameter(PLANT, name, pooled([*of.values()], independent=False), of)
+        estimate = pooled([*devices.values()], independent=node != PLANT)
+        yield MeasuredParameter(node, name, estimate, devices)
 
 
 def volts_per_speed(plant: PlantParameters) -> float:
