@@ -35,7 +35,7 @@ from ballbot_ros.robot.brick.sensors import NO_DATA_CM, NO_ECHO_CM
 from ballbot_ros.viewer.derived_messages import offered_qos
 
 if TYPE_CHECKING:
-    from ballbot_ros.nodes.teleop_terminal import TeleopTerminal
+    from ballbot_ros.nodes.teleop.terminal import Terminal
 
 _SEND_S = SLOW_PERIOD_NS * 1e-9
 """Interval of the sticks: the program reads one packet every 4 ms while it balances."""
@@ -142,13 +142,17 @@ class BrickLink(BallbotNode[BrickLinkParameters]):
         self._command = Command(SCENARIO, NEUTRAL)
         self._sources, self._input_errors = Arbiter(), InputErrors()
         self._inputs = TeleopInputs(self, self._sources, self._input_errors)
-        self.terminal: TeleopTerminal | None = None
+        self.terminal: Terminal | None = None
         if self.parameters.keyboard:
             # Imported only here: it takes a while.
-            from ballbot_ros.nodes.teleop_terminal import TeleopTerminal
+            from ballbot_ros.nodes.teleop.terminal import KeyboardSticks, Terminal
 
-            self.terminal = TeleopTerminal(
-                self, self._sources, lambda: (self._source(), self._command.sticks), self.lines
+            self.terminal = Terminal(
+                KeyboardSticks(self.parameters.gp_max),
+                self._sources,
+                lambda: (self._source(), self._command.sticks),
+                self.lines,
+                on_quit=self.finish,
             )
         self._ends = Event()
         self._thread = Thread(target=self._run, name='link', daemon=True)

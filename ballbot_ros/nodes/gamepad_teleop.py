@@ -44,7 +44,7 @@ from ballbot_ros.robot.brick.faults import faults_of
 from ballbot_ros.robot.random_numbers import noise_key
 
 if TYPE_CHECKING:
-    from ballbot_ros.nodes.teleop_terminal import TeleopTerminal
+    from ballbot_ros.nodes.teleop.terminal import Terminal
 
 TYPE_POLL_S = 0.2
 """Interval for looking up the type of ``cmd_vel``."""
@@ -224,7 +224,7 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
         self._sources = Arbiter()
         self._input_errors = InputErrors()
         self._inputs = TeleopInputs(self, self._sources, self._input_errors)
-        self.terminal: TeleopTerminal | None = None
+        self.terminal: Terminal | None = None
         self._set_terminal()
         self._participation = Participation(self, self._on_run)
         # A controller that does not wait for the sticks lets the plant run ahead.
@@ -257,21 +257,23 @@ class GamepadTeleop(BallbotNode[GamepadParameters]):
         if self.parameters.keyboard != before.keyboard:
             self._set_terminal()
         elif self.terminal:
-            self.terminal.apply_parameters()
+            self.terminal.keys.full = self.parameters.gp_max
 
     def _set_terminal(self) -> None:
         self._close_terminal()
         if self.parameters.keyboard:
             # Imported only here: it takes a while, and most runs have no keyboard.
-            from ballbot_ros.nodes.teleop_terminal import PlantDisplay, TeleopTerminal
+            from ballbot_ros.nodes.plant_display import PlantDisplay
+            from ballbot_ros.nodes.teleop.terminal import KeyboardSticks, Terminal
 
             display = self._display = PlantDisplay(self)
-            self.terminal = TeleopTerminal(
-                self,
+            self.terminal = Terminal(
+                KeyboardSticks(self.parameters.gp_max),
                 self._sources,
                 lambda: (self._source_name(), self._command.sticks),
                 display.lines,
-                display.restart,
+                on_quit=self.finish,
+                on_reset=display.restart,
             )
 
     def _close_terminal(self) -> None:

@@ -13,12 +13,14 @@ from rclpy.serialization import serialize_message
 from stubs import bare
 
 from ballbot_ros.lockstep.lockstep import GivenAnswers, RunIdentity
-from ballbot_ros.nodes import teleop_terminal
+from ballbot_ros.nodes import plant_display
 from ballbot_ros.nodes.base import BallbotNode
 from ballbot_ros.nodes.gamepad_teleop import GamepadTeleop
+from ballbot_ros.nodes.plant_display import PlantDisplay
+from ballbot_ros.nodes.teleop import terminal
 from ballbot_ros.nodes.teleop.gamepad import InputErrors
 from ballbot_ros.nodes.teleop.sticks import KEYBOARD, Arbiter, Command
-from ballbot_ros.nodes.teleop_terminal import PlantDisplay, TeleopTerminal
+from ballbot_ros.nodes.teleop.terminal import KeyboardSticks, Terminal
 from ballbot_ros.parameters import GamepadParameters
 from ballbot_ros.parameters.timing import FIRST_TICK_NS, SLOW_PERIOD_NS
 from ballbot_ros.recording.messages.conversions import encode_sticks, fill_time
@@ -146,64 +148,65 @@ def sources():
 
 
 @pytest.fixture
-def terminal(monkeypatch, sources):
-    """The keyboard of a stub node, on a stub terminal."""
-    calls = []
-    monkeypatch.setattr(teleop_terminal.signal, 'signal', lambda *given: calls.append(given))
-    monkeypatch.setattr(
-        teleop_terminal,
-        'Terminal',
-        lambda keys, status, **given: SimpleNamespace(
-            keys=keys, status=status, close=lambda: calls.append('restored'), **given
-        ),
-    )
+def calls():
+    return []
+
+
+@pytest.fixture
+def display(monkeypatch, calls):
+    """What is shown of the robot of a stub node."""
     client = SimpleNamespace(call_async=lambda request: calls.append('reset'))
     node = SimpleNamespace(
-        calls=calls,
         create_client=lambda kind, name: client if name == 'plant_sim/reset' else None,
         destroy_client=lambda given: calls.append(given is client),
-        parameters=GamepadParameters(),
-        finish=lambda: calls.append('finished'),
     )
     newest = SimpleNamespace(take=lambda: (None, set()), close=lambda: calls.append('robot closed'))
-    monkeypatch.setattr(teleop_terminal, 'LatestMessages', lambda node, topics: newest)
-    monkeypatch.setattr(
-        teleop_terminal, 'drive_status', lambda snapshot, factor: {'state': 'remote'}
-    )
-    display = PlantDisplay(node)
-    terminal = TeleopTerminal(
-        node, sources, lambda: (KEYBOARD, FORWARD), display.lines, display.restart
-    )
-    terminal.display = display
-    return terminal
+    monkeypatch.setattr(plant_display, 'LatestMessages', lambda node, topics: newest)
+    monkeypatch.setattr(plant_display, 'drive_status', lambda snapshot, factor: {'state': 'remote'})
+    return PlantDisplay(node)
 
 
-def test_a_terminal_that_vanishes_releases_the_keyboard_at_once(terminal, sources):
+@pytest.fixture
+def keyboard(monkeypatch, sources, calls, display):
+    """The keyboard on a terminal that is not read."""
+    monkeypatch.setattr(terminal.signal, 'signal', lambda *given: calls.append(given))
+    monkeypatch.setattr(terminal, 'keyboard_unavailable_reason', lambda: '')
+    with monkeypatch.context() as patch:
+        patch.setattr(Terminal, '_run', lambda self: None)
+        return Terminal(
+            KeyboardSticks(100), sources, lambda: (KEYBOARD, FORWARD), display.lines,
+            on_quit=lambda: calls.append('finished'), on_reset=display.restart,
+        )  # fmt: skip
+
+
+def test_a_terminal_that_vanishes_releases_the_keyboard_at_once(monkeypatch, keyboard, sources):
+    def vanish():
+        raise OSError
+
     began = time.monotonic()
-    terminal._terminal.on_sticks(FORWARD)
-    assert sources.select(began, NEUTRAL).sticks == FORWARD
-    assert not terminal.is_closed
-    terminal._terminal.on_closed()
+    sources.report(KEYBOARD, FORWARD, began)
+    assert not keyboard.is_closed
+    monkeypatch.setattr(terminal, '_Redirected', vanish)
+    keyboard._run()
     assert sources.select(began, NEUTRAL).sticks == NEUTRAL
-    assert terminal.is_closed
+    assert keyboard.is_closed
 
 
-def test_the_keys_reset_and_quit_and_the_terminal_is_restored(terminal):
+def test_the_keys_reset_and_quit(keyboard, calls, display):
     """A node that loses its terminal must not end, so it ignores SIGHUP."""
-    calls = terminal._node.calls
+    pytest.importorskip('prompt_toolkit')
     assert calls == [(signal.SIGHUP, signal.SIG_IGN)]
-    terminal._terminal.on_reset()
-    terminal._terminal.on_quit()
-    terminal.close()
-    terminal.display.close()
-    assert calls[1:] == ['reset', 'finished', 'restored', 'robot closed', True]
-    terminal._node.parameters = GamepadParameters(gp_max=40)
-    terminal.apply_parameters()
-    assert terminal._keys.full == 40
+    keyboard.on_key = lambda: calls.append('key')
+    keyboard._app = SimpleNamespace(is_running=False)
+    bindings = keyboard._bindings()
+    for key in 'r', 'q':
+        bindings.get_bindings_for_keys((key,))[-1].handler(None)
+    display.close()
+    assert calls[1:] == ['key', 'reset', 'key', 'finished', 'robot closed', True]
 
 
-def test_the_panel_shows_the_robot_the_source_and_the_sticks(terminal):
+def test_the_panel_shows_the_robot_the_source_and_the_sticks(keyboard):
     """Forward is positive, as everywhere except in the document's sticks."""
-    assert terminal._terminal.status() == {
-        'state': 'remote', 'in command': 'keyboard', 'sticks': 'forward +50   rightward +0'
-    }  # fmt: skip
+    assert keyboard._panel().splitlines()[:3] == [
+        'state       remote', 'in command  keyboard', 'sticks      forward +50   rightward +0'
+    ]  # fmt: skip

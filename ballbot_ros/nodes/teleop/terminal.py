@@ -7,6 +7,7 @@ import math
 import os
 import re
 import select
+import signal
 import sys
 import termios
 import time
@@ -18,6 +19,7 @@ from threading import Lock, Thread
 from typing import TYPE_CHECKING, Any
 
 from ballbot_ros.errors import TeleopError
+from ballbot_ros.nodes.teleop.sticks import KEYBOARD, Arbiter
 from ballbot_ros.robot.brick.bluetooth import Sticks
 from ballbot_ros.robot.brick.sensors import quantise
 
@@ -180,7 +182,7 @@ def keyboard_unavailable_reason() -> str:
 
 
 class Terminal:
-    """Reads the keys on its own thread.
+    """Drives from the keyboard, on its own thread, until the terminal disappears (`is_closed`).
 
     While it runs, other output of the process to the terminal appears above the panel; only the
     newest lines of level INFO are shown, in the panel, so that they do not pile up. At the end the
@@ -188,18 +190,21 @@ class Terminal:
 
     Parameters
     ----------
-    status : callable
-        Returns the content of the panel, as names and texts.
-    on_sticks : callable
-        Receives the sticks, 50 times a second.
-    on_reset : callable or None
-        Called for the reset key; None for none.
+    sources : Arbiter
+        Gets the sticks, 50 times a second.
+    command : callable
+        Returns the input in command, and its sticks.
+    lines : callable
+        Returns what the panel shows above them, as names and texts.
     on_quit : callable
         Called for the quit key.
+    on_reset : callable or None
+        Called for the reset key; None if the robot has no reset.
+
+    Attributes
+    ----------
     on_key : callable
-        Called for every key.
-    on_closed : callable
-        Called when the keyboard is gone: after quitting, or because the terminal has disappeared.
+        Called for every key, on the keyboard's thread.
 
     Raises
     ------
@@ -210,19 +215,22 @@ class Terminal:
     def __init__(
         self,
         keys: KeyboardSticks,
-        status: Callable[[], Mapping[str, str]],
+        sources: Arbiter,
+        command: Callable[[], tuple[str, Sticks]],
+        lines: Callable[[], Mapping[str, str]],
         *,
-        on_sticks: Callable[[Sticks], None],
-        on_reset: Callable[[], None] | None,
         on_quit: Callable[[], None],
-        on_key: Callable[[], None],
-        on_closed: Callable[[], None],
+        on_reset: Callable[[], None] | None = None,
     ) -> None:
         if obstacle := keyboard_unavailable_reason():
             raise TeleopError(f'keyboard: {obstacle}')
-        self._keys, self._status = keys, status
-        self._on_sticks, self._on_reset = on_sticks, on_reset
-        self._on_quit, self._on_key, self._on_closed = on_quit, on_key, on_closed
+        # Ignore SIGHUP: a node that loses its terminal loses an input, but must not end.
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)
+        self.keys, self._sources = keys, sources
+        self._command, self._lines = command, lines
+        self._on_quit, self._on_reset = on_quit, on_reset
+        self.on_key: Callable[[], None] = lambda: None
+        self.is_closed = False
         self._app: Application[None] | None = None
         self._messages = PassingMessages(_MESSAGES)
         self._thread = Thread(target=self._run, name='keyboard', daemon=True)
@@ -249,7 +257,8 @@ class Terminal:
         except (EOFError, OSError, termios.error):
             pass  # The terminal has disappeared.
         finally:
-            self._on_closed()
+            self._sources.release(KEYBOARD)
+            self.is_closed = True
 
     def _application(self, terminal: Any) -> Application[None]:
         from prompt_toolkit.application import Application
@@ -281,11 +290,11 @@ class Terminal:
     def _bindings(self) -> Any:
         from prompt_toolkit.key_binding import KeyBindings
 
-        keys, bindings = self._keys, KeyBindings()
+        keys, bindings = self.keys, KeyBindings()
 
         def bind(names: str, act: Callable[[], None]) -> None:
             def handle(_: object) -> None:
-                self._on_key()
+                self.on_key()
                 act()
 
             for name in names.split():
@@ -303,29 +312,37 @@ class Terminal:
 
         @bindings.add('<any>')
         def _(event: object) -> None:
-            self._on_key()
+            self.on_key()
             self._messages.lines.append(f'key {_key_name(event)} does nothing')
 
         return bindings
 
     def _reset(self, on_reset: Callable[[], None]) -> None:
-        self._keys.stop()
+        self.keys.stop()
         on_reset()
 
     def _quit(self) -> None:
-        self._keys.stop()
+        self.keys.stop()
         assert self._app is not None
         _exit(self._app)
         self._on_quit()
 
     async def _report(self) -> None:
         while True:
-            self._on_sticks(self._keys.sticks(time.monotonic()))
+            now_s = time.monotonic()
+            self._sources.report(KEYBOARD, self.keys.sticks(now_s), now_s)
             await asyncio.sleep(REPORT_S)
 
     def _panel(self) -> str:
-        keys = {'key speed': f'{self._keys.speed_percent} %{"  held" * self._keys.holds}'}
-        lines = [f'{name:<11} {text}' for name, text in {**self._status(), **keys}.items()]
+        source, (vertical, horizontal) = self._command()
+        shown = {
+            **self._lines(),
+            'in command': source,
+            # The document's vertical stick is negative forward.
+            'sticks': f'forward {-vertical:+d}   rightward {horizontal:+d}',
+            'key speed': f'{self.keys.speed_percent} %{"  held" * self.keys.holds}',
+        }
+        lines = [f'{name:<11} {text}' for name, text in shown.items()]
         known = HELP.format(RESET_HELP * (self._on_reset is not None))
         return '\n'.join([*lines, known, *self._messages.lines])
 

@@ -3,31 +3,30 @@
 import fcntl
 import os
 import pty
-import signal
 import termios
 import threading
+import time
 
 from prompt_toolkit.renderer import Renderer
 
+from ballbot_ros.nodes.teleop.sticks import NO_SOURCE, Arbiter
 from ballbot_ros.nodes.teleop.terminal import KeyboardSticks, Terminal
+from ballbot_ros.robot.brick.bluetooth import NEUTRAL
 
 output = os.dup(1)
 ours, side = pty.openpty()
-signal.signal(signal.SIGHUP, signal.SIG_IGN)
 fcntl.ioctl(side, termios.TIOCSCTTY, 0)
 for fd in (0, 1, 2):
     os.dup2(side, fd)
 os.close(side)
 
-shown, gone = threading.Event(), threading.Event()
-Terminal(
+shown = threading.Event()
+keyboard = Terminal(
     KeyboardSticks(50),
+    Arbiter(),
+    lambda: (NO_SOURCE, NEUTRAL),
     lambda: shown.set() or {},
-    on_sticks=lambda sticks: None,
-    on_reset=lambda: None,
     on_quit=lambda: None,
-    on_key=lambda: None,
-    on_closed=gone.set,
 )
 shown.wait()
 reset = Renderer.reset
@@ -42,5 +41,6 @@ def hang_up(*arguments, **options):
 
 Renderer.reset = hang_up
 os.write(2, b'a line\n')
-gone.wait()
+while not keyboard.is_closed:
+    time.sleep(0.01)
 os.write(output, b'gone\n')
