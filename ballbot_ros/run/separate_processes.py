@@ -11,7 +11,7 @@ from pathlib import Path
 
 from ballbot_ros.engine.trajectory import load_trajectory
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.lockstep.liveness import SilenceTimer, Threads
+from ballbot_ros.lockstep.liveness import SilenceTimer
 from ballbot_ros.lockstep.run_actions import Outcome
 from ballbot_ros.nodes.middleware import (
     LOCK_FD_ENV,
@@ -49,40 +49,20 @@ PLANT_BUSY_S = 30.0
 run, while it saves the result."""
 
 
-class PlantWatchdog:
-    """Distinguishes a plant that hangs from one that is starved; heard of at `heard_s` [s]."""
-
-    def __init__(self, now_s: float) -> None:
-        self.heard_s = now_s
-        self._limit_s = PLANT_BUSY_S
-        self._has_ended = False
-        self._timer = SilenceTimer()
-
-    def feed(self, now_s: float, *, has_ended: bool = False) -> None:
-        """Note a sign of life of the plant, and whether it reports the end of the run."""
-        self.heard_s = now_s
-        self._has_ended = self._has_ended or has_ended
-        self._limit_s = PLANT_BUSY_S if self._has_ended else PLANT_SILENCE_S
-
-    def is_hung(self, now_s: float, process: int, threads: Mapping[int, Threads]) -> bool:
-        """Return whether the plant, which runs as `process`, has been silent for too long."""
-        self._timer.update(self.heard_s, now_s, threads)
-        return self._timer.silence_s(process) > self._limit_s
-
-
 class PlantMonitor:
-    """Sim time and the plant's signs of life; before the first tick, `now_ns` is 0.
+    """Reads the plant's signs of life, and distinguishes one that hangs from one that is starved.
 
     Attributes
     ----------
-    pipe : HeartbeatPipe
     now_ns : int
+        Sim time, 0 before the first tick [ns].
     """
 
     def __init__(self) -> None:
         self.pipe = HeartbeatPipe()
         self.now_ns = 0
-        self._watchdog = PlantWatchdog(time.monotonic())
+        self._heard_s, self._limit_s = time.monotonic(), PLANT_BUSY_S
+        self._timer = SilenceTimer()
 
     def __enter__(self) -> PlantMonitor:
         return self
@@ -93,13 +73,14 @@ class PlantMonitor:
     def poll(self) -> None:
         """Process what has arrived since the last poll."""
         if beat := self.pipe.newest():
-            self.now_ns = beat.now_ns
-            self._watchdog.feed(time.monotonic(), has_ended=beat.has_ended)
+            self.now_ns, self._heard_s = beat.now_ns, time.monotonic()
+            self._limit_s = PLANT_BUSY_S if beat.has_ended else PLANT_SILENCE_S
 
     def plant_hangs(self, process: int) -> bool:
-        """Return whether the plant, which runs as `process`, hangs."""
+        """Return whether the plant, which runs as `process`, has been silent for too long."""
         threads = threads_by_process([process])
-        return self._watchdog.is_hung(time.monotonic(), process, threads)
+        self._timer.update(self._heard_s, time.monotonic(), threads)
+        return self._timer.silence_s(process) > self._limit_s
 
 
 POLL_S = 0.05
