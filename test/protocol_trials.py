@@ -333,7 +333,7 @@ class Trial:
     def _is_founder(self, recorder):
         """Return whether a recorder takes part in the run from its start."""
         plant, run = self.world.plant, recorder.member.run
-        is_in_run = run and run.name == plant.master.run_name
+        is_in_run = run and run.name == plant.master.state()['run name']
         # Another plant may have called it away for a while.
         is_faithful = len(recorder.runs) == len(set(recorder.runs))
         return is_in_run and is_faithful and recorder.instance in plant.founders
@@ -684,7 +684,7 @@ def request(trial, name, *what, **details):
 def reset(trial):
     """Begin a new run."""
     plant = trial.world.plant
-    if plant and plant.is_alive and not plant.is_suspended and plant.master.number:
+    if plant and plant.is_alive and not plant.is_suspended and plant.master.state()['run']:
         trial.note('reset', costs_s=0.0)
         request(trial, 'reset')
 

@@ -518,7 +518,7 @@ class PlantNode(Process):
 
     def _send(self, topic, stamp_ns, data):
         if topic is RUN:
-            self.publish(topic.name, RunIdentity(self.master.run_name, stamp_ns))
+            self.publish(topic.name, RunIdentity(self.master.state()['run name'], stamp_ns))
         else:
             self.publish(topic.name, data)
 

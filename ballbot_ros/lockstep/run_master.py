@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from array import array
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from enum import Enum, auto
 from functools import wraps
 from typing import Concatenate, ParamSpec, TypeVar
@@ -468,7 +468,7 @@ class RunMaster(ABC):
             ticks=self.log.ticks,
             duty_sha256=self.log.duty_sha256,
             real_time_factor=self.log.ticks * TICK_NS / SECOND_NS / wall_s if wall_s else 0.0,
-            late_ticks=self.late_ticks,
+            late_ticks=self._pacer.late_ticks,
             resends=self.resends,
             # Leave out the first one, which includes the start-up of every node in the run.
             round_trips_s=tuple(self._round_trips_s[1:]),
@@ -583,30 +583,21 @@ class RunMaster(ABC):
 
     # Common to both modes
 
-    @property
-    def late_ticks(self) -> int:
-        """Ticks that came more than a period late, in all runs."""
-        return self._pacer.late_ticks
-
-    @property
-    def number(self) -> int:
-        """Number of the current run, 0 before the first."""
-        return self._number
-
-    @property
-    def run_name(self) -> str:
-        """Name of the current run in its announcement, '' before the first."""
-        return self._run.name
-
-    @property
-    def missing(self) -> Sequence[str]:
-        """The roles that the current run waits for before its first tick."""
-        return self._missing if self._phase is Phase.GATHERING else ()
-
-    @property
-    def pace(self) -> float:
-        """Required sim time per wall time; 0: as fast as possible."""
-        return self._parameters.real_time_factor
+    def state(self) -> dict[str, object]:
+        """Return the state of the run, as entries of the plant's diagnostics."""
+        return {
+            'run': self._number,
+            'run name': self._run.name,
+            'sim time [s]': f'{self._plant.time_ns / SECOND_NS:.3f}',
+            'ticks': self.log.ticks,
+            'late ticks': self._pacer.late_ticks,
+            'resends': self.resends,
+            'fallen': self._plant.fallen,
+            'paused': self.pause.is_paused,
+            'awaits start': self.pause.awaits_start,
+            'pace': self._parameters.real_time_factor,
+            'missing': ' '.join(self._missing) if self._phase is Phase.GATHERING else '',
+        }
 
     @property
     def time_ns(self) -> int:
@@ -617,11 +608,6 @@ class RunMaster(ABC):
     def has_begun(self) -> bool:
         """Whether the first truth of the current run has been published."""
         return self._phase not in (Phase.DISCOVERING, Phase.GATHERING)
-
-    @property
-    def is_fallen(self) -> bool:
-        """Whether the robot has fallen."""
-        return self._plant.fallen
 
     @property
     def _is_open(self) -> bool:

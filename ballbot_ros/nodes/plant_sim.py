@@ -340,21 +340,8 @@ class PlantSim(BallbotNode[PlantParameters]):
 
     def diagnose(self) -> Mapping[str, object]:
         """Return the state of the run."""
-        master = self.master
-        return {
-            'run': master.number,
-            'run name': master.run_name,
-            'sim time [s]': f'{master.time_ns / SECOND_NS:.3f}',
-            'ticks': master.log.ticks,
-            'late ticks': master.late_ticks,
-            'resends': master.resends,
-            'fallen': master.is_fallen,
-            'paused': master.pause.is_paused,
-            'awaits start': master.pause.awaits_start,
-            'pace': master.pace,
-            'missing': ' '.join(master.missing),
-            **(summary_words(master.summary) if master.summary else {}),
-        }
+        summary = self.master.summary
+        return {**self.master.state(), **(summary_words(summary) if summary else {})}
 
     def stop(self) -> None:
         """End the run because the node is asked to stop."""

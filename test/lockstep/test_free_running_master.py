@@ -48,7 +48,7 @@ def test_it_waits_for_the_first_duty_and_asks_for_it_repeatedly():
     send_duty(world)
     world.wait(1)
     assert world.ticks == pytest.approx(250, abs=2)
-    assert world.master.late_ticks == 0
+    assert world.master.state()['late ticks'] == 0
 
 
 def test_without_a_controller_it_begins_after_the_startup_timeout_with_motors_off():
@@ -102,7 +102,7 @@ def test_a_tick_that_is_more_than_a_period_late_is_counted():
             world.dispatch(world.master.on_tick)
             world.now_s += periods * TICK_S / factor
             world.dispatch(world.master.on_tick)
-            assert world.master.late_ticks == late_ticks, (factor, periods)
+            assert world.master.state()['late ticks'] == late_ticks, (factor, periods)
 
 
 def test_a_paused_plant_makes_single_steps_and_no_tick_is_late():
@@ -122,7 +122,7 @@ def test_a_paused_plant_makes_single_steps_and_no_tick_is_late():
     world.dispatch(world.master.set_paused, is_paused=False)
     world.wait(0.1)
     assert world.ticks > ticks + 20
-    assert world.master.late_ticks == 0
+    assert world.master.state()['late ticks'] == 0
 
 
 def test_only_a_standing_robot_is_shown_again():

@@ -830,12 +830,23 @@ def test_a_change_of_the_pause_or_the_pace_is_reported_at_once():
     assert do.Report() in world.dispatch(world.master.on_parameters, world.parameters)
 
 
+def test_the_state_of_a_run():
+    world = begun(3, real_time_factor=0.0)
+    world.dispatch(world.master.set_paused, is_paused=True)
+    state = world.master.state()
+    assert state.pop('run name').startswith('1 ')
+    assert state == {
+        'run': 1, 'sim time [s]': '1.012', 'ticks': 3, 'late ticks': 0, 'resends': 0,
+        'fallen': False, 'paused': True, 'awaits start': False, 'pace': 0.0, 'missing': '',
+    }  # fmt: skip
+
+
 def test_a_plant_that_gathers_says_for_whom_it_waits():
     world = LockstepWorld(duration=ENDLESS).start(*DRIVERS).wait(1)
-    assert world.master.missing == [CONTROLLER]
+    assert world.master.state()['missing'] == CONTROLLER
     world.start(CONTROLLER).wait(1)
     assert world.ticks
-    assert world.master.missing == ()
+    assert world.master.state()['missing'] == ''
 
 
 @pytest.mark.parametrize('event', [LockstepMaster.step, LockstepMaster.set_paused])
@@ -937,7 +948,7 @@ def test_a_tick_that_is_more_than_a_period_late_is_counted():
     world = begun(3, real_time_factor=1.0)
     world.now_s += 0.1
     world.wait(0.1)
-    assert world.master.late_ticks == 1
+    assert world.master.state()['late ticks'] == 1
 
 
 @pytest.mark.parametrize('ticks', [0, 1, 24, 25, 26])
@@ -1021,7 +1032,7 @@ def test_parameters_set_since_the_first_run_are_those_of_a_later_run():
     world.dispatch(world.master.reset)
     world.advance(10)
     world.dispatch(world.master.stop)
-    assert world.master.number == 2
+    assert world.master.state()['run'] == 2
     assert world.master.summary.parameter_changes == (ParameterChange(0.0, GYRO, 'noise', 3.0),)
 
 
