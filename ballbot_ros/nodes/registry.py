@@ -30,27 +30,19 @@ if TYPE_CHECKING:
 class NodeEntry:
     """A node that can be started as a program.
 
-    Attributes
-    ----------
-    parameters : type
-        Class of the node's parameters, which holds the node's name.
-    module : str
-        The module in :mod:`ballbot_ros.nodes`.
-    serves_several : bool
-        Whether the class serves several nodes; its first argument is then the class of the node's
-        parameters.
+    The class of its parameters has its name. The module is one of :mod:`ballbot_ros.nodes`.
     """
 
     parameters: type[NodeParameters]
     module: str
     class_name: str
-    serves_several: bool = False
 
     @property
     def maker(self) -> Callable[..., AnyNode]:
         """Function that creates the node, with given parameter values or those from ROS."""
         found = getattr(self.load(), self.class_name)
-        return partial(found, self.parameters) if self.serves_several else found
+        # One class serves all devices.
+        return partial(found, self.parameters) if self.parameters in DEVICES else found
 
     @property
     def main(self) -> Callable[[], int]:
@@ -66,7 +58,7 @@ class NodeEntry:
 
 _ENTRIES = (
     NodeEntry(PlantParameters, 'plant_sim', 'PlantSim'),
-    *(NodeEntry(each, 'device_driver', 'DeviceDriver', serves_several=True) for each in DEVICES),
+    *(NodeEntry(each, 'device_driver', 'DeviceDriver') for each in DEVICES),
     NodeEntry(ControllerParameters, 'controller', 'ControllerNode'),
     NodeEntry(GamepadParameters, 'gamepad_teleop', 'GamepadTeleop'),
     NodeEntry(RecorderParameters, 'recorder', 'Recorder'),
