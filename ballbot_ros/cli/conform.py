@@ -83,8 +83,8 @@ def examine_node(role: str, command: Sequence[str]) -> Iterator[RequirementResul
     BallbotError
         If ROS can't start, a plant or player is in the ROS domain, or there is no such program.
     """
+    from ballbot_ros.nodes.conformance.bench import Bench
     from ballbot_ros.nodes.conformance.examination import examine
-    from ballbot_ros.nodes.conformance_bench import ConformanceBench
     from ballbot_ros.nodes.middleware import DomainLock, require_discovery, ros_domain
     from ballbot_ros.run.one_process import ros
 
@@ -93,7 +93,7 @@ def examine_node(role: str, command: Sequence[str]) -> Iterator[RequirementResul
         StopRequest() as stop,
         ros(),
         DomainLock(ros_domain()),
-        closing(ConformanceBench(role, command, stop)) as bench,
+        closing(Bench(role, command, stop)) as bench,
     ):
         yield from examine(role, bench, uuid4().hex)
 

@@ -16,7 +16,7 @@ ROOMS = {
     'recording': ('', 'messages'),
     'analysis': ('', 'identification'),
     'viewer': (),
-    'nodes': ('conformance', 'teleop', 'transports', ''),
+    'nodes': ('teleop', 'transports', '', 'conformance'),
     'run': (),
     'lab': ('environments', 'studies', 'search'),
     'cli': (),

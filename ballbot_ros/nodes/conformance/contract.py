@@ -5,10 +5,10 @@ The test consists of runs, their ticks, and the answers to them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from itertools import dropwhile
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple
 
 from ballbot_ros.engine.closed_loop import ClosedLoop
 from ballbot_ros.lockstep.lockstep import RunIdentity
@@ -42,6 +42,9 @@ from ballbot_ros.recording.messages.topics import (
     Topic,
     periodic_topics,
 )
+
+if TYPE_CHECKING:  # it needs rclpy
+    from ballbot_ros.nodes.conformance.bench import Bench
 
 
 @dataclass(frozen=True)
@@ -107,39 +110,6 @@ class Offer:
         reliability = 'reliable' if self.is_reliable else 'best effort'
         durability = 'transient local' if self.is_latched else 'volatile'
         return f'{self.type_name}, {reliability}, {durability}'
-
-
-class Bench(Protocol):
-    """The graph around the node under test, of which it is the only node that answers."""
-
-    @property
-    def can_start(self) -> bool:
-        """Whether the bench starts and kills the node; if not, the user has started it."""
-
-    @property
-    def end(self) -> str:
-        """Why a node that the bench starts is not running; '' while it runs."""
-
-    def start(self) -> None:
-        """Start the node."""
-
-    def kill(self) -> None:
-        """Kill the node, if it runs."""
-
-    def publish(self, topic: Topic, data: bytes) -> None:
-        """Publish a message of the rest of the graph."""
-
-    def received(self, topic: Topic) -> Sequence[bytes]:
-        """Return all messages of the node on a topic so far, oldest first."""
-
-    def offers(self, topic: Topic) -> Sequence[Offer]:
-        """Return the node's publishers on a topic."""
-
-    def wait(self, is_done: Callable[[], bool], limit_s: float) -> bool:
-        """Receive messages until `is_done`, but at most for a time [s]; return whether it is.
-
-        It returns early if the node has ended.
-        """
 
 
 START_PITCH = 0.07

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
+from typing import TYPE_CHECKING
 
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.nodes.conformance.contract import (
     ANSWER_S,
-    Bench,
     BreachError,
     NodeUnderTest,
     Offer,
@@ -35,6 +35,9 @@ from ballbot_ros.recording.messages.topics import (
     Topic,
     periodic_topics,
 )
+
+if TYPE_CHECKING:  # it needs rclpy
+    from ballbot_ros.nodes.conformance.bench import Bench
 
 DISCOVERY_S = 1.0
 """Time within which a node that is running already is discovered."""

@@ -30,8 +30,8 @@ END_S = 5.0
 """Time that a node has to end when asked to [s]."""
 
 
-class ConformanceBench:
-    """The rest of the graph around the node of a role.
+class Bench:
+    """The rest of the graph around the node of a role, which is the only node that answers it.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ class ConformanceBench:
 
     @property
     def can_start(self) -> bool:
-        """Whether there is a command that starts the node."""
+        """Whether the bench starts and kills the node; if not, the user has started it."""
         return bool(self._command)
 
     @property
@@ -114,7 +114,7 @@ class ConformanceBench:
         self._publishers[topic].publish(data)
 
     def received(self, topic: Topic) -> Sequence[bytes]:
-        """Return all messages of the node on a topic so far."""
+        """Return all messages of the node on a topic so far, oldest first."""
         return self._received[topic]
 
     def offers(self, topic: Topic) -> Sequence[Offer]:
@@ -129,7 +129,10 @@ class ConformanceBench:
         ]
 
     def wait(self, is_done: Callable[[], bool], limit_s: float) -> bool:
-        """Receive messages until it is done, the time is over, or the node has ended."""
+        """Receive messages until `is_done`, the time [s] is over, or the node has ended.
+
+        Return whether it is done.
+        """
         deadline_s = time.monotonic() + limit_s
         while True:
             self._receive()
