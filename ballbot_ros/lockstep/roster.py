@@ -15,6 +15,7 @@ from operator import attrgetter
 from ballbot_ros.errors import one_line
 from ballbot_ros.lockstep.participants import (
     ANSWER_CALLS,
+    MAP_HASH,
     Announcement,
     LocalNode,
     Membership,
@@ -23,8 +24,11 @@ from ballbot_ros.lockstep.participants import (
     Publisher,
     Strangers,
 )
-from ballbot_ros.parameters import CONTROLLER
+from ballbot_ros.parameters import CONTROLLER, DRIVERS, NODES, SHARED_PARAMETERS
 from ballbot_ros.parameters.timing import SECOND_NS
+
+_SHARED = {**SHARED_PARAMETERS, MAP_HASH: NODES}
+"""Parameters that must have the same value in all participants with these roles."""
 
 
 class ReadinessState(Enum):
@@ -70,31 +74,15 @@ class Roster:
 
     Each role has one participant. If a second one announces itself, roll calls show which of the
     two are alive. If both are, the run is refused; if only the second is, it is the successor.
-    :class:`Strangers` finds the publishers of nodes that take no part.
+    That of a driver must be its equal; one in any other role starts from its initial state.
 
-    Parameters
-    ----------
-    shared : mapping of str to collection of str
-        Parameters that must have the same value in all participants with these roles.
-    stateless : collection of str
-        Roles whose participant may be replaced in mid-run by an equal one; a successor in any other
-        role starts from its initial state.
-    owners : mapping of str to collection of str
-        The lockstep topics, and the roles that publish on each.
+    :class:`Strangers` finds the publishers of nodes that take no part. `owners` are the roles that
+    publish on each lockstep topic.
     """
 
-    def __init__(
-        self,
-        *,
-        shared: Mapping[str, Collection[str]],
-        stateless: Collection[str],
-        owners: Mapping[str, Collection[str]],
-    ) -> None:
+    def __init__(self, owners: Mapping[str, Collection[str]]) -> None:
         self._plant: Participant | None = None
         self._required: tuple[str, ...] = ()
-        self._fatal: frozenset[str] = frozenset()
-        self._shared = shared
-        self._stateless = frozenset(stateless)
         self._owners = owners
         self._strangers = Strangers(owners)
         self._present: Mapping[str, LocalNode] = {}
@@ -102,16 +90,12 @@ class Roster:
         self._calls = 0
         self._run = _Run('')
 
-    def gather(
-        self, run: str, plant: Participant, required: Collection[str], fatal: Collection[str] = ()
-    ) -> None:
+    def gather(self, run: str, plant: Participant, required: Collection[str]) -> None:
         """Start collecting the participants of a run, which begins with the `required` roles.
 
-        The run fails if a participant in one of these roles, or in one of the `fatal` ones, can't
-        continue.
+        The run fails if a participant in one of these roles, or the controller, can't continue.
         """
         self._plant, self._required = plant, tuple(required)
-        self._fatal = frozenset((*required, *fatal))
         self._run = _Run(run)
         self._strangers.begin()
         self._run.heard[plant.instance] = _Heard(Announcement(plant, run), self._calls)
@@ -145,7 +129,7 @@ class Roster:
         if objection and objection.topic:
             self.add_objection(objection)
         # Ignore it if a participant that the run can do without can't continue.
-        elif objection and participant.role in self._fatal:
+        elif objection and participant.role in (*self._required, CONTROLLER):
             self.add_objection(Objection(objection.told_by(participant)))
         # A new claimant starts the contest again: one that answered before may have died since.
         if known is None and len(self._claimants(participant.role)) > 1:
@@ -265,7 +249,7 @@ class Roster:
                 continue
             if not run.has_begun:
                 run.history = [each for each in run.history if each.participant != known]
-            elif known and role in self._stateless and not _are_equal(known, participant):
+            elif known and role in DRIVERS and not _are_equal(known, participant):
                 return f'{participant} replaces {known} with another program or other parameters'
             is_successor = known is not None and run.has_begun
             run.members[role] = participant
@@ -296,7 +280,7 @@ class Roster:
 
     def _disagreement(self) -> str:
         """Return the parameter on which two participants disagree, or ''."""
-        for name, roles in self._shared.items():
+        for name, roles in _SHARED.items():
             if name == 'faults' and self._run.has_begun:
                 continue  # each has been given its own
             members = self._run.members.values()

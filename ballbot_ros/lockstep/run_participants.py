@@ -9,7 +9,6 @@ from typing import Protocol
 from ballbot_ros.lockstep.liveness import LivenessMonitor, ProcessObserver
 from ballbot_ros.lockstep.lockstep import RunIdentity
 from ballbot_ros.lockstep.participants import (
-    MAP_HASH,
     Announcement,
     LocalNode,
     Objection,
@@ -29,7 +28,6 @@ from ballbot_ros.parameters import (
     DRIVERS,
     NODES,
     RECORDER,
-    SHARED_PARAMETERS,
     ParameterError,
 )
 from ballbot_ros.parameters.timing import SECOND_NS
@@ -103,11 +101,7 @@ class RunParticipants:
         act: Callable[[Action], None],
     ) -> None:
         self._graph, self._topics, self._is_lockstep, self._act = graph, topics, is_lockstep, act
-        self.roster = Roster(
-            shared={**SHARED_PARAMETERS, MAP_HASH: NODES},
-            stateless=DRIVERS,
-            owners=dict(topics.owners),
-        )
+        self.roster = Roster(topics.owners)
         self.liveness = LivenessMonitor(self.roster, process_observer, host)
         self._process_observer = process_observer
         self._run: RunIdentity | None = None
@@ -124,7 +118,7 @@ class RunParticipants:
             required += (*DRIVERS, CONTROLLER)
             if requires_recorder:
                 required.append(RECORDER)
-        self.roster.gather(run.name, plant, required, fatal=(CONTROLLER,))
+        self.roster.gather(run.name, plant, required)
         self._act(CallRoll(run, plant))
         self._graph.stop_listening()
         self.liveness.reset()

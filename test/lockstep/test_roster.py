@@ -7,6 +7,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
+from ballbot_ros.lockstep import roster
 from ballbot_ros.lockstep.participants import (
     ANSWER_CALLS,
     LEASE_S,
@@ -58,9 +59,7 @@ class World:
     """Nodes around a roster: living ones answer each roll call, dead ones stay in the graph."""
 
     def __init__(self, required=ROLES):
-        self.roster = Roster(
-            shared=dict.fromkeys(('radius', 'seed'), ROLES), stateless=ROLES[:2], owners=OWNERS
-        )
+        self.roster = Roster(OWNERS)
         self.living, self.graph, self.now_s = {}, {}, 0.0
         self.now_ns = START_NS
         self.roster.gather(RUN, PLANT, required)
@@ -250,9 +249,9 @@ def test_a_driver_that_was_given_faults_is_not_replaced_by_one_without_them():
 
 
 @pytest.mark.parametrize('has_begun', [False, True])
-def test_plant_and_controller_have_the_same_faults_only_at_the_start(has_begun):
+def test_two_roles_have_the_same_faults_only_at_the_start(has_begun, monkeypatch):
     run = world()
-    run.roster._shared = {'faults': ('controller', 'gyro_driver')}
+    monkeypatch.setattr(roster, '_SHARED', {'faults': ('controller', 'gyro_driver')})
     texts = {'controller': 'task_ts1 slow', 'gyro_driver': ''}
     if has_begun:
         run.begin()
@@ -526,10 +525,10 @@ def test_a_forged_announcement_without_answers_to_roll_calls_is_ignored():
     [
         ({'seed': 1}, {'seed': 1}, {}, ''),
         ({'seed': 1, 'noise': 2}, {'seed': 1, 'noise': 3}, {}, ''),
-        ({'radius': 0.5}, {}, {'seed': 4}, ''),
+        ({'ball_radius': 0.5}, {}, {'seed': 4}, ''),
         ({'seed': 1}, {'seed': 2}, {}, 'seed is 1 in /gyro_driver, but 2 in /sonar_driver'),
-        ({}, {'radius': 1.0}, {'radius': 2.0}, 'radius is 2.0 in /controller, but 1.0 in /sonar'),
-        ({'radius': [1]}, {'radius': {'a': 2}}, {}, "but {'a': 2} in /sonar_driver"),
+        ({}, {'seed': 1.0}, {'seed': 2.0}, 'seed is 2.0 in /controller, but 1.0 in /sonar'),
+        ({'seed': [1]}, {'seed': {'a': 2}}, {}, "but {'a': 2} in /sonar_driver"),
     ],
 )
 def test_shared_parameters_of_participants_must_be_equal(gyro, sonar, controller, reason):
