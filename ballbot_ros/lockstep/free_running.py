@@ -119,18 +119,13 @@ class FreeRunningTicks:
         The inputs that a tick requires, including `clock`.
     sticks : str
         The input that becomes neutral after a silence.
-
-    Attributes
-    ----------
-    fired : Counter of str
-        Callbacks of each task's timer so far.
     """
 
     def __init__(
         self, *, every_tick: str, clock: str, needed: Collection[str], sticks: str, tick_ns: int
     ) -> None:
         self.gate = InputGate({})
-        self.fired: Counter[str] = Counter()
+        self.fired: Counter[str] = Counter()  # the callbacks of each task's timer
         self.late_ticks = 0
         self._every_tick, self._clock, self._needed = every_tick, clock, needed
         self._sticks, self._tick_ns = sticks, tick_ns

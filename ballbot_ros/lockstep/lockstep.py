@@ -40,12 +40,8 @@ class TaskReleases:
 
     A timer releases its task for the time at which it fires. The start of a run releases all tasks
     due at the first tick, because no timer fires there after a jump of the clock. A release off the
-    schedule, or a second one for the same time, changes nothing.
-
-    Attributes
-    ----------
-    forced : int
-        Number of releases made without a timer.
+    schedule, or a second one for the same time, changes nothing. `forced` counts the releases made
+    without a timer.
     """
 
     def __init__(self) -> None:
@@ -294,10 +290,7 @@ class LockstepTicks:
     ) -> None:
         """Wait for the first tick of a run, at `start_ns` [ns]; ignore all other runs.
 
-        Parameters
-        ----------
-        changes : mapping of int to bool
-            Ticks [ns] at which the tasks begin anew, like at the start, or end.
+        At each tick of `changes` [ns], the tasks begin anew, like at the start, or end.
         """
         self._tasks_from = {tick: tasks if is_on else () for tick, is_on in changes.items()}
         self.gate.clear()

@@ -367,12 +367,8 @@ class RecorderFlow:
     """Holds the plant back until the recorder has caught up.
 
     The topics keep nothing for late subscribers. Therefore the plant waits until the recorder has
-    completely received the first tick, and each tick that was sent again.
-
-    Attributes
-    ----------
-    ack_ns : int or None
-        The newest tick that it has acknowledged [ns].
+    completely received the first tick, and each tick that was sent again. `ack_ns` is the newest
+    tick that it has acknowledged [ns].
     """
 
     def __init__(self, start_ns: int) -> None:

@@ -152,12 +152,8 @@ class Roster:
     ) -> None:
         """Update the nodes on the plant's machine that must join the run or end before it begins.
 
-        Parameters
-        ----------
-        present : mapping of str to LocalNode
-            Participants of any run, by instance.
-        started : collection of LocalNode
-            Those that were started together with the plant; they may not be present yet.
+        These are the participants `present` of any run, by instance, and those `started` together
+        with the plant, which may not be present yet.
         """
         self._present, self._started = present, started
 

@@ -60,14 +60,9 @@ class Graph(Protocol):
 
 @dataclass(frozen=True)
 class RunTopics:
-    """The topics that the master of a run needs to know.
+    """The topics that the master of a run needs to know; the messages of `stamped` have a stamp.
 
-    Attributes
-    ----------
-    stamped : frozenset of str
-        The topics whose messages have a stamp.
-    is_same_duty : callable
-        Compares the content of two serialised duties with one stamp.
+    `is_same_duty` compares the content of two serialised duties with one stamp.
     """
 
     clock: str
@@ -84,10 +79,7 @@ class RunTopics:
 class RunParticipants:
     """Calls the roll, evaluates the answers, and decides whether the run may continue.
 
-    Attributes
-    ----------
-    longest_delay : int
-        The longest dead time of all samples [physics steps], at the last check.
+    `longest_delay` is the longest dead time of all samples [physics steps], at the last check.
     """
 
     def __init__(

@@ -14,12 +14,8 @@ from ballbot_ros.lockstep.run_actions import Outcome
 class RunStatus:
     """The plant's status of a run, published at its first tick and at its end.
 
-    Attributes
-    ----------
-    run : str
-        Name of the run in ``plant/run``.
-    result : mapping of str to str
-        The `OUTCOME_KEYS` of a run that has ended; otherwise empty.
+    `run` is the name of the run in ``plant/run``, and `result` has the `OUTCOME_KEYS` of a run that
+    has ended.
     """
 
     run: str

@@ -24,12 +24,7 @@ _current: list[IntraProcess] = []
 
 
 class Inbox:
-    """The messages of a topic that its owner reads from time to time.
-
-    Attributes
-    ----------
-    topic_name : str
-    """
+    """The messages of a topic that its owner reads from time to time."""
 
     def __init__(self, topic_name: str) -> None:
         self.topic_name = topic_name
@@ -47,22 +42,13 @@ class Inbox:
 
 
 class IntraProcess:
-    """The topics of the loop that nodes of this process publish.
+    """The topics of the loop that nodes of this process, which have these `roles`, publish.
 
     Within this context, their messages reach the nodes of this process as bytes and in the order in
     which they were published, like with the intra-process communication of rclcpp. The middleware
     gets them only if somebody has subscribed there, which can't be a node of this process. All
-    other topics, such as events, take the usual way.
-
-    Parameters
-    ----------
-    roles : collection of str
-        The roles of the nodes in this process.
-
-    Attributes
-    ----------
-    turns : int
-        Counts the turns of the executor, in which the middleware may have found new subscribers.
+    other topics, such as events, take the usual way. `turns` counts the turns of the executor, in
+    which the middleware may have found new subscribers.
     """
 
     def __init__(self, roles: Collection[str]) -> None:
@@ -149,14 +135,7 @@ def flush(publishers: Iterable[Publisher]) -> bool:
 
 
 class TopicPublisher:
-    """The publishers of a topic.
-
-    Attributes
-    ----------
-    publishers : list of Publisher
-    """
-
-    publishers: list[Publisher]
+    """The publishers of a topic: of its history, if it has one, and of the topic itself."""
 
     def __init__(self, node: Node, topic: Topic) -> None:
         self._node, self._topic = node, topic
@@ -169,7 +148,7 @@ class TopicPublisher:
         self._sequence = 0
         self._turn, self._is_read_outside = -1, True
         # Create the history first, so that a subscriber discovers it before the topic itself.
-        self.publishers = []
+        self.publishers: list[Publisher] = []
         if topic.has_history:
             qos = reliable_qos(HISTORY, latched=True)
             self.publishers.append(self._node.create_publisher(kind, topic.history.name, qos))

@@ -47,14 +47,8 @@ _ARG_START, _ARG_END = 45, 46
 class NodeRequest(NamedTuple):
     """A node to be forked.
 
-    Attributes
-    ----------
-    name : str
-    arguments : sequence of str
-        Its command line.
-    environment : dict of str to str
-    inherited : sequence of str
-        The variables of its environment with the descriptors that it inherits.
+    The arguments are its command line. The variables `inherited` of its environment get the
+    descriptors that it inherits.
     """
 
     name: str

@@ -30,14 +30,9 @@ class DomainLock:
     discovery, which takes time. A process that starts a plant takes the lock first and passes it
     on, so that no other plant can start in between.
 
-    It is a Unix socket with an abstract name. Such a name has no place in the file system, so it
-    does not depend on environment variables and no file can be in its way. Its scope is the network
-    namespace, which is also that of the middleware's ports.
-
-    Attributes
-    ----------
-    file : int
-        Descriptor of the socket.
+    It is a Unix socket with an abstract name; `file` is its descriptor. Such a name has no place in
+    the file system, so it does not depend on environment variables and no file can be in its way.
+    Its scope is the network namespace, which is also that of the middleware's ports.
 
     Raises
     ------

@@ -205,12 +205,8 @@ def _public(name: str, value: Value) -> Value:
 class Participation:
     """Joins every run that a plant announces, and answers its roll calls.
 
-    Parameters
-    ----------
-    on_run : callable, optional
-        Called with each new run before the node joins it.
-    on_call : callable, optional
-        Called after each answered roll call.
+    `on_run` is called with each new run before the node joins it, and `on_call` after each answered
+    roll call.
     """
 
     def __init__(

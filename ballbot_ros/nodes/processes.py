@@ -189,13 +189,7 @@ class HeartbeatSender:
 
 
 class HeartbeatPipe:
-    """The pipe of a command.
-
-    Attributes
-    ----------
-    theirs : int
-        The descriptor for the plant.
-    """
+    """The pipe of a command; `theirs` is the descriptor for the plant."""
 
     def __init__(self) -> None:
         self._ours, self.theirs = os.pipe()

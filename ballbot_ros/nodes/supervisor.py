@@ -42,12 +42,8 @@ BACK = '@'
 class Supervisor(BallbotNode[SupervisorParameters]):
     """Requests a scenario, by its name or file; the command that runs the graph starts it.
 
-    Instead of a scenario, it can be a time of the last run, as in :data:`BACK`.
-
-    Attributes
-    ----------
-    start_request : StartRequest
-        Starts a run that is paused at its start.
+    Instead of a scenario, it can be a time of the last run, as in :data:`BACK`. `start_request`
+    starts a run that is paused at its start.
     """
 
     def __init__(self, scenario: str) -> None:

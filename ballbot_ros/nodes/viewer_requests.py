@@ -231,12 +231,8 @@ _NUMERIC = {*_REAL, ParameterType.PARAMETER_INTEGER}
 class TuningRequests:
     """Finds out what the controller of each run can tune, follows its values, and sets others.
 
-    Parameters
-    ----------
-    notify : callable
-        Tells the viewers that a value was refused.
-    sliders : TuningSliders
-        Shows the parameters and their values, and says which others are wanted.
+    `notify` tells the viewers that a value was refused. The sliders show the parameters and their
+    values, and say which others are wanted.
     """
 
     def __init__(

@@ -43,11 +43,7 @@ class Radio:
     A packet is dropped while the one before is still being sent. Received bytes wait in a buffer;
     the program takes one packet a call, whose length, not its content, says where it ends: after a
     lost byte, all that follows is wrong. The program does not notice that the link is lost.
-
-    Attributes
-    ----------
-    dropped : int
-        Number of packets that could not be sent.
+    `dropped` counts the packets that could not be sent.
     """
 
     def __init__(self, listener: Listener) -> None:
@@ -173,12 +169,8 @@ def emulate(
     """Run a brick until a signal, at the pace of the parameter `real_time_factor`.
 
     The program starts once a PC is connected, as on a brick, which connects only before. If it has
-    given up when the next PC connects, robot and program start anew.
-
-    Parameters
-    ----------
-    tell : callable
-        Receives what happens, line by line.
+    given up when the next PC connects, robot and program start anew. `tell` receives what happens,
+    line by line.
     """
     radio, pacer = Radio(listener), Pacer()
     pace = parameters.of(PlantParameters).real_time_factor

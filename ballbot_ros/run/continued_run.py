@@ -50,13 +50,8 @@ _LONGEST_WAIT_S = 5.0
 class LiveInputs:
     """What somebody does to a robot, by the stamp of the tick at which it acts [ns].
 
-    Attributes
-    ----------
-    sticks, received : dict of int to tuple of int
-        The sticks that were held, and what the brick had received, maybe after a fault.
-    pushes : list of Push
-    retunings : dict of int to dict of str to Value
-    faults : tuple of Fault
+    `sticks` are those that were held, and `received` those that the brick had received, maybe after
+    a fault.
     """
 
     def __init__(self) -> None:
@@ -130,10 +125,6 @@ class ContinuedRun:
     ----------
     implementation : Implementation
         Its controller, with the parameters with which the recorded run began.
-    begun : float
-        When it began to be changed, from the start of the run [s].
-    pushes : list of Push
-        All pushes.
 
     Raises
     ------
@@ -185,7 +176,8 @@ class ContinuedRun:
                 robot.tick()
 
     @property
-    def begun(self) -> float:  # noqa: D102
+    def begun(self) -> float:
+        """When it began to be changed, from the start of the run [s]."""
         return _time(self._begun_ns)
 
     @property
@@ -199,7 +191,8 @@ class ContinuedRun:
         return self._robot.tuned.program
 
     @property
-    def pushes(self) -> list[Push]:  # noqa: D102
+    def pushes(self) -> list[Push]:
+        """All pushes, recorded and new ones."""
         return [*self._robot.loop.pushes, *self._live.pushes]
 
     @property

@@ -51,12 +51,7 @@ class ForkClient:
     of a file with a :class:`~ballbot_ros.nodes.fork_server.NodeRequest`, whose environment may be
     too large for a message, of the node's output, and of what else it inherits. The answer is
     ``[pid]``. When a node has ended, ``[pid, status]`` follows. All nodes end when the fork server
-    does.
-
-    Attributes
-    ----------
-    ros_error : str
-        Why the fork server found no ROS; '' if it did, or is not ready.
+    does. `ros_error` says why the fork server found no ROS; it is '' if it did, or is not ready.
     """
 
     def __init__(self) -> None:
@@ -130,7 +125,6 @@ class ForkClient:
 
         Parameters
         ----------
-        request : NodeRequest
         output : int
             Descriptor of its standard output and standard error.
         inherited : sequence of int

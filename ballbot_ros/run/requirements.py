@@ -22,12 +22,7 @@ OR_NONE = ', or use --processes none'
 
 
 def require_rclpy(alternative: str = '') -> None:
-    """Check that ROS is installed.
-
-    Parameters
-    ----------
-    alternative : str
-        Alternative without ROS, appended to the error message.
+    """Check that ROS is installed; the error message ends with an `alternative` without ROS.
 
     Raises
     ------

@@ -52,10 +52,7 @@ run, while it saves the result."""
 class PlantMonitor:
     """Reads the plant's signs of life, and distinguishes one that hangs from one that is starved.
 
-    Attributes
-    ----------
-    now_ns : int
-        Sim time, 0 before the first tick [ns].
+    `now_ns` is the sim time [ns], 0 before the first tick.
     """
 
     def __init__(self) -> None:

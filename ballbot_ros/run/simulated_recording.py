@@ -36,10 +36,7 @@ Collect = Callable[[Topic, Stamps, Messages], None]
 class _BufferedTopic:
     """A topic, which is added to the recording before its first message, and what is not written.
 
-    Attributes
-    ----------
-    stamps, messages : list
-        Those that came one by one since the last :meth:`gather`.
+    `stamps` and `messages` are those that came one by one since the last :meth:`gather`.
     """
 
     def __init__(self, topic: Topic, collect: Collect | None) -> None:

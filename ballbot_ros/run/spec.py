@@ -280,10 +280,7 @@ def check_reserved_parameters(
 ) -> None:
     """Refuse parameters for files that the run itself chooses.
 
-    Parameters
-    ----------
-    origin : callable
-        Returns the origin of a parameter's value, as the start of an error message.
+    `origin` returns the origin of a parameter's value, as the start of an error message.
 
     Raises
     ------

@@ -180,14 +180,8 @@ class BreachError(Exception):
 class NodeUnderTest:
     """A node of a role, in runs that a bench plays.
 
-    The methods that wait for the node raise BreachError if it does not do what it should.
-
-    Attributes
-    ----------
-    run : Run
-        The current run.
-    tick : TickMessages
-        The newest tick.
+    The methods that wait for the node raise BreachError if it does not do what it should. `run` is
+    the current run, and `tick` its newest tick.
     """
 
     tick: TickMessages

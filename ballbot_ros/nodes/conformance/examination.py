@@ -79,12 +79,8 @@ class RequirementResult:
 class Requirement:
     """Something that a contract requires.
 
-    Attributes
-    ----------
-    check : callable
-        Tests it in runs of its own; raises BreachError if the node does not meet it.
-    restarts : bool
-        Whether the test starts or kills the node.
+    `check` tests it in runs of its own, and raises BreachError if the node does not meet it. If
+    `restarts`, the test starts or kills the node.
     """
 
     name: str
@@ -97,10 +93,7 @@ class Requirement:
 def examine(role: str, bench: Bench, token: str) -> Iterator[RequirementResult]:
     """Test the node of a role; yield a row for each requirement.
 
-    Parameters
-    ----------
-    token : str
-        Unique text that identifies the played plant.
+    The unique text `token` identifies the played plant.
 
     Raises
     ------
