@@ -8,13 +8,13 @@ import shlex
 import shutil
 import stat
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from io import BufferedReader, FileIO, TextIOWrapper
 from pathlib import Path
 from tempfile import TemporaryDirectory, TemporaryFile
 
-from ballbot_ros.errors import BallbotError
+from ballbot_ros.errors import BallbotError, did_you_mean
 
 OUR_PACKAGE = __name__.partition('.')[0]
 
@@ -140,6 +140,27 @@ def share_directory() -> Path:
             if (candidate / 'package.xml').is_file() and (candidate / 'config').is_dir():
                 return candidate
     raise BallbotError('share/ballbot_ros/config not found in the installation of ballbot_ros')
+
+
+def shipped_names(folder: str, suffix: str = '.yaml') -> list[str]:
+    """Return the names of the files that are shipped in a folder of ``config``."""
+    return sorted(path.stem for path in (share_directory() / 'config' / folder).glob(f'*{suffix}'))
+
+
+def shipped_file(
+    name: str, folder: str, what: str, kind: type[BallbotError], endings: Sequence[str] = ('.yaml',)
+) -> Path:
+    """Return a shipped file by its name; raise an error of a kind if there is none.
+
+    `what` is the word for such a file, of which the user's own can have any of the endings.
+    """
+    names = shipped_names(folder, endings[0])
+    if name not in names:
+        raise kind(
+            f'unknown {what} {name!r}{did_you_mean(name, names)}; shipped: {", ".join(names)} '
+            f'(for your own {what}, give the path of its file, ending in {" or ".join(endings)})'
+        )
+    return share_directory() / 'config' / folder / f'{name}{endings[0]}'
 
 
 COMMAND_ENV = 'BALLBOT_COMMAND'

@@ -10,7 +10,7 @@ from pathlib import Path
 import yaml
 
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.files import read_text
+from ballbot_ros.files import read_text, shipped_file
 
 _INT, _FLOAT = 'tag:yaml.org,2002:int', 'tag:yaml.org,2002:float'
 _COLLECTIONS = ('tag:yaml.org,2002:seq', 'tag:yaml.org,2002:map')
@@ -152,6 +152,14 @@ class YamlDocument:
         finally:
             if loader is not None:
                 loader.dispose()
+
+    @classmethod
+    def named(
+        cls, reference: str, folder: str, what: str, kind: type[BallbotError]
+    ) -> YamlDocument:
+        """Read a shipped file by its name, see `shipped_file`, or the user's own by its path."""
+        is_path = is_yaml_path(reference)
+        return cls(reference if is_path else shipped_file(reference, folder, what, kind))
 
     def where(self, *keys: Hashable) -> str:
         """Return 'file:line' of the part under `keys`, or of its nearest known parent."""

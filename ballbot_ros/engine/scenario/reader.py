@@ -26,7 +26,7 @@ from ballbot_ros.engine.scenario.scenario import (
     segment_fault,
 )
 from ballbot_ros.errors import BallbotError, ScenarioError, WorldError, did_you_mean
-from ballbot_ros.files import read_text, share_directory
+from ballbot_ros.files import read_text, share_directory, shipped_names
 from ballbot_ros.parameters import (
     CONTROLLER,
     GYRO,
@@ -512,7 +512,7 @@ def read_push(values: Mapping[str, object], where: str) -> ScheduledPush:
 
 def scenario_names() -> list[str]:
     """Return the names of the shipped scenarios."""
-    return sorted(path.stem for path in (share_directory() / 'config/scenarios').glob('*.yaml'))
+    return shipped_names('scenarios')
 
 
 def load_scenario(
@@ -528,18 +528,8 @@ def load_scenario(
     ScenarioError, YamlError, ParameterError
         The message is one line that names file, line, key, and what is allowed.
     """
-    shipped = share_directory() / 'config/scenarios' / f'{name_or_file}.yaml'
-    if name_or_file in scenario_names():
-        path = shipped
-    elif is_yaml_path(name_or_file):
-        path = Path(name_or_file)
-    else:
-        raise ScenarioError(
-            f'unknown scenario {name_or_file!r}{did_you_mean(name_or_file, scenario_names())}; '
-            f'shipped: {", ".join(scenario_names())} '
-            '(for your own scenario, give the path of its file, ending in .yaml)'
-        )
-    return ScenarioReader(YamlDocument(path), load_profile, map_file).scenario(profile)
+    document = YamlDocument.named(name_or_file, 'scenarios', 'scenario', ScenarioError)
+    return ScenarioReader(document, load_profile, map_file).scenario(profile)
 
 
 def scenario_of(name_or_file: str) -> Scenario:
@@ -561,12 +551,11 @@ def load_profile(name: str) -> ParameterSet:
         return ParameterSet()
     if is_yaml_path(name):
         return read_parameter_file(name)
-    folder = share_directory() / 'config/profiles'
-    known = [IDEAL, *[path.stem for path in sorted(folder.glob('*.yaml'))]]
+    known = [IDEAL, *shipped_names('profiles')]
     if name not in known:
         hint = did_you_mean(name, known)
         raise ScenarioError(
             f'unknown profile {name!r}{hint}; known: {", ".join(known)} '
             '(for your own profile, give the path of its file, ending in .yaml)'
         )
-    return read_parameter_file(folder / f'{name}.yaml')
+    return read_parameter_file(share_directory() / f'config/profiles/{name}.yaml')

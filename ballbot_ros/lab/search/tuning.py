@@ -12,10 +12,11 @@ import numpy as np
 from ballbot_ros.engine.scenario.metrics import METRICS
 from ballbot_ros.engine.scenario.reader import Keys
 from ballbot_ros.errors import BallbotError, StudyError
+from ballbot_ros.files import shipped_names
 from ballbot_ros.lab.search.candidates import has_value, share_of
 from ballbot_ros.lab.search.objective import DEAD_TIME_MARGIN, MEAN, WORST, Limit, Objective
 from ballbot_ros.lab.search.optimiser import Method
-from ballbot_ros.lab.studies.reader import STUDY_KEYS, StudyReader, shipped_file, shipped_names
+from ballbot_ros.lab.studies.reader import STUDY_KEYS, StudyReader
 from ballbot_ros.lab.studies.study import MAX_RUNS, Sampling, Study
 from ballbot_ros.lab.studies.variables import GRID, Levels, Variable, identity, nominal_value
 from ballbot_ros.parameters import (
@@ -267,12 +268,9 @@ class TuningReader(StudyReader):
             raise self._error(keys, f'unknown measure {name!r}; {suggest(name, names)}')
 
 
-_FOLDER = 'config/tunings'
-
-
 def tuning_names() -> list[str]:
     """Return the names of the shipped tunings."""
-    return shipped_names(_FOLDER)
+    return shipped_names('tunings')
 
 
 def read_tuning(
@@ -299,6 +297,6 @@ def read_tuning(
     BallbotError
         The message is one line that names file, line, key, and what is allowed.
     """
-    path = shipped_file(reference, _FOLDER, 'tuning')
-    reader = TuningReader(YamlDocument(path), None, seed, controller, parameter_file)
+    document = YamlDocument.named(reference, 'tunings', 'tuning', StudyError)
+    reader = TuningReader(document, None, seed, controller, parameter_file)
     return reader.tuning(candidates, method)

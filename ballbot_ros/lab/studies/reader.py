@@ -29,8 +29,8 @@ from ballbot_ros.engine.scenario.reader import (
     window_fault,
 )
 from ballbot_ros.engine.scenario.scenario import Expectation
-from ballbot_ros.errors import BallbotError, StudyError, did_you_mean, short_repr
-from ballbot_ros.files import read_text, share_directory
+from ballbot_ros.errors import BallbotError, StudyError, short_repr
+from ballbot_ros.files import read_text, shipped_names
 from ballbot_ros.lab.studies.columns import OTHERS
 from ballbot_ros.lab.studies.events import event_part, extreme_scenarios, is_event
 from ballbot_ros.lab.studies.programs import with_values
@@ -483,37 +483,9 @@ def _shortest(plant: PlantParameters, variables: tuple[Variable, ...]) -> PlantP
     return plant
 
 
-_FOLDER = 'config/studies'
-
-
 def study_names() -> list[str]:
     """Return the names of the shipped studies."""
-    return shipped_names(_FOLDER)
-
-
-def shipped_names(folder: str) -> list[str]:
-    """Return the names of the files that are shipped in a folder."""
-    return sorted(path.stem for path in (share_directory() / folder).glob('*.yaml'))
-
-
-def shipped_file(reference: str, folder: str, what: str) -> Path:
-    """Return the path of a shipped file, given its name, or of the user's, given its path.
-
-    Raises
-    ------
-    StudyError
-        If it is neither a known name nor like a path; `what` is the word for such a file.
-    """
-    names = shipped_names(folder)
-    if reference in names:
-        return share_directory() / folder / f'{reference}.yaml'
-    if is_yaml_path(reference):
-        return Path(reference)
-    raise StudyError(
-        f'unknown {what} {reference!r}{did_you_mean(reference, names)}; '
-        f'shipped: {", ".join(names)} '
-        f'(for your own {what}, give the path of its file, ending in .yaml)'
-    )
+    return shipped_names('studies')
 
 
 def read_study(reference: str, **options: Any) -> Study:
@@ -546,5 +518,5 @@ def read_studies(
     BallbotError
         The message is one line that names file, line, key, and what is allowed.
     """
-    path = shipped_file(reference, _FOLDER, 'study')
-    return StudyReader(YamlDocument(path), runs, seed, controller, parameter_file).studies()
+    document = YamlDocument.named(reference, 'studies', 'study', StudyError)
+    return StudyReader(document, runs, seed, controller, parameter_file).studies()

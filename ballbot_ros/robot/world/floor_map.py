@@ -12,8 +12,8 @@ from typing import BinaryIO, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.errors import WorldError, did_you_mean, os_errors
-from ballbot_ros.files import read_bytes, share_directory
+from ballbot_ros.errors import WorldError, os_errors
+from ballbot_ros.files import read_bytes, shipped_file, shipped_names
 from ballbot_ros.parameters.yaml_document import yaml_text
 from ballbot_ros.robot.plant.ground_truth import Pair
 
@@ -83,7 +83,7 @@ MAP_SUFFIXES = ('.png', '.bmp')
 
 def map_names() -> list[str]:
     """Return the names of the shipped maps."""
-    return sorted(path.stem for path in _folder().glob('*.png'))
+    return shipped_names('maps', MAP_SUFFIXES[0])
 
 
 def is_file_name(name_or_file: str) -> bool:
@@ -95,13 +95,7 @@ def map_path(name_or_file: str) -> Path:
     """Return the image of a shipped map or the given path; raise WorldError for an unknown name."""
     if is_file_name(name_or_file):
         return Path(name_or_file)
-    if name_or_file in map_names():
-        return _folder() / f'{name_or_file}.png'
-    raise WorldError(
-        f'unknown map {name_or_file!r}{did_you_mean(name_or_file, map_names())}; '
-        f'shipped: {", ".join(map_names())} '
-        '(for your own map, give the path of its file, ending in .png or .bmp)'
-    )
+    return shipped_file(name_or_file, 'maps', 'map', WorldError, MAP_SUFFIXES)
 
 
 def read_map_file(name_or_file: str) -> bytes:
@@ -122,10 +116,6 @@ def load_map(name_or_file: str) -> FloorMap:
 def image_suffix(data: bytes) -> str:
     """Return the file name ending that matches the content of a map image."""
     return '.png' if data.startswith(b'\x89PNG') else '.bmp'
-
-
-def _folder() -> Path:
-    return share_directory() / 'config/maps'
 
 
 WALL_HEIGHT_CM = 20
