@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 import click
 
 from ballbot_ros.cli.options import (
-    PATH,
     RECORDING,
     FloatRange,
     code_option,
+    folder_option,
     processes_option,
     trust_option,
 )
@@ -91,11 +91,7 @@ if TYPE_CHECKING:
 @code_option
 @trust_option
 @processes_option
-@click.option(
-    '--output',
-    type=PATH,
-    help='Folder for recording and picture.  [default: runs/<date>_<recording>_branch]',
-)
+@folder_option('recording and picture.  [default: runs/<date>_<recording>_branch]')
 @click.option('--json', 'as_json', is_flag=True, help='Print one JSON object.')
 def command(
     recording: Path,

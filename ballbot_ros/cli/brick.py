@@ -12,6 +12,7 @@ from ballbot_ros.cli.options import (
     PATH,
     Choice,
     device_option,
+    folder_option,
     no_keyboard_option,
     set_option_like,
 )
@@ -41,9 +42,9 @@ def command() -> None:
 )
 @device_option
 @no_keyboard_option
-@click.option('--output', type=PATH, help='Folder for the recording.  [default: runs/<date>_brick]')
+@folder_option('the recording.  [default: runs/<date>_brick]')
 @click.option('--no-record', is_flag=True, help='Write no recording.')
-@set_option_like('brick_link.deadzone=0.1')
+@set_option_like('Set a parameter, such as brick_link.deadzone=0.1')
 def drive(
     address: str,
     port: str,
@@ -104,7 +105,7 @@ def drive(
     show_default=True,
     help='Device profile of the robot, or a file.',
 )
-@set_option_like('gyro_driver.noise=0.5')
+@set_option_like('Set a parameter, such as gyro_driver.noise=0.5')
 def emulate(
     folder: Path | None,
     target: str,

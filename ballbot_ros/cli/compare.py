@@ -13,7 +13,7 @@ import click
 from rich.console import Console
 from rich.table import Column, Table
 
-from ballbot_ros.cli.options import PATH, RECORDING, print_whole
+from ballbot_ros.cli.options import RECORDING, folder_option, print_whole
 
 if TYPE_CHECKING:
     from ballbot_ros.analysis.comparison import ComparedRun, Comparison, MetricComparison
@@ -21,11 +21,7 @@ if TYPE_CHECKING:
 
 @click.command('compare')
 @click.argument('recordings', nargs=-1, required=True, type=RECORDING, metavar='A B...')
-@click.option(
-    '--output',
-    type=PATH,
-    help='Folder for a page with the figures of all runs; it must be new or empty.',
-)
+@folder_option('a page with the figures of all runs; it must be new or empty.')
 @click.option(
     '--fail-if',
     'conditions',

@@ -12,11 +12,11 @@ import click
 
 from ballbot_ros.cli.options import (
     NEW_FILE,
-    PATH,
     Choice,
     FloatRange,
     command_line,
     heading,
+    params_option_like,
     set_option,
     write_file,
 )
@@ -114,12 +114,7 @@ five_poles = _number_callback(
 
 
 @click.command('design')
-@click.option(
-    '--params',
-    'parameter_file',
-    type=PATH,
-    help='Parameter file with physical values, dead times, gains and filters.',
-)
+@params_option_like('Parameter file with physical values, dead times, gains and filters.')
 @set_option
 @click.option(
     '--method',

@@ -7,9 +7,9 @@ from pathlib import Path
 import click
 
 from ballbot_ros.cli.options import (
-    PATH,
     controller_option,
     device_option,
+    folder_option,
     no_browser_option,
     no_keyboard_option,
     no_wait_option,
@@ -32,11 +32,7 @@ from ballbot_ros.run.requirements import require_rclpy
 @click.option('--profile', help='Device profile, such as hardware, or a file.  [default: ideal]')
 @device_option
 @no_keyboard_option
-@click.option(
-    '--output',
-    type=PATH,
-    help='Folder for the recording.  [default: runs/<date>_drive]',
-)
+@folder_option('the recording.  [default: runs/<date>_drive]')
 @click.option('--no-record', is_flag=True, help='Write no recording.')
 @set_option
 @controller_option

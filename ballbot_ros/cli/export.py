@@ -9,7 +9,7 @@ import click
 from rich.console import Console
 
 from ballbot_ros.analysis.data_log import read_data_log, write_data_log
-from ballbot_ros.cli.options import PATH, RECORDING, Choice, split_at_commas
+from ballbot_ros.cli.options import RECORDING, Choice, folder_option, split_at_commas
 from ballbot_ros.cli.progress import file_progress
 from ballbot_ros.errors import RecordingError, os_errors
 from ballbot_ros.parameters.timing import TICK_NS
@@ -32,11 +32,7 @@ LOG = 'log'
     required=True,
     help="Tables as CSV or Parquet, or the brick's data log as CSV, a file for each run (log).",
 )
-@click.option(
-    '--output',
-    type=PATH,
-    help='Folder for the files.  [default: FILE_csv, FILE_parquet or FILE_log]',
-)
+@folder_option('the files.  [default: FILE_csv, FILE_parquet or FILE_log]')
 @click.option(
     '--joined', is_flag=True, help='One table with a row per tick (4 ms) instead of one per topic.'
 )

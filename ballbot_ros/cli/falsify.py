@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from ballbot_ros.analysis.metrics import number
-from ballbot_ros.cli.options import PATH, print_whole, processes_option
+from ballbot_ros.cli.options import folder_option, print_whole, processes_option
 from ballbot_ros.cli.study import StudyOptions, method_option, resumable, study_options
 from ballbot_ros.files import own_command
 from ballbot_ros.run.requirements import Processes
@@ -34,9 +34,7 @@ if TYPE_CHECKING:
 )
 @method_option
 @processes_option
-@click.option(
-    '--output', type=PATH, help='Folder for the results.  [default: falsified/<name of the study>]'
-)
+@folder_option('the results.  [default: falsified/<name of the study>]')
 @study_options
 def command(
     study: str,

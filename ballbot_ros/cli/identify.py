@@ -12,10 +12,11 @@ import click
 from ballbot_ros.analysis.recorded_runs import is_real_robot
 from ballbot_ros.cli.options import (
     NEW_FILE,
-    PATH,
     RECORDING,
     command_line,
     heading,
+    params_option_like,
+    set_option_like,
     split_at_commas,
     write_file,
 )
@@ -55,20 +56,11 @@ if TYPE_CHECKING:
     is_flag=True,
     help="Use the plant's true states instead of the readings of the sensors.",
 )
-@click.option(
-    '--params',
-    'parameter_file',
-    type=PATH,
-    help='Parameter file with what is known of the robot: its values of plant_sim replace the '
-    'recorded ones. Identified parameters start from them.',
+@params_option_like(
+    'Parameter file with what is known of the robot: its values of plant_sim replace the recorded '
+    'ones. Identified parameters start from them.'
 )
-@click.option(
-    '--set',
-    'assignments',
-    multiple=True,
-    metavar='NODE.PARAM=VALUE',
-    help='Set one value as --params does, such as plant_sim.body_mass=0.75; can be repeated.',
-)
+@set_option_like('Set one value as --params does, such as plant_sim.body_mass=0.75')
 @click.option(
     '--run',
     'number',

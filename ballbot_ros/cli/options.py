@@ -85,19 +85,30 @@ class FloatRange(click.FloatRange):
         return number
 
 
-def set_option_like(example: str) -> Callable[[Any], Any]:
-    """Return the option that sets parameters, with an example for its help."""
+def set_option_like(text: str) -> Callable[[Any], Any]:
+    """Return the option that sets parameters, with its text in the help."""
     return click.option(
         '--set',
         'assignments',
         multiple=True,
         metavar='NODE.PARAM=VALUE',
-        help=f'Set a parameter, such as {example}; can be repeated.',
+        help=f'{text}; can be repeated.',
     )
 
 
-set_option = set_option_like('controller.k_thetadot=300')
+set_option = set_option_like('Set a parameter, such as controller.k_thetadot=300')
 """Sets parameters of a run."""
+
+
+def params_option_like(text: str) -> Callable[[Any], Any]:
+    """Return the option that names a parameter file, with its text in the help."""
+    return click.option('--params', 'parameter_file', type=PATH, help=text)
+
+
+def folder_option(text: str) -> Callable[[Any], Any]:
+    """Return the option that names the folder for what a command writes."""
+    return click.option('--output', type=PATH, help=f'Folder for {text}')
+
 
 controller_option = click.option(
     '--controller',

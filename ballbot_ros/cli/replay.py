@@ -16,7 +16,7 @@ from ballbot_ros.analysis.message_comparison import Divergence, MessageDifferenc
 from ballbot_ros.analysis.recorded_controller import NOT_PORTABLE, ReplayedController
 from ballbot_ros.analysis.recording_replay import RecordingReplay, ReplayResult
 from ballbot_ros.analysis.replay import ReplayedTick
-from ballbot_ros.cli.options import RECORDING, trust_option
+from ballbot_ros.cli.options import RECORDING, set_option_like, trust_option
 from ballbot_ros.cli.progress import Progress
 from ballbot_ros.files import temporary_folder
 from ballbot_ros.recording.messages.recording_files import open_recording
@@ -194,13 +194,7 @@ def _print_divergences_json(
     'or Python if that cannot run]',
 )
 @trust_option
-@click.option(
-    '--set',
-    'assignments',
-    multiple=True,
-    metavar='NODE.PARAM=VALUE',
-    help='Change a parameter of the controller; can be repeated.',
-)
+@set_option_like('Change a parameter of the controller')
 @click.option('--json', 'as_json', is_flag=True, help='Print JSON.')
 def command(
     recording: Path,

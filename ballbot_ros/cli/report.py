@@ -8,16 +8,13 @@ from pathlib import Path
 import click
 
 from ballbot_ros.cli.install import offer
-from ballbot_ros.cli.options import PATH, RECORDING
+from ballbot_ros.cli.options import RECORDING, folder_option
 
 
 @click.command('report')
 @click.argument('recording', type=RECORDING)
-@click.option(
-    '--output',
-    type=PATH,
-    help='Folder for page, pictures and tables; it must be new or empty.  '
-    '[default: <recording>_report next to it]',
+@folder_option(
+    'page, pictures and tables; it must be new or empty.  [default: <recording>_report next to it]'
 )
 @click.option(
     '--run',

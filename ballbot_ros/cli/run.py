@@ -8,13 +8,14 @@ from pathlib import Path
 import click
 
 from ballbot_ros.cli.options import (
-    PATH,
     Choice,
     FloatRange,
     controller_option,
+    folder_option,
     no_browser_option,
     no_wait_option,
     page_options,
+    params_option_like,
     processes_option,
     set_option,
 )
@@ -33,20 +34,11 @@ from ballbot_ros.run.requirements import Processes
     help='Pace against the wall clock: 1 real time, 0.1 slow motion, 0 as fast as possible.  '
     '[default: 0, unless the scenario sets it]',
 )
-@click.option(
-    '--output',
-    type=PATH,
-    help='Folder for recording and picture.  [default: runs/<date>_<scenario>]',
-)
+@folder_option('recording and picture.  [default: runs/<date>_<scenario>]')
 @click.option(
     '--profile', help="Device profile, such as hardware, or a file.  [default: the scenario's]"
 )
-@click.option(
-    '--params',
-    'parameter_file',
-    type=PATH,
-    help='Parameter file that overrides the scenario.',
-)
+@params_option_like('Parameter file that overrides the scenario.')
 @click.option('--seed', type=click.IntRange(0), help='Seed of the device noise and jitter.')
 @click.option('--no-record', is_flag=True, help='Write no recording.')
 @set_option

@@ -12,7 +12,7 @@ import click
 from rich.console import Console
 from rich.table import Table
 
-from ballbot_ros.cli.options import PATH, FloatRange, controller_option, set_option
+from ballbot_ros.cli.options import FloatRange, controller_option, params_option_like, set_option
 from ballbot_ros.controllers.codegen.implementation import check_load
 from ballbot_ros.parameters import CONTROLLER, ControllerParameters, ParameterError
 from ballbot_ros.process import stdout_to_stderr
@@ -25,7 +25,7 @@ HEADINGS = 'priority', 'period [ms]', 'time [µs]', 'share', 'worst [µs]', 'sim
 
 @click.command('schedule')
 @click.option('--profile', help='Device profile, such as hardware, or a file.  [default: ideal]')
-@click.option('--params', 'parameter_file', type=PATH, help='Parameter file.')
+@params_option_like('Parameter file.')
 @set_option
 @controller_option
 @click.option(

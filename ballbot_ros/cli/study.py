@@ -14,7 +14,14 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ballbot_ros.cli.install import offer, require
-from ballbot_ros.cli.options import PATH, Choice, controller_option, processes_option
+from ballbot_ros.cli.options import (
+    PATH,
+    Choice,
+    controller_option,
+    folder_option,
+    params_option_like,
+    processes_option,
+)
 from ballbot_ros.errors import similar
 from ballbot_ros.run.requirements import Processes
 
@@ -62,12 +69,7 @@ def study_options(command: Callable[..., int]) -> Callable[..., int]:
     decorators = (
         click.option('--seed', type=click.IntRange(0), help="Seed.  [default: the file's]"),
         controller_option,
-        click.option(
-            '--params',
-            'parameter_file',
-            type=PATH,
-            help="Parameter file; its values precede the file's.",
-        ),
+        params_option_like("Parameter file; its values precede the file's."),
         click.option('--again', is_flag=True, help='Do all runs again, also those that are done.'),
         click.option(
             '--cluster',
@@ -144,9 +146,7 @@ def command(context: click.Context) -> None:
 @command.command('run')
 @click.argument('study')
 @click.option('--runs', type=click.IntRange(1), help="Number of runs.  [default: the file's]")
-@click.option(
-    '--output', type=PATH, help='Folder for the results.  [default: studies/<name of the study>]'
-)
+@folder_option('the results.  [default: studies/<name of the study>]')
 @study_options
 def run(study: str, runs: int | None, output: Path | None, options: StudyOptions) -> int:
     """Run STUDY, a name or a YAML file, on all cores; print a summary.
@@ -196,9 +196,7 @@ def run(study: str, runs: int | None, output: Path | None, options: StudyOptions
     'package.module:Class.',
 )
 @processes_option
-@click.option(
-    '--output', type=PATH, help='Folder for recording and picture.  [default: FOLDER/reruns/NUMBER]'
-)
+@folder_option('recording and picture.  [default: FOLDER/reruns/NUMBER]')
 @click.option('--json', 'as_json', is_flag=True, help='Print one JSON object.')
 def rerun(
     folder: Path,
@@ -231,11 +229,9 @@ def rerun(
     'report', short_help='Write a page about a study: maps, sensitivities, worst cases.'
 )
 @click.argument('folder', type=PATH)
-@click.option(
-    '--output',
-    type=PATH,
-    help='Folder for page, pictures and tables; it must be new or empty, or have an earlier '
-    'report.  [default: FOLDER/report]',
+@folder_option(
+    'page, pictures and tables; it must be new or empty, or have an earlier report.  '
+    '[default: FOLDER/report]'
 )
 def report(folder: Path, output: Path | None) -> int:
     """Write a report of the study in FOLDER: a self-contained index.html, its PNGs and CSVs.

@@ -12,7 +12,7 @@ from rich.table import Table
 
 from ballbot_ros.analysis.metrics import number
 from ballbot_ros.cli.install import offer
-from ballbot_ros.cli.options import PATH, print_whole
+from ballbot_ros.cli.options import folder_option, print_whole
 from ballbot_ros.cli.study import StudyOptions, method_option, resumable, study_options
 from ballbot_ros.engine.scenario.reader import scenario_names
 from ballbot_ros.engine.scenario.scenario import bounds_text
@@ -31,9 +31,7 @@ if TYPE_CHECKING:
     '--candidates', type=click.IntRange(1), help="Number of candidates.  [default: the file's]"
 )
 @method_option
-@click.option(
-    '--output', type=PATH, help='Folder for the results.  [default: tunings/<name>/<controller>]'
-)
+@folder_option('the results.  [default: tunings/<name>/<controller>]')
 @study_options
 def command(
     tuning: str | None,

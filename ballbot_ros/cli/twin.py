@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from ballbot_ros.cli.options import PATH, RECORDING, known_profile_option
+from ballbot_ros.cli.options import RECORDING, folder_option, known_profile_option
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.parameters import PLANT
 
@@ -14,11 +14,9 @@ from ballbot_ros.parameters import PLANT
 @click.command('twin')
 @click.argument('log', type=RECORDING)
 @known_profile_option
-@click.option(
-    '--output',
-    type=PATH,
-    help='Folder for page, pictures, recording and parameters; it must be new or empty.  '
-    '[default: <log>_twin next to it]',
+@folder_option(
+    'page, pictures, recording and parameters; it must be new or empty.  '
+    '[default: <log>_twin next to it]'
 )
 def command(log: Path, profile: str, output: Path | None) -> None:
     """Simulate a robot like the real one of LOG, with its program and its sticks, and compare both.
