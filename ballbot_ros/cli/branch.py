@@ -17,6 +17,7 @@ from ballbot_ros.cli.options import (
     code_option,
     folder_option,
     processes_option,
+    set_option_like,
     trust_option,
 )
 from ballbot_ros.errors import BallbotError
@@ -54,13 +55,7 @@ if TYPE_CHECKING:
     help='A fault as in a scenario, such as gyro_x stuck; with duration=S, amount=A, time=S if not '
     'at once. Can be repeated.',
 )
-@click.option(
-    '--set',
-    'assignments',
-    multiple=True,
-    metavar='controller.PARAM=VALUE',
-    help='Change a gain or threshold of the controller; can be repeated.',
-)
+@set_option_like('Change a gain or threshold of the controller', 'controller.PARAM=VALUE')
 @click.option(
     '--controller',
     metavar='CONTROLLER',

@@ -11,7 +11,6 @@ import click
 from ballbot_ros.cli.options import (
     NEW_FILE,
     RECORDING,
-    command_line,
     heading,
     known_profile_option,
     write_file,
@@ -74,7 +73,7 @@ def command(
     measured = ParameterSet(known)
     for each in found.parameters:
         measured.set(each.node, each.name, _allowed(each))
-    text = heading(command_line(context)) + _profile_text(measured)
+    text = heading(context) + _profile_text(measured)
     write_file('--output', picture, render_commissioning(found))
     write_file('--output', output, text.encode())
     if as_json:

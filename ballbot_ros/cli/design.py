@@ -14,7 +14,6 @@ from ballbot_ros.cli.options import (
     NEW_FILE,
     Choice,
     FloatRange,
-    command_line,
     heading,
     params_option_like,
     set_option,
@@ -217,7 +216,7 @@ def command(
             raise click.UsageError(f'{option} prints a parameter file: omit --plot and --json')
         with stdout_to_stderr():  # it may print while its class is loaded
             compose_controller(parameters)
-        text = heading(command_line(context)) + format_parameters(parameters, [CONTROLLER])
+        text = heading(context) + format_parameters(parameters, [CONTROLLER])
         if output:
             write_file('--output', output, text.encode())
         else:
@@ -235,7 +234,7 @@ def command(
     if output:  # last, so that a command that failed has written no gains
         set_too = [name for node, name, _ in parameters if node == CONTROLLER]
         names = dict.fromkeys((*LOOP_PARAMETERS, *set_too))
-        text = heading(command_line(context)) + format_parameters(parameters, [CONTROLLER], names)
+        text = heading(context) + format_parameters(parameters, [CONTROLLER], names)
         write_file('--output', output, text.encode())
         written.append(f'gains  {output}')
     if as_json:

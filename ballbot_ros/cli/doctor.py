@@ -12,15 +12,6 @@ from ballbot_ros.errors import BallbotError
 from ballbot_ros.run.machine_checks import CHECKS, OPTIONAL_CHECKS
 
 
-def run_checks() -> int:
-    """Run every check; return 0 if all are OK except for optional ones, else 1."""
-    console = Console(highlight=False, markup=False)
-    results = [_run(console, name, check) for name, check in CHECKS.items()]
-    for name, (check, commands) in OPTIONAL_CHECKS.items():
-        _run(console, name, check, needed_for=commands)
-    return int(not all(results))
-
-
 def _run(console: Console, name: str, check: Callable[[], str], needed_for: str = '') -> bool:
     """Run a check, and print what it finds; return whether it is OK."""
     try:
@@ -40,4 +31,8 @@ def command() -> int:
 
     Lines with NOTE are about what only some commands need. Exit status: 1 if a line has FAIL.
     """
-    return run_checks()
+    console = Console(highlight=False, markup=False)
+    results = [_run(console, name, check) for name, check in CHECKS.items()]
+    for name, (check, commands) in OPTIONAL_CHECKS.items():
+        _run(console, name, check, needed_for=commands)
+    return int(not all(results))

@@ -13,7 +13,6 @@ from ballbot_ros.analysis.recorded_runs import is_real_robot
 from ballbot_ros.cli.options import (
     NEW_FILE,
     RECORDING,
-    command_line,
     heading,
     params_option_like,
     set_option_like,
@@ -141,7 +140,7 @@ def command(
         write_file('--plot', plot, render_identification(found))
         written.append(f'plot  {plot}')
     if output:  # last, so that a command that failed has written no parameters
-        text = heading(command_line(context)) + result.parameter_file()
+        text = heading(context) + result.parameter_file()
         write_file('--output', output, text.encode())
         written += [f'parameters  {output}', *result.corrections]
     if not as_json:

@@ -85,13 +85,13 @@ class FloatRange(click.FloatRange):
         return number
 
 
-def set_option_like(text: str) -> Callable[[Any], Any]:
+def set_option_like(text: str, metavar: str = 'NODE.PARAM=VALUE') -> Callable[[Any], Any]:
     """Return the option that sets parameters, with its text in the help."""
     return click.option(
         '--set',
         'assignments',
         multiple=True,
-        metavar='NODE.PARAM=VALUE',
+        metavar=metavar,
         help=f'{text}; can be repeated.',
     )
 
@@ -222,17 +222,14 @@ def write_file(option: str, path: Path, content: bytes) -> None:
         path.write_bytes(content)
 
 
-def heading(command: str) -> str:
-    """Return the first line of a parameter file: the command that made it."""
+def heading(context: click.Context) -> str:
+    """Return the first line of a parameter file: the command that gives it again."""
+    command = shlex.join(['ballbot', context.command.name or '', *_words(context)])
     return f'# {printable(command)}\n'
 
 
-def command_line(context: click.Context) -> str:
-    """Return the command line that gives the same result again, without what it writes."""
-    return shlex.join(['ballbot', context.command.name or '', *_words(context)])
-
-
 def _words(context: click.Context) -> Iterator[str]:
+    """Yield the words that were given, but for those about output."""
     for parameter in context.command.params:
         name = parameter.name or ''
         value = context.params[name]

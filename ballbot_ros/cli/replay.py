@@ -23,46 +23,6 @@ from ballbot_ros.recording.messages.recording_files import open_recording
 from ballbot_ros.robot.brick.brick import DeviceInputs
 
 
-def replay_recording(
-    path: Path,
-    *,
-    controller: str | None,
-    assignments: Sequence[str],
-    as_json: bool,
-    trust_attached_code: bool = False,
-) -> int:
-    """Replay every run of a recording, print the result, return the exit status.
-
-    The control program is `controller`, or else the recorded one. With `assignments`, it runs with
-    these parameters on the recorded inputs, and only its duties and jobs are compared.
-    """
-    with open_recording(path) as reader, temporary_folder() as scratch:
-        replay = RecordingReplay(
-            reader, Path(scratch), controller, trust_attached_code=trust_attached_code
-        )
-        for reason in replay.reasons:
-            print(f'note: {path}: {reason}', file=sys.stderr)
-        if assignments:
-            with Progress('controller', replay.duration) as progress:
-                divergences = replay.replay_with(assignments, progress.update)
-            print_divergences = _print_divergences_json if as_json else _print_divergences
-            print_divergences(divergences, replay.controllers)
-            return 0
-        with Progress('robot', replay.duration) as progress:
-            of_robot = replay.replay_robot(progress.update)
-        of_controller = replay.controller_in_robot
-        if of_controller is None:
-            with Progress('controller', replay.duration) as progress:
-                of_controller = replay.replay_controller(progress.update)
-        results = (of_controller, of_robot)
-        (_print_json if as_json else print_results)(results, replay.controllers)
-        if reader.damage:
-            print(
-                f'note: {path}: {reader.damage}: only the intact part was compared', file=sys.stderr
-            )
-        return 0 if all(result.difference is None for result in results) else 1
-
-
 def print_results(
     results: Sequence[ReplayResult], controllers: Sequence[ReplayedController]
 ) -> None:
@@ -211,10 +171,27 @@ def command(
     Exit status: 0 if all are identical, 1 if one differs, 2 if there is nothing to replay. With
     --set only the controller's duties and jobs are compared, and the status is 0.
     """
-    return replay_recording(
-        recording,
-        controller=controller,
-        assignments=assignments,
-        as_json=as_json,
-        trust_attached_code=trust_attached_code,
-    )
+    with open_recording(recording) as reader, temporary_folder() as scratch:
+        replay = RecordingReplay(
+            reader, Path(scratch), controller, trust_attached_code=trust_attached_code
+        )
+        for reason in replay.reasons:
+            print(f'note: {recording}: {reason}', file=sys.stderr)
+        if assignments:
+            with Progress('controller', replay.duration) as progress:
+                divergences = replay.replay_with(assignments, progress.update)
+            print_divergences = _print_divergences_json if as_json else _print_divergences
+            print_divergences(divergences, replay.controllers)
+            return 0
+        with Progress('robot', replay.duration) as progress:
+            of_robot = replay.replay_robot(progress.update)
+        of_controller = replay.controller_in_robot
+        if of_controller is None:
+            with Progress('controller', replay.duration) as progress:
+                of_controller = replay.replay_controller(progress.update)
+        results = (of_controller, of_robot)
+        (_print_json if as_json else print_results)(results, replay.controllers)
+        if reader.damage:
+            note = f'note: {recording}: {reader.damage}: only the intact part was compared'
+            print(note, file=sys.stderr)
+        return 0 if all(result.difference is None for result in results) else 1

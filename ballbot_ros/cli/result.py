@@ -188,10 +188,3 @@ def execute_and_print(
         progress.release(result.reason)
     print_result(spec, result, as_json=as_json)
     return result
-
-
-def run_and_print(
-    reference: str, options: RunOptions, client: ForkClient | None, *, as_json: bool
-) -> int:
-    """Run a scenario, given by name or file, print its result, return the exit status."""
-    return execute_and_print(load_run(reference, options), client, as_json=as_json).exit_status

@@ -85,7 +85,7 @@ def command(
     # Start the fork server first: it imports the nodes while this process imports what it needs.
     with ForkClient() if arrangement is Processes.SEPARATE else nullcontext() as client:
         with DeferredSignals():
-            from ballbot_ros.cli.result import run_and_print
+            from ballbot_ros.cli.result import execute_and_print, load_run
             from ballbot_ros.run.requirements import require_rclpy
             from ballbot_ros.run.spec import RunOptions
 
@@ -104,7 +104,8 @@ def command(
             record=not no_record,
         )
         if page is None:
-            return run_and_print(scenario, options, client, as_json=as_json)
+            spec = load_run(scenario, options)
+            return execute_and_print(spec, client, as_json=as_json).exit_status
         require_rclpy(', or omit --viewer')
         from ballbot_ros.cli.viewer_session import run_with_viewer
 

@@ -27,7 +27,6 @@ from ballbot_ros.run.requirements import Processes
 
 if TYPE_CHECKING:
     from ballbot_ros.lab.studies.execution import WorkersOfJob
-    from ballbot_ros.run.spec import RunSpec
 
 
 @dataclass(frozen=True)
@@ -215,14 +214,23 @@ def rerun(
     """
     if sum((number is not None, worst is not None, failed)) != 1:
         raise click.UsageError('choose the run by its NUMBER, or by --worst or --failed')
+    from ballbot_ros.cli.result import execute_and_print
     from ballbot_ros.lab.studies.rerun import choose_run, new_folder, rerun_spec
     from ballbot_ros.lab.studies.study_data import StudyData
+    from ballbot_ros.lockstep.run_actions import Outcome
 
     data = StudyData.open(folder)
     row = choose_run(data, number, worst)
     place = output or new_folder(folder, row.number)
     spec = rerun_spec(data.study, row, place, Processes(processes), controller)
-    return _execute(spec, row.duty_sha256, as_json)
+    result = execute_and_print(spec, as_json=as_json)
+    if result.outcome is Outcome.STOPPED or result.duty_sha256 is None:
+        return result.exit_status  # it did not get far enough to be compared
+    if result.duty_sha256 == row.duty_sha256:
+        click.echo(f'duties  as in the study: {row.duty_sha256}', err=as_json)
+        return result.exit_status
+    click.echo(f'error: the duties differ from those of the study: {row.duty_sha256}', err=True)
+    return 1
 
 
 @command.command(
@@ -247,18 +255,3 @@ def report(folder: Path, output: Path | None) -> int:
     (several_report(folder) or study_report(StudyData.open(folder))).write(place)
     click.echo(f'report  {place / "index.html"}')
     return 0
-
-
-def _execute(spec: RunSpec, expected: str, as_json: bool) -> int:
-    """Execute a run, print its result, and compare its duties with those of the study."""
-    from ballbot_ros.cli.result import execute_and_print
-    from ballbot_ros.lockstep.run_actions import Outcome
-
-    result = execute_and_print(spec, as_json=as_json)
-    if result.outcome is Outcome.STOPPED or result.duty_sha256 is None:
-        return result.exit_status  # it did not get far enough to be compared
-    if result.duty_sha256 == expected:
-        click.echo(f'duties  as in the study: {expected}', err=as_json)
-        return result.exit_status
-    click.echo(f'error: the duties differ from those of the study: {expected}', err=True)
-    return 1

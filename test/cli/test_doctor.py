@@ -41,7 +41,7 @@ def test_what_only_some_commands_need_is_a_note(monkeypatch, capsys):
         'browser': (refuse('Chromium not found'), 'render'),
     }
     monkeypatch.setattr(doctor, 'OPTIONAL_CHECKS', optional)
-    assert doctor.run_checks() == 0
+    assert doctor.command.callback() == 0
     assert capsys.readouterr().out == (
         'OK   viewer     free\nNOTE browser    Chromium not found (for render)\n'
     )
@@ -125,7 +125,7 @@ def only_arithmetic(monkeypatch):
 
 
 def test_a_machine_with_the_golden_hashes_passes(only_arithmetic, capsys):
-    assert doctor.run_checks() == 0
+    assert doctor.command.callback() == 0
     assert capsys.readouterr().out == (
         'OK   arithmetic stationary and hardware_autonomous have the same duty_sha256 '
         'as on every machine\n'
@@ -144,7 +144,7 @@ def test_a_machine_with_another_hash_fails_with_both_hashes(
 ):
     wrong = dataclasses.replace(golden.load_golden(), **changes)
     monkeypatch.setattr(machine_checks, 'load_golden', lambda: wrong)
-    assert doctor.run_checks() == 1
+    assert doctor.command.callback() == 1
     [line] = capsys.readouterr().out.splitlines()
     assert line.startswith(f'FAIL arithmetic {named}')
     assert 'here, but 01234567… on other machines' in line
@@ -160,7 +160,7 @@ def test_a_missing_or_damaged_golden_file_is_one_line(
     monkeypatch.setattr(golden, 'share_directory', lambda: tmp_path)
     with pytest.raises(BallbotError, match='missing or damaged'):
         golden.load_golden()
-    assert doctor.run_checks() == 1
+    assert doctor.command.callback() == 1
     [line] = capsys.readouterr().out.splitlines()
     assert line.endswith('golden.yaml: missing or damaged')
 
@@ -177,7 +177,7 @@ def test_a_sine_of_the_c_library_is_noticed(monkeypatch):
 def test_a_name_in_brackets_is_printed_as_it_is(monkeypatch, capsys):
     checks = {'files': lambda: '/tmp/[red]', 'disk': refuse('/tmp/[/x] is full')}
     monkeypatch.setattr(doctor, 'CHECKS', checks)
-    assert doctor.run_checks() == 1
+    assert doctor.command.callback() == 1
     assert (
         capsys.readouterr().out == 'OK   files      /tmp/[red]\nFAIL disk       /tmp/[/x] is full\n'
     )
@@ -257,7 +257,7 @@ def test_recordings_need_a_folder_and_room(monkeypatch, tmp_path, capsys):
         (runs, False, 2e9, 1),
     ):
         folder.mkdir(exist_ok=True)
-        assert doctor.run_checks() == status, vars(disk)
+        assert doctor.command.callback() == status, vars(disk)
         assert str(folder) in capsys.readouterr().out or disk.free < 200e6
 
 

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import math
+import re
 import struct
 from pathlib import Path
 
@@ -16,11 +17,10 @@ from ballbot_ros.analysis.message_comparison import MessageDifference
 from ballbot_ros.analysis.recorded_controller import ReplayedController
 from ballbot_ros.analysis.recording_replay import RecordingReplay, ReplayResult
 from ballbot_ros.analysis.replay import read_inputs
-from ballbot_ros.cli.replay import print_results, replay_recording
+from ballbot_ros.cli.replay import print_results
 from ballbot_ros.controllers.codegen.implementation import missing_tool_for
 from ballbot_ros.engine import compiled_loop
 from ballbot_ros.engine.scenario.reader import scenario_names
-from ballbot_ros.errors import RecordingError
 from ballbot_ros.recording.messages.conversions import fill_header, fill_time
 from ballbot_ros.recording.messages.run_reports import encode_parameter_event
 from ballbot_ros.recording.messages.topics import PARAMETER_EVENTS
@@ -266,10 +266,11 @@ def test_an_impossible_input_is_reported_in_one_line(push, tmp_path, name, byte,
         return data
 
     path = copy(push, tmp_path / 'changed.mcap', change)
-    with pytest.raises(RecordingError, match=told) as raised:
-        replay_recording(path, controller=None, assignments=[], as_json=False)
-    assert str(path) in str(raised.value)
-    assert f' at {stamps[-1] // 10**8}' in str(raised.value)
+    done = replay(path)
+    assert done.returncode == 2
+    assert re.search(told, done.stderr)
+    assert str(path) in done.stderr
+    assert f' at {stamps[-1] // 10**8}' in done.stderr
 
 
 @pytest.fixture
@@ -287,31 +288,29 @@ def push_by(push, tmp_path):
 
 @pytest.mark.parametrize('missing', ['', 'gcc not found: install it with `apt install gcc`'])
 def test_the_recorded_implementation_replays_it_or_the_replacement_is_named(
-    push_by, monkeypatch, capsys, missing
+    push_by, monkeypatch, missing
 ):
     path = push_by('c')
     monkeypatch.setattr(
         'ballbot_ros.analysis.recording_replay.missing_tool_for', lambda name: missing
     )
-    assert replay_recording(path, controller=None, assignments=[], as_json=True) == 0
-    out, err = capsys.readouterr()
-    for each in json.loads(out):
+    done = replay(path, '--json')
+    assert done.returncode == 0
+    for each in json.loads(done.stdout):
         (implementation,) = each['implementations']
         assert implementation['recorded'] == 'c'
         assert implementation['replayed'] == ('python' if missing else 'c')
         assert bool(implementation['reason']) == bool(missing)
-    notes = err.splitlines()
+    notes = done.stderr.splitlines()
     assert len(notes) == bool(missing)
     assert all(note.startswith(f'note: {path}: ') and missing in note for note in notes)
 
 
-def test_the_requested_controller_replays_it(push_by, capsys):
-    path = push_by('arm')
-    ask = ['controller.k_i=-0.1']
-    assert replay_recording(path, controller='python', assignments=ask, as_json=False) == 0
-    out, err = capsys.readouterr()
-    assert out.splitlines()[0] == 'implementation: python, recorded arm'
-    assert err == ''
+def test_the_requested_controller_replays_it(push_by):
+    done = replay(push_by('arm'), '--controller=python', '--set=controller.k_i=-0.1')
+    assert done.returncode == 0
+    assert done.stdout.splitlines()[0] == 'implementation: python, recorded arm'
+    assert done.stderr == ''
 
 
 def test_recorded_text_is_shown_as_it_is(capsys):

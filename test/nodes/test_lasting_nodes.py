@@ -5,7 +5,7 @@ import time
 
 import numpy as np
 import pytest
-from graph import NODES, Node, await_recording, free_domain
+from graph import NODES, Node, await_recording, call, free_domain
 
 pytest.importorskip('rclpy')
 
@@ -15,7 +15,6 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 from std_srvs.srv import SetBool, Trigger
 
-from ballbot_ros.cli.replay import replay_recording
 from ballbot_ros.nodes.endpoints import reliable_qos
 from ballbot_ros.parameters import GYRO, PLANT, RECORDER, SONAR
 from ballbot_ros.parameters.timing import SLOW_PERIOD_NS, TICK_NS
@@ -203,7 +202,7 @@ def test_a_run_whose_recorder_started_last_can_be_replayed(start, client, tmp_pa
     recorder = start(RECORDER, output=path)
     assert plant.finish() == 0
     assert recorder.interrupt() == 0
-    assert replay_recording(path, controller='python', assignments=[], as_json=False) == 0
+    assert call('replay', path, '--controller=python').returncode == 0
 
 
 def test_shared_parameters_must_be_equal(start, client):

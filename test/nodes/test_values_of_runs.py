@@ -6,11 +6,10 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from graph import NODES
+from graph import NODES, call
 from std_srvs.srv import Trigger
 
 from ballbot_ros.analysis.run_data import read_run
-from ballbot_ros.cli.replay import replay_recording
 from ballbot_ros.nodes.node_parameters import NEXT_RUN
 from ballbot_ros.parameters import (
     CONTROLLER,
@@ -27,9 +26,7 @@ pytestmark = pytest.mark.graph
 DRIVERS = [name for name in NODES if name not in ('plant_sim', 'recorder')]
 
 
-def test_each_run_is_recorded_and_replayed_with_its_own_values(
-    start_node, client, tmp_path, capsys
-):
+def test_each_run_is_recorded_and_replayed_with_its_own_values(start_node, client, tmp_path):
     path = tmp_path / 'runs.mcap'
     for name in DRIVERS:
         start_node(name, remap=f'__node:=my_{name}')
@@ -66,10 +63,9 @@ def test_each_run_is_recorded_and_replayed_with_its_own_values(
     assert 'run 2 completed after 500 ticks' in plant.output
     assert recorder.interrupt() == 0
 
-    assert replay_recording(path, controller='python', assignments=[], as_json=False) == 0
-    assert re.findall(r'(\w+), 2 runs: identical', capsys.readouterr().out) == [
-        'controller', 'robot',
-    ]  # fmt: skip
+    replayed = call('replay', path, '--controller=python')
+    assert replayed.returncode == 0
+    assert re.findall(r'(\w+), 2 runs: identical', replayed.stdout) == ['controller', 'robot']
     first, second = read_run(path, 1), read_run(path, 2)
     assert first.end * 1e9 + 1e9 > first_end - 1e9
     assert [each[1:] for each in first.parameter_changes] == [(CONTROLLER, 'pwm_gain', 0.9)]

@@ -8,7 +8,7 @@ import pytest
 from graph import BALLBOT, environment
 
 from ballbot_ros.analysis.metrics import Verdict
-from ballbot_ros.cli.result import run_and_print
+from ballbot_ros.cli.result import execute_and_print
 from ballbot_ros.engine.scenario.scenario import Scenario
 from ballbot_ros.engine.trajectory import TrajectoryLog
 from ballbot_ros.errors import BallbotError, RecordingError
@@ -35,13 +35,14 @@ def test_a_recorder_that_fails_at_the_start_is_the_only_reason(tmp_path, monkeyp
     reason = f'recorder: [/red]/stationary.mcap: {FULL}'
     failed = RunResult(Outcome.FAILED, reason, 2, trajectory=TrajectoryLog().trajectory())
     monkeypatch.setattr(execution, '_carry_out', lambda *_, **__: failed)
-    words = options(tmp_path / 'output', 'separate')
-    assert run_and_print('stationary', words, None, as_json=True) == 2
+    run = RunSpec.of_scenario('stationary', options(tmp_path / 'output', 'separate'))
+    assert execute_and_print(run, as_json=True).exit_status == 2
     result = json.loads(capsys.readouterr().out)
     assert result['reason'] == reason
     assert result['figure'] is None
     assert list(tmp_path.iterdir()) == []
-    assert run_and_print('stationary', options(tmp_path, 'separate'), None, as_json=False) == 2
+    run = RunSpec.of_scenario('stationary', options(tmp_path, 'separate'))
+    assert execute_and_print(run, as_json=False).exit_status == 2
     assert f'failed: {reason}' in capsys.readouterr().out.splitlines()
 
 
