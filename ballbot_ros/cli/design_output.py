@@ -59,7 +59,6 @@ class DesignOutput:
 
     Parameters
     ----------
-    parameters : ParameterSet
     is_redesigned : bool
         Whether the gains in use come from another design than section 4.2.
     period_ms : float

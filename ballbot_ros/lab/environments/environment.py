@@ -50,10 +50,6 @@ class BallbotEnv(gymnasium.Env[Floats, NDArray[np.float32]]):
     ----------
     observation_names, state_names : tuple of str
         Names, with units, of the components of an observation and of ``info['state']``.
-    step_ms : int
-        As above.
-    duration : float
-        As above.
 
     Raises
     ------

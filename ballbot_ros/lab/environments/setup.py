@@ -60,8 +60,6 @@ class Start(NamedTuple):
         Seed of the device noise and jitter: the parameter ``gyro_driver.seed``.
     pitch : tuple of float
         Body pitch [rad] of planes x and y, in which the robot is held.
-    commands : tuple of Command
-        The commanded speeds.
     """
 
     seed: int
@@ -207,8 +205,6 @@ class Setup:
         ----------
         measured : tuple
             The observation of the devices, :data:`~ballbot_ros.controllers.policy.DRIVING_NAMES`.
-        state : tuple
-            The true state.
         """
         if not self.observes_state:
             return measured[: len(self.components)]

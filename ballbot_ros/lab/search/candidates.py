@@ -36,8 +36,6 @@ def run_candidates(run: StudyRun, samples: Samples) -> dict[str, Column]:
     ----------
     run : StudyRun
         The study of which the generation is some parts.
-    samples : Samples
-        Those of its runs.
 
     Raises
     ------

@@ -73,7 +73,6 @@ class Falsification:
         Its runs are the budget.
     wanted : int
         Number of counterexamples after which the search ends.
-    method : Method
     """
 
     study: Study
@@ -130,7 +129,6 @@ class FalsificationResult:
         Number of those that did not pass.
     least : mapping of str to ndarray
         Lowest robustness of each requirement so far, generation by generation.
-    counterexamples : list of Counterexample
     """
 
     of: Falsification

@@ -34,7 +34,6 @@ class Limit:
     ----------
     name : str
         A measure, over the runs as the objective is, or :data:`DEAD_TIME_MARGIN`.
-    minimum, maximum : float or None
     """
 
     name: str
@@ -92,7 +91,6 @@ class Objective:
         By measure. What is good if it is large, such as a robustness, counts with the other sign.
     share : float or None
         Quantile over the runs: 1 for the worst; None for the mean.
-    limits : tuple of Limit
     """
 
     weights: Mapping[str, float]
@@ -121,8 +119,6 @@ class Objective:
 
         Parameters
         ----------
-        measures : sequence of MeasureColumn
-            The measures of the runs.
         columns : mapping of str to ndarray
             Columns of the results, (n, r) each: a row for each candidate.
         margins : ndarray, shape (n,), optional

@@ -41,7 +41,6 @@ class RandomSearch:
     start : ndarray, shape (d,)
     population : int
         Number of points of a generation.
-    seed : tuple of int
     """
 
     def __init__(self, start: Floats, population: int, seed: tuple[int, ...]) -> None:

@@ -68,8 +68,6 @@ class TuningResult:
 
     Attributes
     ----------
-    tuning : Tuning
-    folder : Path
     points : ndarray, shape (n, d)
         The candidates, as shares of the ranges, in order.
     verdicts : Verdict

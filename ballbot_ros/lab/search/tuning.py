@@ -46,15 +46,12 @@ class Tuning:
         Name of the file.
     studies : tuple of Study
         The robots on which each candidate is tried: a study for each scenario.
-    tuned : tuple of Variable
     start : ndarray, shape (d,)
         Where the search begins, as shares of the ranges.
-    objective : Objective
     candidates, population : int
         Number of candidates, and of those of a generation.
     unseen : int
         Number of robots on which the result is judged.
-    method : Method
     """
 
     name: str

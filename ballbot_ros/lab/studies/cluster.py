@@ -82,11 +82,6 @@ class ClusterWorkers:
     A worker returns the file of a part, which is stored here. So it needs no access to the study's
     folder, and if it ends, the scheduler gives its parts to others.
 
-    Parameters
-    ----------
-    address : str
-        Address of the scheduler.
-
     Raises
     ------
     BallbotError

@@ -48,7 +48,6 @@ class ResultColumn:
     ----------
     name : str
         Name in the Parquet files.
-    kind : ColumnKind
     unit : str
         Empty for pure numbers, texts and truth values.
     meaning : str
@@ -200,8 +199,6 @@ def measure_runs(
         Start positions [m].
     ends : rows of robots
         How the runs ended.
-    log : RunLog
-        The runs.
     time : ndarray, shape (n,)
         Time of each tick since the first [s].
     walls : Walls

@@ -91,8 +91,6 @@ class StudyFolder:
 
     Attributes
     ----------
-    path : Path
-    manifest : Manifest
     resumed : bool
         Whether the folder had been begun before.
     """

@@ -156,12 +156,7 @@ class PartGivenUpError(BallbotError):
 
 
 class StudyStoppedError(BallbotError):
-    """A signal has stopped a study or search; nothing is lost.
-
-    Attributes
-    ----------
-    signal : int
-    """
+    """A signal has stopped a study or search; nothing is lost."""
 
     def __init__(self, signal: int) -> None:
         super().__init__(f'stopped by signal {signal}')
@@ -274,7 +269,6 @@ class StudyRun:
 
     Attributes
     ----------
-    job : Job
     missing : list of int
         The parts that were not there at the beginning, in order.
     done : PartSummary

@@ -65,16 +65,12 @@ class StudyRecord:
 
     Attributes
     ----------
-    name : str
-        Name of the study.
     text, scenario, parameters : str
         Texts of the study, of its scenario and of its parameters.
     runs, seed, runs_per_part : int
         Number of runs, seed of the samples, and number of runs of all parts but the last.
     varied : tuple of Column
         What varies; the names are those of the variables.
-    measures : tuple of MeasureColumn
-        What is measured.
     code_sha256 : str
         Hash of this package's code; by default of that in use.
     """
@@ -159,7 +155,6 @@ class Manifest:
 
     Attributes
     ----------
-    study : StudyRecord
     begun : str
         Date and time, ISO 8601.
     finished : str

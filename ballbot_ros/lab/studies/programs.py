@@ -124,8 +124,6 @@ class Programs:
             The parameters of all runs, without those of the controller's class.
         values : Values
             What distinguishes the runs.
-        count : int
-            Number of runs.
         first : int
             Number of the first run, for error messages.
 

@@ -62,7 +62,6 @@ class StudyReport:
     ----------
     page : str
         The HTML.
-    figures : sequence of RenderedFigure
     files : mapping of str to bytes
         Other files, by name.
     """

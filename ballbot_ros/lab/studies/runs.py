@@ -65,8 +65,6 @@ class Samples:
 
     Attributes
     ----------
-    count : int
-        Number of runs.
     values : mapping of str to ndarray
         Values of parameters by ``node.param``, one for each run.
     events : mapping of str to ndarray
@@ -144,8 +142,6 @@ class OrdinarySimulator:
     ----------
     spec : RunSpec
         The run that all are like, but for their samples.
-    measures : sequence of Measure or Property
-        What is measured.
     """
 
     def __init__(self, spec: RunSpec, measures: Sequence[Measure | Property]) -> None:
@@ -220,10 +216,6 @@ class CompiledSimulator:
     """Simulates runs by compiled code; those in which a law fails, by the ordinary loop.
 
     The first parameters are those of :class:`OrdinarySimulator`.
-
-    Parameters
-    ----------
-    programs : Programs
 
     Raises
     ------

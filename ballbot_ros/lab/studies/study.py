@@ -243,7 +243,6 @@ class StudyText:
 
     Attributes
     ----------
-    purpose, sampling : str
     is_grid : bool
         Whether the runs are all combinations of levels.
     distributions : mapping of str to str

@@ -101,8 +101,6 @@ class RunResults:
         The varied values by variable.
     measures : mapping of str to float
         The measures by column; NaN if there is no value.
-    ticks : int
-        Number of ticks.
     duty_sha256 : str
         Hexadecimal.
     """
@@ -131,7 +129,6 @@ class MeasureSummary:
 
     Attributes
     ----------
-    column : MeasureColumn
     count, missing : int
         Numbers of runs with and without a value.
     quantiles : ndarray, shape (5,)
@@ -153,11 +150,8 @@ class StudySummary:
 
     Attributes
     ----------
-    totals : PartSummary
-        Numbers of runs.
     interval : ProportionInterval
         Wilson's interval of the share that passed, confidence 95 %.
-    measures : list of MeasureSummary
     """
 
     totals: PartSummary
@@ -182,7 +176,6 @@ class StudyData:
     ----------
     path : Path
         The folder.
-    manifest : Manifest
     present : tuple of int
         The parts that are there; those of a finished study are all.
     """

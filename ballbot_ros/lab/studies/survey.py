@@ -63,14 +63,10 @@ class Axis:
 
     Attributes
     ----------
-    column : Column
-        The variable.
     edges : ndarray, shape (n + 1,)
         Edges of the cells; those of words have a width of 1 and middles 0, 1, ….
     levels : ndarray of shape (n,), or None
         The value in each cell, if a cell has only one.
-    is_log : bool
-        Whether it is logarithmic.
     """
 
     column: ResultColumn
@@ -93,8 +89,6 @@ class Axis:
 
         Parameters
         ----------
-        runs : int
-            Number of runs.
         bins : int
             Largest number of bins, and of levels if the study is no grid.
         """
@@ -193,8 +187,6 @@ class Survey:
 
     Attributes
     ----------
-    totals : PartSummary
-        Numbers of runs.
     extents : mapping of str to Extent
         Of what varies and what is measured.
     sample : mapping of str to ndarray
