@@ -22,7 +22,8 @@ from ballbot_ros.parameters.timing import STEP_NS
 from ballbot_ros.robot.brick.fault_effects import fault_row, plant_faults, voltage_drop
 from ballbot_ros.robot.brick.faults import faults_of
 from ballbot_ros.robot.plant.ground_truth import STEP_VALUES, GroundTruth, Push
-from ballbot_ros.robot.plant.laws import Floor, WallHit, motor_current
+from ballbot_ros.robot.plant.laws import WallHit, motor_current
+from ballbot_ros.robot.world.world import World
 
 _FLOAT32 = struct.Struct('<f')
 
@@ -46,8 +47,8 @@ class Plant:
     ----------
     start_ns : int
         Sim time [ns] of the first tick.
-    floor : Floor or None
-        The walls; None for an unlimited floor.
+    world : World or None
+        None for an unlimited floor.
     faults : list of float or None
         All faults of the run, if others of them act elsewhere; None for the plant's own.
 
@@ -69,13 +70,13 @@ class Plant:
         self,
         parameters: PlantParameters,
         start_ns: int,
-        floor: Floor | None = None,
+        world: World | None = None,
         faults: list[float] | None = None,
     ) -> None:
         c = self.constants = plant_constants(numbers_of(parameters), start_ns)
         self._torque_constant = parameters.torque_constant
-        self._floor = floor
-        walls: tuple[Any, Any] = floor.walls_as_numbers if floor else ((), ())
+        self._world = world
+        walls: tuple[Any, Any] = world.walls_as_numbers if world else ((), ())
         self.sides, self._walls_before = walls
         self.faults = fault_row(faults_of(parameters), start_ns) if faults is None else faults
         self.state = initial_state(c, start_ns, 0, voltage_drop(self.faults, start_ns))
@@ -152,9 +153,9 @@ class Plant:
     def newest_hit(self) -> WallHit | None:
         """The most recent wall hit; None before the first."""
         s = self.state
-        if s.hit_ns < 0 or self._floor is None:
+        if s.hit_ns < 0 or self._world is None:
             return None
-        parts = self._floor.touching((s.tried_x, s.tried_y))
+        parts = self._world.touching((s.tried_x, s.tried_y))
         return WallHit(s.hit_ns, (s.hit_x, s.hit_y), parts)
 
     @property
@@ -228,7 +229,7 @@ class Plant:
         )
 
     def restore_state(self, saved: SavedPlant) -> None:
-        """Continue from a state of a plant with the same parameters, start and floor."""
+        """Continue from a state of a plant with the same parameters, start and world."""
         self.state = saved.state
         self._push_times, self._push_forces = list(saved.push_times), list(saved.push_forces)
         self._effects_ns = list(saved.effects_ns)

@@ -7,7 +7,7 @@ the current of the last step.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple
 
 from ballbot_ros.robot.plant.ground_truth import Pair
 from ballbot_ros.robot.plant.integration import PlaneState
@@ -118,19 +118,6 @@ def shaft_angle(shaft: float, wheel: float, half_play: float) -> float:
     The previous angle of the shaft, the wheel's angle and half of the play are in rad.
     """
     return min(wheel + half_play, max(wheel - half_play, shaft))
-
-
-class Floor(Protocol):
-    """The floor's free space; positions of the ball's centre [m] in plane signs."""
-
-    @property
-    def walls_as_numbers(self) -> tuple[Any, Any]:
-        """The walls as in :class:`~ballbot_ros.robot.world.world.Footprint`."""
-        ...
-
-    def touching(self, position: Pair) -> tuple[str, ...]:
-        """Return the parts of the body that would be in a wall."""
-        ...
 
 
 class WallHit(NamedTuple):
