@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from html import escape
 from typing import Any
@@ -68,14 +67,6 @@ class RecordedRobots:
             robot.show_trail(run.trail(time))
 
 
-@dataclass(frozen=True)
-class TopicPlots:
-    """What can be plotted of a topic: the plots by column, and the values that never change."""
-
-    kinds: Mapping[str, PlotKind]
-    constants: Mapping[str, float]
-
-
 class RecordedTopics:
     """The topics of recorded runs; the messages of a topic are read once, when it is chosen.
 
@@ -90,8 +81,10 @@ class RecordedTopics:
         self.names = sorted(frozenset().union(*(names for _, names in self._topics_of)))
         self._samples: dict[PlotKind, tuple[str, list[TopicSamples]]] = {}
 
-    def read(self, topic: str, progress: ProgressCallback) -> TopicPlots:
-        """Read a topic in all runs.
+    def read(
+        self, topic: str, progress: ProgressCallback
+    ) -> tuple[dict[str, PlotKind], dict[str, float]]:
+        """Read a topic in all runs; return its plots by column, and what never changes.
 
         Raises
         ------
@@ -110,7 +103,7 @@ class RecordedTopics:
         changing = dict.fromkeys(name for each in samples for name in each.changing)
         kinds = {name: topic_kind(topic, name) for name in changing}
         self._samples |= {kind: (name, samples) for name, kind in kinds.items()}
-        return TopicPlots(kinds, _constants(samples, changing))
+        return kinds, _constants(samples, changing)
 
     def plot(self, kind: PlotKind) -> PlotData | None:
         """Return a plot of :meth:`read`; None if it is another plot.
@@ -177,7 +170,7 @@ class TopicChooser:
             bar.value = 100.0 * done / total
 
         try:
-            found = self._topics.read(topic, show_progress)
+            kinds, constants = self._topics.read(topic, show_progress)
         except RecordingError as error:
             self._notify(str(error))
             button.disabled = False
@@ -185,9 +178,9 @@ class TopicChooser:
         finally:
             bar.remove()
         with self._plots.chooser, self._gui.add_folder(topic, order=button.order):
-            self._plots.offer(found.kinds)
-            if found.constants or not found.kinds:
-                self._gui.add_html(_unchanging(found.constants))
+            self._plots.offer(kinds)
+            if constants or not kinds:
+                self._gui.add_html(_unchanging(constants))
         button.remove()
         self._opened.add(topic)
 

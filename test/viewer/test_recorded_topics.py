@@ -35,10 +35,10 @@ class TopicRun:
 
 def read(*runs):
     topics, seen = RecordedTopics(runs), []
-    found = topics.read(STATE, lambda done, total: seen.append(done / total))
+    kinds, constants = topics.read(STATE, lambda done, total: seen.append(done / total))
     assert seen == sorted(seen)
     assert seen[-1] == 1.0
-    return topics, found
+    return topics, kinds, constants
 
 
 def curves(data):
@@ -51,30 +51,30 @@ def test_only_columns_that_change_are_offered():
     run = TopicRun(
         [1.0, 2.0], a=column(0, 1), b=column(3, 3), c=column(np.nan, np.nan), d=column(np.nan, 2)
     )
-    topics, found = read(run)
+    topics, kinds, constants = read(run)
     assert topics.names == [STATE]
-    assert {name: kind.label for name, kind in found.kinds.items()} == {
+    assert {name: kind.label for name, kind in kinds.items()} == {
         'a': '/controller/state a', 'd': '/controller/state d',
     }  # fmt: skip
-    assert list(found.constants) == ['b', 'c']
-    assert found.constants['b'] == 3.0
+    assert list(constants) == ['b', 'c']
+    assert constants['b'] == 3.0
 
 
 def test_samples_are_at_their_own_times_in_a_plot_of_the_whole_run():
     run = TopicRun([1.0, 2.5], a=column(7, 8))
-    topics, found = read(run)
-    data = topics.plot(found.kinds['a'])
+    topics, kinds, _ = read(run)
+    data = topics.plot(kinds['a'])
     assert data.time.tolist() == [0.0, 1.0, 2.5, 4.0]
     np.testing.assert_array_equal(data.values[0], [np.nan, 7.0, 8.0, np.nan])
-    topics.plot(found.kinds['a'])
+    topics.plot(kinds['a'])
     assert run.reads == 1
     assert all(topics.plot(kind) is None for kind in PLOT_KINDS), 'they are not of a topic'
 
 
 def test_a_second_run_is_a_ghost_that_keeps_its_newest_value():
     run, ghost = TopicRun([0.0, 2.0, 4.0], a=column(1, 2, 3)), TopicRun([0.0, 1.0], a=column(5, 5))
-    topics, found = read(run, ghost)
-    data = topics.plot(found.kinds['a'])
+    topics, kinds, _ = read(run, ghost)
+    data = topics.plot(kinds['a'])
     assert data.time.tolist() == [0.0, 1.0, 2.0, 4.0]
     shown = curves(data)
     assert shown['value'] == [1.0, 1.0, 2.0, 3.0]
@@ -84,14 +84,14 @@ def test_a_second_run_is_a_ghost_that_keeps_its_newest_value():
 def test_a_topic_of_one_run_only_has_one_curve():
     run, other = TopicRun([0.0, 4.0], a=column(1, 2)), TopicRun([])
     for runs, label in (((run, other), 'value'), ((other, run), 'ghost value')):
-        topics, found = read(*runs)
-        assert curves(topics.plot(found.kinds['a'])) == {label: [1.0, 2.0]}
+        topics, kinds, _ = read(*runs)
+        assert curves(topics.plot(kinds['a'])) == {label: [1.0, 2.0]}
 
 
 def test_a_long_run_is_reduced_to_its_extremes():
     time = np.linspace(0.0, 4.0, 3 * MAX_ROWS)
-    topics, found = read(TopicRun(time, a=np.sin(time)))
-    data = topics.plot(found.kinds['a'])
+    topics, kinds, _ = read(TopicRun(time, a=np.sin(time)))
+    data = topics.plot(kinds['a'])
     assert len(data.time) <= MAX_ROWS
     assert (np.diff(data.time) > 0.0).all()
     assert data.values[0].max() == np.sin(time).max()

@@ -7,7 +7,7 @@ from parts import DIMENSIONS
 from ballbot_ros.errors import RecordingError
 from ballbot_ros.viewer.page import Page
 from ballbot_ros.viewer.plots import Plots, topic_kind
-from ballbot_ros.viewer.recording_page import TopicChooser, TopicPlots
+from ballbot_ros.viewer.recording_page import TopicChooser
 
 TOPIC = '/mine/state'
 
@@ -24,7 +24,7 @@ class StubTopics:
         self.reads += 1
         if self.reads == 1:
             raise RecordingError('run.mcap: gone')
-        return TopicPlots({'error_m': topic_kind(topic, 'error_m')}, {'mode': 1.0})
+        return {'error_m': topic_kind(topic, 'error_m')}, {'mode': 1.0}
 
 
 def test_a_topic_is_read_once_and_after_an_error_again():
