@@ -28,7 +28,6 @@ from ballbot_ros.recording.brick_clock import BrickClock
 from ballbot_ros.recording.messages.brick_messages import BrickMessages
 from ballbot_ros.recording.messages.run_messages import Send
 from ballbot_ros.recording.messages.topics import SCENARIO, Topic
-from ballbot_ros.recording.rosbag2 import RecordedTopic
 from ballbot_ros.recording.writer import RecordingWriter
 from ballbot_ros.robot.brick.bluetooth import NEUTRAL, LogPacket, LogStream, stick_frame
 from ballbot_ros.robot.brick.sensors import NO_DATA_CM, NO_ECHO_CM
@@ -92,15 +91,13 @@ class BrickOutput:
     def make(self, topic: Topic) -> Send:
         """Return the function that sends the messages of a topic."""
         publisher, name = self._node.output(topic), self._node.resolve_topic_name(topic.name)
-        recorded: RecordedTopic | None = None
+        qos = (offered_qos(topic),)
+        write = self._writer and self._writer.sender(name, topic.type_name, qos=qos)
 
         def send(stamp_ns: int, data: bytes) -> None:
-            nonlocal recorded
             publisher.publish(data)
-            if writer := self._writer:
-                if recorded is None:
-                    recorded = writer.add_topic(name, topic.type_name, qos=(offered_qos(topic),))
-                writer.write(recorded, self.now_ns, data, recorded.count + 1, stamp_ns)
+            if write:
+                write(self.now_ns, data, stamp_ns)
 
         return send
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import fcntl
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from mcap.records import Channel, Schema
@@ -176,6 +177,20 @@ class RecordingWriter:
             metadata[DERIVED] = 'true'
         key = (type_name, SchemaEncoding.ROS2, definition.text.encode())
         return self._register(name, MessageEncoding.CDR, key, metadata, qos)
+
+    def sender(self, name: str, type_name: str, **settings: Any) -> Callable[..., None]:
+        """Return a function of stamp, message and publish time that numbers and writes messages.
+
+        Its first call adds the topic, with settings as in :meth:`add_topic`.
+        """
+        topic: RecordedTopic | None = None
+
+        def send(stamp_ns: int, data: bytes, publish_ns: int | None = None) -> None:
+            nonlocal topic
+            topic = topic or self.add_topic(name, type_name, **settings)
+            self.write(topic, stamp_ns, data, topic.count + 1, publish_ns)
+
+        return send
 
     def copy_topic(self, channel: Channel, definition: Schema | None) -> RecordedTopic:
         """Add a topic of another recording unchanged, whatever its type.

@@ -53,7 +53,7 @@ from ballbot_ros.recording.messages.topics import (
     TF_STATIC,
     Topic,
 )
-from ballbot_ros.recording.rosbag2 import QosProfile, RecordedTopic
+from ballbot_ros.recording.rosbag2 import QosProfile
 from ballbot_ros.recording.schemas import encoder, new_message
 from ballbot_ros.recording.writer import RecordingWriter
 from ballbot_ros.robot.arithmetic import Floats
@@ -374,17 +374,12 @@ class DerivedChannels:
             self._due_ns = messages.sent_ns - messages.sent_ns % PERIOD_NS + PERIOD_NS
 
     def _make_send(self, topic: Topic) -> Send:
-        name = self._name_of(topic)
-        recorded: RecordedTopic | None = None
+        name, qos = self._name_of(topic), (offered_qos(topic),)
+        write = self._writer.sender(name, topic.type_name, qos=qos, derived=True)
 
         def send(stamp_ns: int, data: bytes) -> None:
-            nonlocal recorded
-            if self._is_published(name):
-                return
-            if recorded is None:
-                qos = (offered_qos(topic),)
-                recorded = self._writer.add_topic(name, topic.type_name, qos=qos, derived=True)
-            self._writer.write(recorded, stamp_ns, data, recorded.count + 1)
+            if not self._is_published(name):
+                write(stamp_ns, data)
 
         return send
 

@@ -11,10 +11,7 @@ from ballbot_ros.parameters import LogFormat
 from ballbot_ros.parameters.timing import MILLISECOND_NS
 from ballbot_ros.recording.csv_log import HEADER, read_csv_log
 from ballbot_ros.recording.messages.brick_messages import BrickMessages
-from ballbot_ros.recording.messages.run_messages import Send
-from ballbot_ros.recording.messages.topics import Topic
 from ballbot_ros.recording.reader import RecordingReader
-from ballbot_ros.recording.rosbag2 import RecordedTopic
 from ballbot_ros.recording.writer import RecordingWriter
 from ballbot_ros.robot.brick.bluetooth import elapsed
 
@@ -47,18 +44,9 @@ def _convert(path: Path, recording: Path) -> None:
         raise RecordingError(f'{path}: a data log without packets')
     first = packets[0]
     with RecordingWriter(recording) as writer:
-
-        def make(topic: Topic) -> Send:
-            recorded: RecordedTopic | None = None
-
-            def send(stamp_ns: int, data: bytes) -> None:
-                nonlocal recorded
-                recorded = recorded or writer.add_topic(topic.resolved(), topic.type_name)
-                writer.write(recorded, stamp_ns, data, recorded.count + 1)
-
-            return send
-
-        messages = BrickMessages(make, LogFormat())
+        messages = BrickMessages(
+            lambda topic: writer.sender(topic.resolved(), topic.type_name), LogFormat()
+        )
         messages.begin(first.time_ms * MILLISECOND_NS, f'1 {path.stem}')
         for each in packets:
             time_ms = first.time_ms + elapsed(first, each)
