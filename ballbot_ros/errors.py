@@ -44,12 +44,17 @@ def printable(text: str) -> str:
 
 
 @contextmanager
-def os_errors(kind: type[BallbotError], path: object) -> Iterator[None]:
-    """Turn an error of the operating system into one of a kind, about this file or folder."""
+def os_errors(kind: type[BallbotError], path: object, other: str = '') -> Iterator[None]:
+    """Turn an error of the operating system into one of a kind, about this file or folder.
+
+    `other` is what to choose another of for a new file that already exists.
+    """
     try:
         yield
     except OSError as error:
-        raise kind(f'{path}: {error.strerror or error}') from None
+        is_taken = other and isinstance(error, FileExistsError)
+        reason = f'already exists; choose another {other}' if is_taken else error.strerror or error
+        raise kind(f'{path}: {reason}') from None
 
 
 class CodegenError(BallbotError):

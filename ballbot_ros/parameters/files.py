@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ballbot_ros.errors import os_errors
 from ballbot_ros.parameters.controller import is_own
 from ballbot_ros.parameters.parameter import ParameterError, Value
 from ballbot_ros.parameters.parameter_set import ALL_NODES, NODES, ParameterSet, parameters_of
@@ -71,10 +72,8 @@ def write_parameter_file(
     ParameterError
         If the file can't be written.
     """
-    try:
+    with os_errors(ParameterError, path):
         Path(path).write_text(format_parameters(parameters, nodes), encoding='utf-8')
-    except OSError as error:
-        raise ParameterError(f'{path}: {error.strerror}') from None
 
 
 def format_parameters(

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import astuple, fields
 from pathlib import Path
 
-from ballbot_ros.errors import RecordingError, printable
+from ballbot_ros.errors import RecordingError, os_errors, printable
 from ballbot_ros.robot.brick.bluetooth import CLOCK_PERIOD_MS, LogPacket, PacketError
 
 HEADER = (
@@ -23,13 +23,9 @@ def write_csv_log(path: Path, packets: Iterable[LogPacket]) -> None:
         If it already exists or can't be written; the message begins with its path.
     """
     rows = [HEADER, *(','.join(map(str, astuple(each))) for each in packets), '']
-    try:
-        with path.open('x', encoding='ascii', newline='') as file:
-            file.write('\n'.join(rows))
-    except FileExistsError:
-        raise RecordingError(f'{path}: already exists; choose another --output') from None
-    except OSError as error:
-        raise RecordingError(f'{path}: {error.strerror}') from None
+    creating = os_errors(RecordingError, path, '--output')
+    with creating, path.open('x', encoding='ascii', newline='') as file:
+        file.write('\n'.join(rows))
 
 
 def read_csv_log(path: Path) -> list[LogPacket]:
@@ -42,10 +38,9 @@ def read_csv_log(path: Path) -> list[LogPacket]:
         message begins with the path and the number of the line.
     """
     try:
-        # The last line may have been cut off while it was written.
-        lines = path.read_text('ascii').rpartition('\n')[0].splitlines()
-    except OSError as error:
-        raise RecordingError(f'{path}: {error.strerror}') from None
+        with os_errors(RecordingError, path):
+            # The last line may have been cut off while it was written.
+            lines = path.read_text('ascii').rpartition('\n')[0].splitlines()
     except UnicodeDecodeError:
         raise RecordingError(f'{path}: is not a data log: it is not ASCII text') from None
     if not lines or lines[0].strip() != HEADER:

@@ -79,12 +79,8 @@ class RecordingWriter:
 
     def __init__(self, path: str | os.PathLike[str], *, chunk_size: int = 2**20) -> None:
         self.path = Path(path)
-        try:
+        with os_errors(RecordingError, self.path, 'file'):
             self._stream = self.path.open('xb')
-        except FileExistsError:
-            raise RecordingError(f'{self.path}: already exists; choose another file') from None
-        except OSError as error:
-            raise RecordingError(f'{self.path}: {error.strerror}') from None
         with suppress(OSError):  # Some network file systems do not support locks.
             fcntl.flock(self._stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
         self._open = True

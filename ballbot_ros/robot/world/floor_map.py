@@ -200,16 +200,14 @@ def _create(contents: Mapping[Path, Callable[[BinaryIO], None]]) -> None:
     created: list[Path] = []
     try:
         for path, write in contents.items():
-            with path.open('xb') as stream:
+            with os_errors(WorldError, path, 'name'), path.open('xb') as stream:
                 created.append(path)
                 write(stream)
-    except OSError as error:
+    except WorldError:
         for each in created:
             with suppress(OSError):
                 each.unlink()
-        there = isinstance(error, FileExistsError)
-        reason = 'already exists; choose another name' if there else error.strerror
-        raise WorldError(f'{path}: {reason}') from None
+        raise
 
 
 def _write_vrml(floor_map: FloorMap, nodes: str, stream: BinaryIO) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
-from ballbot_ros.errors import WorldError
+from ballbot_ros.errors import WorldError, os_errors
 from ballbot_ros.files import open_regular
 from ballbot_ros.robot.world.floor_map import FLOOR, LINE, WALL, FloorMap
 
@@ -41,10 +41,8 @@ def read_map(path: str | Path) -> FloorMap:
     """
     path = Path(path)
     try:
-        with BufferedReader(open_regular(path)) as stream:
+        with os_errors(WorldError, path), BufferedReader(open_regular(path)) as stream:
             pixels = _pixels(stream, path)
-    except OSError as error:
-        raise WorldError(f'{path}: {error.strerror}') from None
     except ValueError as error:  # a null character in the name
         raise WorldError(f'{str(path)!r}: {error}') from None
     gray = pixels[..., 0]
