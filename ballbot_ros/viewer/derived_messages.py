@@ -148,17 +148,8 @@ class DerivedMessages:
     A tick is complete when its message of each periodic topic has come. Therefore the order of the
     topics does not matter, as long as each topic is in order.
 
-    Parameters
-    ----------
-    make : MakeSend
-        Makes the outputs.
-    shape : PlantParameters or VisualizerParameters
-        The shape of the robot until the plant announces another.
-
-    Attributes
-    ----------
-    sent_ns : int
-        Stamp of the newest tick that was sent [ns]; 0 at the start of a run.
+    `make` makes the outputs. The robot has this shape until the plant announces another. `sent_ns`
+    is the stamp of the newest tick that was sent [ns]; 0 at the start of a run.
     """
 
     INPUTS = (RUN, PARTICIPANTS, MAP, *_TRUTH, *_SENSORS)
@@ -343,14 +334,7 @@ def _plant_parameters(values: Mapping[str, object]) -> PlantParameters:
 class DerivedChannels:
     """Writes derived messages to a recording, marked as such, while nobody publishes their topic.
 
-    Parameters
-    ----------
-    shape : PlantParameters or VisualizerParameters
-        As in `DerivedMessages`.
-    name_of : callable
-        Returns the full name of a topic.
-    is_published : callable
-        Returns whether a node publishes the topic of a full name.
+    `name_of` returns the full name of a topic, `is_published` whether a node publishes that one.
     """
 
     def __init__(

@@ -55,12 +55,7 @@ DragHandler = Callable[[SceneNodeDragEvent[Any]], Coroutine[Any, Any, None]]
 def drag_push(arrow: ForceArrow, push: Callable[[Pair], None]) -> DragHandler:
     """Return what shows the force while a page drags the robot, and applies it at the release.
 
-    Parameters
-    ----------
-    arrow : ForceArrow
-        Shows the force.
-    push : callable
-        Pushes the robot with a force in plane signs [N].
+    `push` takes the force in plane signs [N].
     """
 
     # A coroutine, which viser calls in the order of the events.
@@ -139,10 +134,7 @@ def note(html: str) -> str:
 def add_push_buttons(gui: viser.GuiApi, push: Callable[[Pair], None]) -> viser.GuiFolderHandle:
     """Add a folder with buttons that push the robot.
 
-    Parameters
-    ----------
-    push : callable
-        Pushes the body with a force [N] in plane signs; called from the page's threads.
+    The page's threads call `push` with a force on the body [N], in plane signs.
     """
     folder = gui.add_folder('Push', order=2.0, expand_by_default=False)
     with folder:
@@ -160,14 +152,7 @@ def add_push_buttons(gui: viser.GuiApi, push: Callable[[Pair], None]) -> viser.G
 class FaultChooser:
     """A folder in which a fault is chosen that begins at once.
 
-    Parameters
-    ----------
-    begin : callable
-        Takes the fault as an entry of the parameter `faults`; called from the page's threads.
-
-    Attributes
-    ----------
-    folder : viser.GuiFolderHandle
+    The page's threads call `begin` with the fault, as an entry of the parameter `faults`.
     """
 
     def __init__(self, gui: viser.GuiApi, begin: Callable[[str], None]) -> None:
@@ -212,12 +197,7 @@ class FaultChooser:
 class ScenarioChooser:
     """A folder in which the scenario of the next run is chosen, hidden at first.
 
-    Parameters
-    ----------
-    start : callable
-        Ends the run, and starts one of another scenario; called from the page's threads.
-    scenarios : sequence of str
-        The choices.
+    The page's threads call `start` with the choice: it ends the run, and starts another one.
     """
 
     def __init__(

@@ -53,13 +53,7 @@ class OffscreenScene:
         self.scene = Scene(client.scene)
 
     def picture(self, camera: Camera) -> Image:
-        """Return a picture of the scene.
-
-        Raises
-        ------
-        ViewerError
-            If the browser fails.
-        """
+        """Return a picture of the scene; ViewerError if the browser fails."""
         number = next(self._numbers)
         self._point(camera)
         self._frame.content = f'<p id="frame">{number}</p>'

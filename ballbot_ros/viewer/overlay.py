@@ -252,12 +252,7 @@ class Overlay:
 def parse_request(text: str, page: int, at_s: float) -> Request | None:
     """Return the request in a message; None if it has none, as from a foreign program.
 
-    Parameters
-    ----------
-    page : int
-        Number of the connection that it came by.
-    at_s : float
-        When it arrived [s].
+    It arrived at `at_s` [s] by the connection with the number `page`.
     """
     try:
         content = json.loads(text, parse_int=float)

@@ -35,10 +35,8 @@ class Page:
     viser keeps only the newest value of everything and sends it from its own thread as fast as each
     browser accepts it. A slow or stalled browser receives less and delays nobody.
 
-    Raises
-    ------
-    ViewerError
-        If a page can't be served at this address; for the port see :func:`.check_address`.
+    It raises ViewerError if it can't be served at the address; for the port see
+    :func:`.check_address`.
     """
 
     def __init__(self, dimensions: Dimensions, title: str, host: str, port: int) -> None:

@@ -84,8 +84,6 @@ class PlaybackRun:
         What is missing in the file, according to the reader; None if nothing is.
     start : tuple of float
         x and y of the first tick in ``map`` [m].
-    marks : tuple of Mark
-        Its events.
     jobs : Jobs or None
         Those of the brick, if they took time.
     interrupt_us : int
@@ -217,13 +215,7 @@ class PlaybackRun:
         return topics_with_signals(self._run.path)
 
     def read_topic(self, topic: str, progress: ProgressCallback) -> TopicSamples:
-        """Read the numbers in the messages of a recorded topic.
-
-        Raises
-        ------
-        RecordingError
-            As :func:`~ballbot_ros.analysis.topic_samples.read_topic`.
-        """
+        """Read a topic as :func:`~ballbot_ros.analysis.topic_samples.read_topic` does."""
         return read_topic(self._run, topic, progress)
 
     def trail(self, time: float) -> list[tuple[float, float]]:

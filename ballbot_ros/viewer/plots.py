@@ -202,13 +202,7 @@ _CURSOR = uplot.Cursor(
 
 
 class Plots:
-    """The chosen plots, in the order of `kinds`.
-
-    Attributes
-    ----------
-    chooser : viser.GuiFolderHandle
-        The folder in which they are chosen.
-    """
+    """The chosen plots, in the order of `kinds`; they are chosen in the folder `chooser`."""
 
     def __init__(self, gui: viser.GuiApi, kinds: Sequence[PlotKind]) -> None:
         self._gui = gui

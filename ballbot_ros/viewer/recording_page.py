@@ -42,12 +42,7 @@ from ballbot_ros.viewer.scene import PERIOD, Scene, ScenePanel
 
 
 class RecordedRobots:
-    """The robot of a run and, if there is a second run, that of the other one as its ghost.
-
-    Attributes
-    ----------
-    drawn : list of DrawnRobot
-    """
+    """The robot of a run and, if there is a second run, that of the other one as its ghost."""
 
     def __init__(self, scene: Scene, runs: Sequence[PlaybackRun]) -> None:
         self._runs = runs
@@ -70,10 +65,7 @@ class RecordedRobots:
 class RecordedTopics:
     """The topics of recorded runs; the messages of a topic are read once, when it is chosen.
 
-    Attributes
-    ----------
-    names : list of str
-        The topics whose messages can have numbers, in any of the runs.
+    `names` are those whose messages can have numbers, in any of the runs.
     """
 
     def __init__(self, runs: Sequence[PlaybackRun]) -> None:
@@ -86,10 +78,7 @@ class RecordedTopics:
     ) -> tuple[dict[str, PlotKind], dict[str, float]]:
         """Read a topic in all runs; return its plots by column, and what never changes.
 
-        Raises
-        ------
-        RecordingError
-            As :func:`~ballbot_ros.analysis.topic_samples.read_topic`.
+        Its errors are those of :func:`~ballbot_ros.analysis.topic_samples.read_topic`.
         """
         count = sum(topic in names for _, names in self._topics_of)
         samples: list[TopicSamples] = []
@@ -238,16 +227,7 @@ def take_request(clock: PlaybackClock, request: Request) -> None:
 
 
 class RecordingPage:
-    """Shows recorded runs on a page: a run, and optionally a second one as its ghost.
-
-    Attributes
-    ----------
-    page, runs : Page, sequence of PlaybackRun
-    clock : PlaybackClock
-    panel, processor, plots, robots : ScenePanel, ProcessorPanel, Plots, RecordedRobots
-    updates : int
-        Number of updates.
-    """
+    """Shows recorded runs on a page: a run, and optionally a second one as its ghost."""
 
     def __init__(self, page: Page, runs: Sequence[PlaybackRun]) -> None:
         self.page = page

@@ -198,18 +198,9 @@ def frame_times(start: float, end: float, fps: int, rate: float = 1.0) -> list[f
 
 @dataclass(frozen=True)
 class Rendering:
-    """What a picture or a film shows.
+    """What a picture or a film shows: a run from a camera, and a ghost to compare it with.
 
-    Attributes
-    ----------
-    run, ghost : PlaybackRun
-        The run, and one to compare it with.
-    view : View
-        The camera.
-    size : tuple of int
-        Width and height [px].
-    time_stamp : bool
-        Whether the time is written into the picture.
+    `size` is width and height [px]; with `time_stamp`, the time is written into the picture.
     """
 
     run: PlaybackRun
@@ -234,11 +225,7 @@ class Rendering:
         """Write a film of these times [s]; report its progress in frames.
 
         The file appears only when it is complete; an existing one stays unchanged until then.
-
-        Raises
-        ------
-        ViewerError
-            If rendering fails, or the file can't be written.
+        It raises ViewerError if rendering fails, or the file can't be written.
         """
         with replacing(output, ViewerError) as unfinished:
             write_film(unfinished, self._images(times, progress), fps)

@@ -80,8 +80,6 @@ class Part(NamedTuple):
 
     Attributes
     ----------
-    link : str
-        Link that it belongs to.
     shape : str
         'box', 'cylinder' (along z) or 'sphere'.
     size : tuple of float
@@ -129,12 +127,7 @@ def _brick_centre(dimensions: Dimensions) -> Vector:
 
 
 def parts(dimensions: Dimensions) -> Iterator[Part]:
-    """Yield all parts of the robot for which its dimensions leave room.
-
-    Yields
-    ------
-    Part
-    """
+    """Iterate over all parts of the robot for which its dimensions leave room."""
     return (part for part in _parts(dimensions) if min(part.size) > 0.0)
 
 

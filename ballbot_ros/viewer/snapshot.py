@@ -32,12 +32,8 @@ def acting_force(events: Iterable[ForceEvent], time: float) -> Pair:
 class ShownRun:
     """Decides by the announcements of runs, and by the stamps of samples.
 
-    Times of publication are on the wall clock [ns]; only those of one machine are compared.
-
-    Attributes
-    ----------
-    name : str
-        Name of the run in its announcement; '' before the first, or while another is awaited.
+    Times of publication are on the wall clock [ns]; only those of one machine are compared. `name`
+    is that of the announcement; '' before the first, or while another is awaited.
     """
 
     def __init__(self) -> None:
