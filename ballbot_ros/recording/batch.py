@@ -77,10 +77,7 @@ class Batch:
     def of_records(cls, data: bytes, names: Mapping[int, str]) -> Batch:
         """Create a batch of the messages in MCAP records.
 
-        Raises
-        ------
-        McapError
-            If a record is incomplete, or the channel of a message is unknown.
+        It raises McapError if a record is incomplete, or the channel of a message is unknown.
         """
         bounds = np.array(record_bounds(data), np.intp)
         is_message = np.frombuffer(data, np.uint8)[bounds[:-1]] == Opcode.MESSAGE
@@ -154,13 +151,7 @@ class Batch:
 
 
 def record_bounds(data: bytes) -> array[int]:
-    """Return where each MCAP record begins, and where the last ends.
-
-    Raises
-    ------
-    McapError
-        If a record is incomplete.
-    """
+    """Return where each MCAP record begins, and the last ends; McapError if one is incomplete."""
     bounds, offset = array('Q'), 0
     while offset < len(data):
         bounds.append(offset)

@@ -116,17 +116,7 @@ class ColumnHints:
 
 @dataclass
 class TopicColumns:
-    """The columns of a topic, determined by its first message.
-
-    Attributes
-    ----------
-    first : object
-        A message of the topic, as rosbags decodes it.
-    hints : ColumnHints
-        Knowledge about the topic beyond its type.
-    columns : list of Column
-        All of them; the caller may select.
-    """
+    """The columns of a topic, determined by its first message; the caller may select some."""
 
     first: Any
     hints: ColumnHints
@@ -164,10 +154,8 @@ class TopicColumns:
     def row(self, message: object) -> list[Value]:
         """Return the values of a message.
 
-        Raises
-        ------
-        RecordingError
-            If its joints, or its numbers of axes and buttons, differ from the first message.
+        It raises RecordingError if its joints, or its numbers of axes and buttons, differ from the
+        first message.
         """
         if not self.fits(message):
             raise RecordingError(
@@ -357,13 +345,7 @@ class ParquetTable:
 
 
 def load_pyarrow() -> Any:
-    """Return pyarrow.
-
-    Raises
-    ------
-    MissingExtraError
-        If it is not installed.
-    """
+    """Return pyarrow; MissingExtraError if it is not installed."""
     with importing('parquet', ', or use --to csv'):
         import pyarrow
         import pyarrow.parquet

@@ -17,10 +17,7 @@ HEADER = (
 def write_csv_log(path: Path, packets: Iterable[LogPacket]) -> None:
     """Write the packets of a run to a new file.
 
-    Raises
-    ------
-    RecordingError
-        If it already exists or can't be written; the message begins with its path.
+    It raises RecordingError, which begins with the path, if it already exists or can't be written.
     """
     rows = [HEADER, *(','.join(map(str, astuple(each))) for each in packets), '']
     creating = os_errors(RecordingError, path, '--output')

@@ -40,22 +40,10 @@ _SECOND_NS = 10**9
 
 @dataclass
 class Exporter:
-    """Writes the tables of a recording.
+    """Writes the tables of a recording, the `files`, into a folder that is created if necessary.
 
-    Attributes
-    ----------
-    folder : Path
-        Folder for the tables, created if necessary; no file in it is overwritten.
-    file_format : str
-        A key of `tables.FORMATS`.
-    topics : list of str
-        The topics to export.
-    hints : mapping of (str, str) to ColumnHints
-        Knowledge beyond the type, by topic and type.
-    progress : callable
-        Called with the number of messages done and their total.
-    files : list of Path
-        The tables written so far.
+    No file in it is overwritten. `file_format` is a key of `columns.FORMATS`; `hints` are by topic
+    and type; `progress` is called with the number of messages done and their total.
     """
 
     reader: RecordingReader
@@ -69,11 +57,8 @@ class Exporter:
     def write_topics(self) -> None:
         """Write a table for each topic with messages, one row per message or as its hints say.
 
-        Raises
-        ------
-        RecordingError
-            If a table already exists or can't be written, or messages don't fit in columns; no
-            table remains then.
+        It raises RecordingError if a table already exists or can't be written, or messages don't
+        fit in columns; no table remains then.
         """
         tables: dict[str, tuple[TopicColumns, Table]] = {}
         with self._writing(), ExitStack() as stack:
@@ -92,12 +77,8 @@ class Exporter:
         """Write one table of all topics, with a row each `period_ns`.
 
         Each column has the newest value at the time of the row, and none before the first message
-        of its topic. Text columns are included only for the topics in `texts`.
-
-        Raises
-        ------
-        RecordingError
-            As `write_topics`, and if the messages are not ordered in time.
+        of its topic. Text columns are included only for the topics in `texts`. It raises
+        RecordingError as `write_topics`, and if the messages are not ordered in time.
         """
         topics = [topic for topic in self.topics if not self._hints(topic).rows]
         columns = self._first_columns(topics)

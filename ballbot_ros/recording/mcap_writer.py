@@ -56,19 +56,9 @@ class MessageBlock(NamedTuple):
 class McapWriter:
     """Writes an MCAP file with zstd chunks, all indexes and all checksums.
 
-    Parameters
-    ----------
-    stream : file object
-        Open for writing bytes, at its beginning.
-    profile, library : str
-        The contents of the header.
-    chunk_size : int
-        Uncompressed size above which a chunk is written [byte].
-
-    Attributes
-    ----------
-    times_ns : tuple of int or None
-        The first and the last log time in the written chunks [ns]; None before the first chunk.
+    The stream is open for writing bytes, at its beginning; `profile` and `library` go into the
+    header. A chunk is written when its uncompressed size exceeds `chunk_size` [byte]. `times_ns`
+    are the first and the last log time in the written chunks [ns]; None before the first chunk.
     """
 
     def __init__(self, stream: BinaryIO, profile: str, library: str, chunk_size: int) -> None:

@@ -52,17 +52,8 @@ def read_topics(
 ) -> tuple[dict[str, TopicOverview], list[int]]:
     """Read a recording from beginning to end.
 
-    Parameters
-    ----------
-    stamps_of : str
-        A topic.
-    progress : callable
-        Called with the number of messages read and their total.
-
-    Returns
-    -------
-    tuple
-        The statistics of each topic, and all stamps of the topic `stamps_of` [ns].
+    Return the statistics of each topic, and all stamps of the topic `stamps_of` [ns]. `progress` is
+    called with the number of messages read and their total.
     """
     topics = {name: TopicOverview(topic.type_name) for name, topic in reader.topics().items()}
     stamps_ns = []

@@ -61,19 +61,7 @@ def terminal_action(key: str) -> PlaybackAction | None:
 
 
 class PlaybackClock:
-    """Playback time up to `end` [s].
-
-    Attributes
-    ----------
-    time : float
-        The present time, from 0 to `end` [s].
-    rate : float
-        Speed in multiples of real time.
-    is_playing : bool
-        Whether the time passes.
-    is_looping : bool
-        Whether the playback restarts at its end.
-    """
+    """Playback time from 0 to `end` [s], at a `rate` in multiples of real time."""
 
     def __init__(self, end: float, rate: float = 1.0, *, is_looping: bool = False) -> None:
         self.end = end
@@ -131,23 +119,8 @@ class PlaybackClock:
 class Playback(PlaybackClock):
     """Plays a recording; its time counts from the oldest message, its end is the newest one.
 
-    The caller provides the wall time: `now` is any monotonic clock [s].
-
-    Parameters
-    ----------
-    topics : collection of str or None
-        The topics to play; None for all.
-    rate : float
-        Speed in multiples of real time.
-    is_looping : bool
-        Whether to restart from the oldest message at the end.
-
-    Attributes
-    ----------
-    first_ns : int
-        The oldest stamp of the file, including topics that are not played [ns].
-    finished : bool
-        Whether everything has been played.
+    The caller provides the wall time: `now` is any monotonic clock [s]. Without `topics`, all are
+    played. `first_ns` is the oldest stamp of the file, also of a topic that is not played [ns].
 
     Raises
     ------
@@ -172,13 +145,7 @@ class Playback(PlaybackClock):
         self.begin(0.0, 0.0)
 
     def begin(self, start: float, now: float) -> None:
-        """Start playing at `start`, counted from the oldest message [s].
-
-        Raises
-        ------
-        RecordingError
-            If `start` is after the end.
-        """
+        """Start playing at a time from the oldest message [s]; RecordingError if it is too late."""
         if start > self.end:
             raise RecordingError(
                 f'{self._reader.path}: start {start:g} s is after the end, {self.end:g} s'

@@ -101,8 +101,6 @@ class RecordingReader:
 
     Parameters
     ----------
-    path : path-like
-        The file.
     converted : FileIO or None
         A file of another format, converted to MCAP. It is closed with the reader.
 
@@ -247,13 +245,7 @@ class RecordingReader:
             yield raw.topic, raw.stamp_ns, self.decode(raw)
 
     def typestore(self, topic: str) -> Typestore:
-        """Return the message types with which to decode a topic.
-
-        Raises
-        ------
-        RecordingError
-            If the type of the topic is unknown.
-        """
+        """Return the message types that decode a topic; RecordingError if its type is unknown."""
         store = self._typestores.get(topic)
         if store is None:
             store = self._typestores[topic] = recorded_typestore(self._types[topic])
@@ -262,10 +254,7 @@ class RecordingReader:
     def decode(self, raw: RawMessage) -> Any:
         """Return a message of this recording as a rosbags object.
 
-        Raises
-        ------
-        RecordingError
-            If the type is unknown, or the message does not match it.
+        It raises RecordingError if the type is unknown, or the message does not match it.
         """
         schema = self._types[raw.topic]
         try:
@@ -281,21 +270,12 @@ class RecordingReader:
     ) -> Iterator[RawMessage]:
         """Iterate over the messages of `topics`, or of all topics, from a stamp on, as recorded.
 
-        Raises
-        ------
-        RecordingError
-            If a topic is not in the file.
+        It raises RecordingError if a topic is not in the file.
         """
         return chain.from_iterable(map(Batch.messages, self.batches(topics, start_ns)))
 
     def batches(self, topics: Collection[str] | None = None, start_ns: int = 0) -> Iterator[Batch]:
-        """Iterate over the messages of :meth:`raw_messages` in batches, one per chunk.
-
-        Raises
-        ------
-        RecordingError
-            If a topic is not in the file.
-        """
+        """Iterate over the messages of :meth:`raw_messages`, with its error, a batch per chunk."""
         self.check_topics(topics or ())
         channels = {number: channel.topic for number, channel in self._channels.items()}
         wanted = [number for number, name in channels.items() if topics is None or name in topics]
@@ -335,16 +315,13 @@ class RecordingReader:
     def records(self, topic: str, batch: Batch, rows: Rows) -> Iterator[tuple[Rows, Any]]:
         """Iterate over some messages of a topic in a batch, grouped by their form.
 
+        Its errors are those of :meth:`decode`.
+
         Yields
         ------
         tuple
             Rows, and their messages as a record array with the field names of the type, without
             texts and lists of messages.
-
-        Raises
-        ------
-        RecordingError
-            As :meth:`decode`.
         """
         while len(rows):
             layout = self._layouts.get(topic)

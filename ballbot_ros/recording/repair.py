@@ -16,16 +16,9 @@ from ballbot_ros.recording.writer import RecordingWriter
 
 @dataclass
 class Repair:
-    """Result of a repair.
+    """Result of a repair: how many messages are kept, and where the file is damaged, on one line.
 
-    Attributes
-    ----------
-    output : Path or None
-        The repaired recording; None if no repair was needed.
-    message_count : int
-        Number of messages kept.
-    description : str
-        Where the file is damaged, and what is kept, on one line.
+    `output` is None if no repair was needed.
     """
 
     output: Path | None
@@ -38,12 +31,8 @@ def repair(
 ) -> Repair:
     """Copy a damaged recording, up to the damage, to a new one.
 
-    Parameters
-    ----------
-    output : Path, optional
-        The file to create; by default next to `path` with ``_repaired`` in its name.
-    progress : callable, optional
-        Called with the number of messages done and their total.
+    By default, `output` is next to `path`, with ``_repaired`` in its name. `progress` is called
+    with the number of messages done and their total.
 
     Raises
     ------

@@ -108,20 +108,10 @@ _DURATIONS = ('deadline', 'lifespan', 'liveliness_lease_duration')
 
 @dataclass(slots=True, eq=False)
 class RecordedTopic:
-    """A topic of a recording.
+    """A topic of a recording: its MCAP channel, full name and number of messages so far.
 
-    Attributes
-    ----------
-    channel : int
-        Number of the MCAP channel.
-    name, type_name : str
-        Full name of the topic, and its type, such as ``sensor_msgs/msg/Imu``.
-    type_hash : str
-        REP 2011 hash of the type; may be empty.
-    qos : sequence of QosProfile
-        QoS offered by each of its publishers.
-    count : int
-        Number of messages.
+    Its type is such as ``sensor_msgs/msg/Imu``; the REP 2011 hash of that may be empty. `qos` is
+    what each of its publishers offers.
     """
 
     channel: int
@@ -146,13 +136,7 @@ def offered_qos_profiles(profiles: tuple[QosProfile, ...]) -> str:
 
 
 def parse_offered_qos(text: str) -> list[QosProfile]:
-    """Read the channel metadata ``offered_qos_profiles`` of any ROS 2 release.
-
-    Returns
-    -------
-    list of QosProfile
-        Empty if the text is not in the format of rosbag2.
-    """
+    """Read the channel metadata ``offered_qos_profiles`` of any ROS 2 release; [] if malformed."""
     try:
         profiles = parse_data(text)
         return [_parse_profile(each) for each in profiles] if isinstance(profiles, list) else []
@@ -179,14 +163,7 @@ def serialized_metadata(
 ) -> str:
     """Return the bag's description as text for the key of that name in the metadata record.
 
-    Parameters
-    ----------
-    file_name : str
-        Name of the recording without its directory.
-    topics : iterable of RecordedTopic
-        All recorded topics, with their numbers of messages.
-    times : TimeRange or None
-        None if there are no messages.
+    The name of the file is without its folder; `times` is None if there are no messages.
     """
     topics = list(topics)
     start, end = times or (_NO_TIME, _NO_TIME)

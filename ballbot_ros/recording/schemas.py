@@ -77,10 +77,7 @@ def _store_of(type_name: str) -> Typestore:
 def schema(type_name: str) -> Schema:
     """Return the definition of `type_name`, such as ``sensor_msgs/msg/Imu``.
 
-    Raises
-    ------
-    RecordingError
-        If ROS 2 Jazzy has no such type.
+    It raises RecordingError if ROS 2 Jazzy has no such type.
     """
     store = _store_of(type_name)
     text, _ = store.generate_msgdef(type_name, ros_version=2)
@@ -91,12 +88,8 @@ def schema(type_name: str) -> Schema:
 def recorded_typestore(definition: records.Schema) -> Typestore:
     """Return the message types of ROS 2 Jazzy, updated with a definition from a recording.
 
-    The type of that name in ROS 2 Jazzy may have other fields.
-
-    Raises
-    ------
-    RecordingError
-        If neither the recording nor ROS 2 Jazzy defines the type.
+    The type of that name in ROS 2 Jazzy may have other fields. It raises RecordingError if neither
+    the recording nor ROS 2 Jazzy defines the type.
     """
     ours = typestore()
     name, text = definition.name, definition.data.decode(errors='replace')
@@ -161,17 +154,10 @@ _DEFAULTS: dict[tuple[str, str], Any] = {
 
 
 def new_message(type_name: str) -> Any:
-    """Create a message of `type_name` with the defaults of its definition.
+    """Create a rosbags message of `type_name` with the defaults of its definition.
 
-    Returns
-    -------
-    object
-        A rosbags message, with numpy arrays for arrays and sequences of numbers.
-
-    Raises
-    ------
-    RecordingError
-        If ROS 2 Jazzy has no such type.
+    Its arrays and sequences of numbers are those of numpy. It raises RecordingError if ROS 2 Jazzy
+    has no such type.
     """
     store = _store_of(type_name)
     return store.types[type_name](
@@ -187,12 +173,8 @@ def encoder(type_name: str) -> Callable[[Any], bytes]:
     """Return the function that encodes a rosbags message of `type_name` as little-endian CDR.
 
     A top-level array of numbers may be any sequence or bytes; the function converts it to the numpy
-    array that rosbags requires. In nested messages it must already be that array.
-
-    Raises
-    ------
-    RecordingError
-        If ROS 2 Jazzy has no such type.
+    array that rosbags requires. In nested messages it must already be that array. It raises
+    RecordingError if ROS 2 Jazzy has no such type.
     """
     store = _store_of(type_name)
 

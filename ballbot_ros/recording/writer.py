@@ -61,20 +61,9 @@ class RecordingWriter:
     """A new MCAP file, for use by one thread.
 
     Every method raises `RecordingError` if the file can't be written, and every method except
-    `close` if the recording is closed. A failed write closes it; the file is then cut off, and
-    readable up to its last complete chunk.
-
-    Parameters
-    ----------
-    path : path-like
-        The file to create.
-    chunk_size : int
-        Uncompressed size at which a chunk of messages is written [byte].
-
-    Raises
-    ------
-    RecordingError
-        If the file already exists or can't be created.
+    `close` if the recording is closed; the constructor raises it if the file already exists. A
+    failed write closes the recording; the file is then cut off, and readable up to its last
+    complete chunk. A chunk ends at `chunk_size`, uncompressed [byte].
     """
 
     def __init__(self, path: str | os.PathLike[str], *, chunk_size: int = 2**20) -> None:
@@ -95,10 +84,7 @@ class RecordingWriter:
     def with_attachments(cls, path: Path, folder: str) -> RecordingWriter:
         """Create a file, and its folder, with the files of a folder attached; '' for none.
 
-        Raises
-        ------
-        RecordingError
-            If a file or folder can't be read or written.
+        It raises RecordingError if a file or folder can't be read or written.
         """
         with os_errors(RecordingError, folder):
             files = sorted(Path(folder).iterdir()) if folder else []
@@ -125,32 +111,13 @@ class RecordingWriter:
         type_hash: str | None = None,
         derived: bool = False,
     ) -> RecordedTopic:
-        """Add a topic.
+        """Add a topic by its full name, and return it for :meth:`write`.
 
-        Derived and published messages of one topic are in different channels.
+        Messages that are derived from others of the recording are in another channel than published
+        ones. `qos` is what each publisher offers. A hash of the type in the graph must equal that
+        of the definition in ROS 2 Jazzy.
 
-        Parameters
-        ----------
-        name : str
-            Full name of the topic.
-        type_name : str
-            Its type, such as ``sensor_msgs/msg/Imu``.
-        qos : sequence of QosProfile
-            QoS offered by each of its publishers.
-        type_hash : str, optional
-            Hash of the type in the graph; it must equal that of the definition in ROS 2 Jazzy.
-        derived : bool
-            Whether its messages are computed from other messages of the recording.
-
-        Returns
-        -------
-        RecordedTopic
-            The topic to pass to `write`.
-
-        Raises
-        ------
-        RecordingError
-            If the topic was already added, or its type is not that of ROS 2 Jazzy.
+        It raises RecordingError if the topic was already added, or its type is not that of Jazzy.
         """
         try:
             definition = schema(type_name)
@@ -189,17 +156,9 @@ class RecordingWriter:
         return send
 
     def copy_topic(self, channel: Channel, definition: Schema | None) -> RecordedTopic:
-        """Add a topic of another recording unchanged, whatever its type.
+        """Add a topic of another recording unchanged, whatever its type, and return it for `write`.
 
-        Parameters
-        ----------
-        definition : mcap.records.Schema or None
-            The channel's schema, if it has one.
-
-        Returns
-        -------
-        RecordedTopic
-            The topic to pass to `write`.
+        The definition is the channel's schema, if it has one.
         """
         key = (definition.name, definition.encoding, definition.data) if definition else None
         metadata = channel.metadata
@@ -232,25 +191,18 @@ class RecordingWriter:
         sequence: int,
         publish_ns: int | None = None,
     ) -> None:
-        """Record a message.
+        """Record a message in CDR, with its encapsulation header, of a topic of this recording.
+
+        It raises RecordingError if a number is out of range.
 
         Parameters
         ----------
-        topic : RecordedTopic
-            From `add_topic` or `copy_topic` of this recording.
         stamp_ns : int
             Log time, which is the sim time, 0 ... 2**63 - 1 [ns].
-        data : bytes
-            The message in CDR with its encapsulation header.
         sequence : int
             Sequence number of the publisher, 0 ... 2**32 - 1.
         publish_ns : int, optional
             Publish time [ns]; the log time by default.
-
-        Raises
-        ------
-        RecordingError
-            If a number is out of range.
         """
         if not self._open:
             raise self._closed()
@@ -309,10 +261,7 @@ class RecordingWriter:
     def close(self) -> None:
         """Finish the file; no effect if it is closed or writing has failed.
 
-        Raises
-        ------
-        RecordingError
-            If it can't be finished, or was moved or removed in the meantime.
+        It raises RecordingError if it can't, or the file was moved or removed in the meantime.
         """
         if not self._open:
             return

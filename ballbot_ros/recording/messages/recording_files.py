@@ -19,10 +19,8 @@ from ballbot_ros.robot.brick.bluetooth import elapsed
 def open_recording(path: str | os.PathLike[str]) -> RecordingReader:
     """Open an MCAP file, or a data log as the recording that a link to the brick would have made.
 
-    Raises
-    ------
-    RecordingError
-        As :class:`RecordingReader`, or if a data log is malformed or has no packets.
+    It raises RecordingError as :class:`RecordingReader`, and for a data log that is malformed or
+    has no packets.
     """
     path = Path(path)
     with os_errors(RecordingError, path), open_regular(path) as file:

@@ -258,14 +258,8 @@ class RunMessages:
 class RunColumns:
     """Creates the messages of many ticks at once, topic by topic: those of :class:`RunMessages`.
 
-    Parameters
-    ----------
-    messages : RunMessages
-        Creates the messages before and after these ticks.
-    make : MakeSend
-        As for them.
-    make_all : callable
-        Returns the function that sends many messages of a topic.
+    `messages` creates those before and after these ticks; `make_all` returns the function that
+    sends many messages of a topic.
     """
 
     def __init__(

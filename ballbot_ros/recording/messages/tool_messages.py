@@ -32,12 +32,8 @@ class FramePose(NamedTuple):
 class TransformsLayout:
     """Messages with the transforms of the same frames, encoded without message objects.
 
-    ``tf2_msgs`` need not be installed.
-
-    Parameters
-    ----------
-    parents : mapping of str to str
-        The parent of each frame, in the order of the transforms.
+    ``tf2_msgs`` need not be installed. `parents` has the parent of each frame, in the order of the
+    transforms.
     """
 
     def __init__(self, parents: Mapping[str, str]) -> None:
