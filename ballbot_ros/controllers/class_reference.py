@@ -32,10 +32,7 @@ def reference_to(cls: type[Controller[Any]]) -> str | LoadedController:
     A class of a notebook or the main program has none: executing its text once more would also run
     the rest of it, and would not have the present values. It is returned as it is.
 
-    Raises
-    ------
-    ControllerError
-        If its source is not found, or its tasks are not valid.
+    It raises ControllerError if its source is not found, or its tasks are not valid.
     """
     if cls.__module__ == MAIN:
         path, text = _definition(cls)

@@ -313,10 +313,7 @@ def task(period_ms: int, priority: int) -> Callable[[Method], Method]:
 def tasks_of(cls: type[Controller[Any]]) -> tuple[TaskTiming, ...]:
     """Return the tasks of a controller, by falling priority.
 
-    Raises
-    ------
-    ControllerError
-        If it has none, or they are not valid.
+    It raises ControllerError if there are none, or they are not valid.
     """
     found = [
         method.timing
@@ -392,10 +389,8 @@ class LawController(Controller[P]):
     def constants(cls, parameters: P, model: PhysicalParameters, _: ControllerParameters) -> Any:
         """Return the constants of the law as a named tuple; by default the own parameters.
 
-        Parameters
-        ----------
-        parameters, model, _ : object
-            As the attributes `parameters`, `model` and `settings` of :class:`Controller`.
+        The arguments are the attributes `parameters`, `model` and `settings` of
+        :class:`Controller`.
         """
         return as_numbers(parameters)
 
@@ -422,12 +417,8 @@ class LawController(Controller[P]):
     def report(self, before: Any, readings: Readings) -> None:
         """Publish what the state tells: estimates, operating state, tones, log; nothing by default.
 
-        It is called after each tick of a run, but not in studies, so no duty may depend on it.
-
-        Parameters
-        ----------
-        before : named tuple
-            The state before the tick; the one after it is `self.state`.
+        It is called after each tick of a run, but not in studies, so no duty may depend on it. The
+        state `before` the tick is given; the one after it is `self.state`.
         """
 
 

@@ -55,10 +55,7 @@ from ballbot_ros.robot.plant.model import PhysicalParameters
 def own_rows(loaded: LoadedController) -> tuple[Parameter, ...]:
     """Return the parameters of a controller: those of its class, and the physical values.
 
-    Raises
-    ------
-    ControllerError
-        If its class does not declare its parameters as it should.
+    It raises ControllerError if its class does not declare its parameters as it should.
     """
     try:
         _check_settings(loaded)
@@ -154,10 +151,8 @@ def missing_design(parameters: ControllerParameters, rows: Iterable[Parameter]) 
 def design(loaded: LoadedController, parameters: ParameterSet) -> None:
     """Design the values that are not set, and set them.
 
-    Raises
-    ------
-    ControllerError, ParameterError
-        If the design fails, or gives values that are not allowed.
+    It raises ControllerError or ParameterError if the design fails, or gives values that are not
+    allowed.
     """
     given = parameters.of(ControllerParameters)
     missing = missing_design(given, own_rows(loaded))
@@ -231,26 +226,9 @@ class TickTimes:
 class ControllerProgram:
     """Runs a controller on the brick.
 
-    Parameters
-    ----------
-    parameters, model, settings : object
-        Arguments of the controller's class.
-    times : TickTimes
-        Receives how long each tick takes; also an attribute.
-
-    Attributes
-    ----------
-    controller : Controller
-        The instance of the class that runs.
-    x, y : Estimates
-        Of the planes.
-    operating_state : OperatingState
-        The state of figure 7-1.
-
-    Raises
-    ------
-    ControllerError
-        If the controller's constructor fails. Its methods raise it likewise.
+    `parameters`, `model` and `settings` are arguments of the controller's class; `times` receives
+    how long each tick takes. If the controller's constructor or one of its methods fails, that is a
+    ControllerError.
     """
 
     def __init__(

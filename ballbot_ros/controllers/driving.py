@@ -145,10 +145,7 @@ def driving_law(balance: Callable[..., tuple[Any, int]]) -> Law:
 def _law(constants: Any, state: State, readings: Readings) -> tuple[State, Duty]:
     """Return the next state and the duty: sections 7.5, 7.6 and figure 7-1.
 
-    Parameters
-    ----------
-    constants : named tuple
-        With those of :class:`DrivingConstants` as `driving`.
+    The constants have those of :class:`DrivingConstants` as `driving`.
     """
     p = constants.driving
     driving = driven(p, state.driving, readings)
@@ -277,12 +274,7 @@ def next_reference(share: float, reference: Reference, speed: float) -> Referenc
     """Advance a reference by a tick towards a speed [deg/s].
 
     The speed follows the command through two equal low passes, so that the acceleration, and with
-    it the pitch that it takes, does not jump.
-
-    Parameters
-    ----------
-    share : float
-        Result of :func:`low_pass_share`.
+    it the pitch that it takes, does not jump. `share` is the result of :func:`low_pass_share`.
     """
     theta, theta_dot, _, first = reference
     theta += TICK_S * theta_dot
@@ -294,12 +286,8 @@ def next_reference(share: float, reference: Reference, speed: float) -> Referenc
 class DrivingController(LawController[P]):
     """A controller that drives as the document's program does, with another law of balance.
 
-    Its law is a :func:`driving_law`, and its state a :class:`State`.
-
-    Attributes
-    ----------
-    at_rest : named tuple
-        The state of a plane before the first tick.
+    Its law is a :func:`driving_law`, and its state a :class:`State`; that of a plane is `at_rest`
+    before the first tick.
     """
 
     at_rest: ClassVar[Any]

@@ -82,14 +82,9 @@ class Program(Protocol):
         """Its tasks."""
 
     def retune(self, parameters: ControllerParameters) -> None:
-        """Take over parameters that change during a run, from the next tick on.
+        """Take over the parameters of a run that change during it, from the next tick on.
 
         Real numbers glide to their new values, see :class:`Glide`.
-
-        Parameters
-        ----------
-        parameters : ControllerParameters
-            Those of the run, with other values for some.
         """
 
     def restart(self) -> None:
@@ -100,10 +95,7 @@ class Program(Protocol):
     ) -> DeviceOutputs:
         """Run the tasks with these names, in this order, on the inputs of a tick.
 
-        Parameters
-        ----------
-        flags : int
-            :data:`SAME_TICK` and :data:`BUS_BUSY`, if they apply.
+        The flags are :data:`SAME_TICK` and :data:`BUS_BUSY`, if they apply.
         """
 
     def job_time(self, task: str, outputs: DeviceOutputs, times: JobTimes) -> float:
@@ -118,14 +110,8 @@ class Glide:
     """Moves the real numbers among the parameters to new values, in equal steps of a tick each.
 
     A duty that depends on them moves as smoothly, whatever the errors are, and at the end nothing
-    of the old values remains. Whole numbers, switches and texts have their new values at once.
-
-    Attributes
-    ----------
-    parameters : ControllerParameters
-        The values in effect.
-    is_moving : bool
-        Whether some of them are still on the way.
+    of the old values remains. Whole numbers, switches and texts have their new values at once. The
+    values in effect are `parameters`; `is_moving` tells whether some are still on the way.
     """
 
     def __init__(self, parameters: ControllerParameters) -> None:

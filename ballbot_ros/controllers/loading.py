@@ -43,13 +43,7 @@ _EPOCH = (1980, 1, 1, 0, 0, 0)
 
 @dataclass(frozen=True)
 class Source:
-    """The source of a controller: a file, or the archive of a package.
-
-    Attributes
-    ----------
-    suffix : str
-        ``.py`` or ``.zip``.
-    """
+    """The source of a controller: a file (``.py``), or the archive of a package (``.zip``)."""
 
     suffix: str
     data: bytes
@@ -160,13 +154,7 @@ class ControllerCode:
 
 @dataclass(frozen=True)
 class LoadedController:
-    """The class of a controller, and its code.
-
-    Attributes
-    ----------
-    tasks : sequence of TaskTiming
-        Its tasks, the first the one of the highest priority.
-    """
+    """The class of a controller, its code, and its tasks, the one of the highest priority first."""
 
     cls: type[Controller[Any]]
     code: ControllerCode
@@ -179,18 +167,13 @@ def load_controller(reference: str) -> LoadedController:
 
 
 def find_code(reference: str) -> ControllerCode:
-    """Find the code of a controller, without executing it.
+    """Find the code of a controller, without executing it; ControllerError if there is none.
 
     Parameters
     ----------
     reference : str
         ``FILE.py:Class``, ``package.module:Class``, or the name of an installed one, which is an
         entry point of the group :data:`GROUP`.
-
-    Raises
-    ------
-    ControllerError
-        If there is no such code.
     """
     place, colon, name = reference.rpartition(':')
     if not colon:
@@ -299,13 +282,7 @@ def _find_module(reference: str, module: str, class_name: str) -> ControllerCode
 
 
 def load(code: ControllerCode) -> LoadedController:
-    """Execute the code of a controller.
-
-    Raises
-    ------
-    ControllerError
-        If it fails, or its class is not a valid controller.
-    """
+    """Execute the code of a controller; ControllerError if it fails, or its class is not valid."""
     try:
         module = (
             importlib.import_module(code.module)

@@ -370,13 +370,7 @@ class LQG(DrivingController[LQGParameters]):
     def constants(
         cls, parameters: LQGParameters, model: PhysicalParameters, settings: ControllerParameters
     ) -> Constants:
-        """Return the constants of the law.
-
-        Raises
-        ------
-        ControllerError
-            If a designed value belongs to another dead time.
-        """
+        """Return the constants of the law; ControllerError if a design is for another dead time."""
         on_their_way = math.ceil(parameters.actuator_delay / TICK_MS)
         for name, count in (
             ('input_effect', STATES * (1 + on_their_way)),

@@ -133,10 +133,8 @@ class LimitedRegulator:
     def voltage(self, task: TrackingTask, limits: tuple[float, float]) -> float:
         """Return the voltage of the LQR with the first addition [V].
 
-        Parameters
-        ----------
-        limits : tuple of float
-            Lowest and highest voltage that the motor can give besides that for the reference [V].
+        The limits are the lowest and the highest voltage that the motor can give besides that for
+        the reference [V].
         """
         low, high = limits
         voltage = regulated(self._p.feedback, task.error)

@@ -75,10 +75,8 @@ def package_files(name: str, folder: Path | None = None) -> dict[str, str]:
 def write_package(output: Path, name: str) -> list[Path]:
     """Write a package into the new folder `output`/`name`; return its files.
 
-    Raises
-    ------
-    ControllerError
-        If the name is not valid or already taken, or the folder exists or can't be written.
+    It raises ControllerError if the name is not valid or already taken, or the folder exists or
+    can't be written.
     """
     _check_spelling(name)
     folder = output / name

@@ -88,13 +88,7 @@ NOTHING_OBSERVED = ObserverState(False, 0.0, 0.0, 0, 0, 0, 0, 0, 0, NO_ECHO_CM, 
 
 
 def observer_tick(state: ObserverState, inputs: Inputs, is_calibrated: bool) -> ObserverState:
-    """Return the state after the samples of a tick.
-
-    Parameters
-    ----------
-    is_calibrated : bool
-        Whether ``time_start`` is over.
-    """
+    """Return the state after the samples of a tick; ``time_start`` is over if `is_calibrated`."""
     (
         was_calibrated, offset_x, offset_y, sum_x, sum_y, ticks,
         _, _, battery_mv, distance_cm, vertical, horizontal,

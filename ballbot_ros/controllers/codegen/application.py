@@ -100,10 +100,8 @@ def _stamp(parameters: ControllerParameters) -> str:
 def write_application(folder: Path, parameters: ControllerParameters) -> list[Path]:
     """Write the application, replacing an earlier one; return the files.
 
-    Raises
-    ------
-    CodegenError
-        If the folder can't be written, or a file to replace was not written by `ballbot codegen`.
+    It raises CodegenError if the folder can't be written, or a file to replace was not written by
+    `ballbot codegen`.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -140,10 +138,7 @@ def write_times(
 ) -> Path:
     """Write a parameter file with the counted instructions, and the hash of the program.
 
-    Raises
-    ------
-    CodegenError
-        As :func:`write_application`.
+    Its errors are those of :func:`write_application`.
     """
     text = (
         f'# {_stamp(parameters)}\n'
@@ -157,10 +152,8 @@ def write_times(
 def read_tasks(folder: Path) -> list[TaskTiming]:
     """Return the tasks of a folder's OIL file, in file order.
 
-    Raises
-    ------
-    CodegenError
-        If the file can't be read, has no tasks, or has an alarm for an unknown task.
+    It raises CodegenError if the file can't be read, has no tasks, or has an alarm for an unknown
+    task.
     """
     path = folder / OIL_FILE
     try:

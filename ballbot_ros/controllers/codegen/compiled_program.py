@@ -62,15 +62,8 @@ class Answer(NamedTuple):
 class BrickProcess:
     """A running process of the compiled program, started by the command from ``toolchain.build``.
 
-    Parameters
-    ----------
-    state_size : int
-        Size of the C structure ``ballbot``.
-
-    Raises
-    ------
-    CodegenError
-        If it does not start.
+    `state_size` is the size of the C structure ``ballbot``. It raises CodegenError if the program
+    does not start.
     """
 
     def __init__(self, command: Sequence[str], state_size: int) -> None:
@@ -221,11 +214,8 @@ class CompiledProgram:
     ) -> DeviceOutputs:
         """Run `tasks`, in this order, on the inputs of a tick.
 
-        Raises
-        ------
-        CodegenError
-            If a reading is out of its device's range, or the program has ended or makes an invalid
-            call.
+        It raises CodegenError if a reading is out of its device's range, or the program has ended
+        or makes an invalid call.
         """
         is_same_tick, is_bus_busy = bool(flags & SAME_TICK), bool(flags & BUS_BUSY)
         if is_same_tick:

@@ -137,12 +137,7 @@ def compare(
     """Run both programs, the compiled one newly created, on the same inputs until they differ.
 
     Duties, log packets, tones, display pages and every bit of the shared data are compared after
-    each tick.
-
-    Raises
-    ------
-    CodegenError
-        If the compiled program has ended.
+    each tick. It raises CodegenError if the compiled program has ended.
     """
     generated = program_of(parameters)
     python = generated.counterpart(parameters)
@@ -256,10 +251,7 @@ def read_folder_parameters(folder: Path) -> ParameterSet:
 class BuiltApplication:
     """A generated folder, built for a target in the folder `scratch`.
 
-    Raises
-    ------
-    CodegenError
-        If the folder is incomplete, or can't be built.
+    It raises CodegenError if the folder is incomplete, or can't be built.
     """
 
     def __init__(self, folder: Path, target: Target, scratch: Path) -> None:

@@ -117,12 +117,6 @@ class GeneratedProgram:
     def start(
         self, command: Sequence[str], tasks: Sequence[TaskTiming], parameters: ControllerParameters
     ) -> CompiledProgram:
-        """Start the compiled program by the command from ``toolchain.build``.
-
-        Raises
-        ------
-        CodegenError
-            If it does not start.
-        """
+        """Start the compiled program by a command of ``toolchain.build``, or CodegenError."""
         exchange = BrickProcess(command, self.state_size).exchange
         return self.compiled(exchange, tasks, parameters, self.named_values)

@@ -71,16 +71,9 @@ def require_implementation(name: str) -> None:
 class Implementation:
     """An implementation of the controller, for given parameters.
 
-    Attributes
-    ----------
-    tasks : tuple of TaskTiming
-        The tasks of its programs.
-    make : callable
-        Creates a program.
-    loaded : LoadedController or None
-        The class of a controller other than the document's.
-    times : TickTimes
-        How long the ticks of its newest program take; not measured for the document's program.
+    `make` creates a program with these tasks; `loaded` is the class of a controller other than the
+    document's. `times` tells how long the ticks of its newest program take; they are not measured
+    for the document's program.
     """
 
     parameters: ControllerParameters
@@ -166,17 +159,10 @@ def compose_controller(
     """Prepare the controller of a run: load its class, check its parameters, and design its gains.
 
     The path of its file becomes absolute. A class that is given instead of a reference is not
-    loaded.
+    loaded. The result is None for the document's program.
 
-    Returns
-    -------
-    LoadedController or None
-        None for the document's program.
-
-    Raises
-    ------
-    BallbotError
-        If it can't run here, its class or its parameters are not valid, or the design fails.
+    It raises BallbotError if it can't run here, its class or its parameters are not valid, or the
+    design fails.
     """
     reference = parameters.of(ControllerParameters).implementation
     if reference in DOCUMENTS_PROGRAM:
@@ -307,12 +293,8 @@ def implementation_for(
 ) -> Implementation:
     """Return the implementation that the parameters select.
 
-    C is generated and compiled once, here; each program is then a separate process.
-
-    Parameters
-    ----------
-    loaded : LoadedController or None
-        The selected class, if it has been loaded.
+    C is generated and compiled once, here; each program is then a separate process. `loaded` is the
+    selected class, if it has been loaded.
 
     Raises
     ------
@@ -382,13 +364,8 @@ def _compiled(parameters: ControllerParameters) -> Callable[[], Program]:
 class HandedOver:
     """Two programs that both run on the same samples; the motors follow the first, then the second.
 
-    So the second has calibrated its gyros and knows the robot when it takes over. The tasks, and
-    their times on the brick, remain those of the first.
-
-    Parameters
-    ----------
-    at_ms : int
-        When the second takes over, from the start of the run.
+    So the second has calibrated its gyros and knows the robot when it takes over, `at_ms` after the
+    start of the run. The tasks, and their times on the brick, remain those of the first.
     """
 
     def __init__(self, first: Program, second: Program, at_ms: int) -> None:

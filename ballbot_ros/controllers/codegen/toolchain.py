@@ -107,12 +107,8 @@ def build(
     """Compile a generated folder together with the brick's stand-in; return its command.
 
     Objects and executable go to the folder `scratch`, created if necessary. The extra flags are for
-    the generated files and for linking.
-
-    Raises
-    ------
-    CodegenError
-        If a tool or file is missing, or the compilation fails.
+    the generated files and for linking. It raises CodegenError if a tool or file is missing, or the
+    compilation fails.
     """
     if reason := missing_tool(target):
         raise CodegenError(reason)
@@ -229,10 +225,7 @@ def count_instructions(
     count, as the brick has the platform's device functions instead. `command` runs the program
     built for ARM, with the requests as its input.
 
-    Raises
-    ------
-    CodegenError
-        If the emulator fails, or logs no instruction of a call.
+    It raises CodegenError if the emulator fails, or logs no instruction of a call.
     """
     executable = Path(command[-1])
     symbols = _symbols(executable)

@@ -73,17 +73,9 @@ def set_gains(parameters: ParameterSet, gains: Sequence[float]) -> None:
 class GainDesign:
     """The loop of a plane as it runs, with its gains left open.
 
-    Parameters
-    ----------
-    parameters : ParameterSet
-        Those of the plant, the drivers, and the program with its filters.
-    delays : LoopDelays, optional
-        The dead times to design for, instead of those in `parameters`.
-
-    Raises
-    ------
-    DesignError
-        If the controller is another than the document's program.
+    The parameters are those of the plant, the drivers, and the program with its filters; `delays`
+    are dead times to design for instead of theirs. It raises DesignError if the controller is
+    another than the document's program.
     """
 
     def __init__(self, parameters: ParameterSet, delays: LoopDelays | None = None) -> None:
@@ -206,10 +198,7 @@ class GainDesign:
     def cost(self, gains: ArrayLike, q: ArrayLike, r: float, discount: float = 1.0) -> Cost:
         """Return the mean of x'Qx + r u² and its gradient, see :meth:`regulator`.
 
-        Parameters
-        ----------
-        discount : float
-            Factor of all states from one tick to the next.
+        The discount is a factor of all states from one tick to the next.
         """
         k, per_volt = np.asarray(gains, float), r * self._volts**2
         duty, direct = k @ self._signals, k @ self._direct * self._noise

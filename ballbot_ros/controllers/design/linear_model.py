@@ -49,10 +49,7 @@ def require_weights(q: ArrayLike, r: ArrayLike) -> None:
 def lqr(a: ArrayLike, b: ArrayLike, q: ArrayLike, r: ArrayLike) -> Matrix:
     """Return the gain K (m, n) that minimises the integral of x'Qx + u'Ru.
 
-    Raises
-    ------
-    DesignError
-        If (A, B) is not controllable, or the weights admit no solution.
+    It raises DesignError if (A, B) is not controllable, or the weights admit no solution.
     """
     _require_controllable(a, b)
     require_weights(q, r)
@@ -130,10 +127,7 @@ def design_servo(
 ) -> ServoDesign:
     """Compute the servo gains by LQR on the plant with the integral of theta (A.9).
 
-    Raises
-    ------
-    DesignError
-        If the extended plant is not controllable or the weights admit no solution.
+    Its error is that of :func:`lqr` for the extended plant.
     """
     a, b = degree_state_space(p)
     a_bar = np.zeros((5, 5))

@@ -193,10 +193,8 @@ class RecoverableStates:
 def recoverable_states(parameters: ParameterSet) -> RecoverableStates:
     """Return the states that can be recovered with the battery's voltage at the start.
 
-    Raises
-    ------
-    DesignError
-        If the robot has not exactly one unstable pole, or its motors can't move it.
+    It raises DesignError if the robot has not exactly one unstable pole, or its motors can't move
+    it.
     """
     plant = parameters.of(PlantParameters)
     a, b = state_space(PhysicalParameters.from_parameters(plant))
@@ -345,10 +343,7 @@ def analyse_ideal(parameters: ParameterSet) -> LoopAnalysis:
 def analyse_sampled(parameters: ParameterSet, period_ms: float = TICK_MS) -> LoopAnalysis:
     """Analyse the loop as it runs, as a :class:`SampledLoop` with a period of task_ts1.
 
-    Raises
-    ------
-    DesignError
-        If the controller is not the document's program.
+    It raises DesignError if the controller is not the document's program.
     """
     loop = SampledLoop(parameters, period_ms=period_ms)
     poles = sorted_poles(loop.poles(), loop.period_s)
@@ -370,13 +365,8 @@ def analyse_sampled(parameters: ParameterSet, period_ms: float = TICK_MS) -> Loo
 def dead_time_margin_ms(parameters: ParameterSet) -> float:
     """Return the additional dead time of the motors [ms] at which the loop as it runs oscillates.
 
-    It is that of :func:`analyse_sampled`, without the rest of the analysis: 0 if the loop is
-    unstable, infinite without a limit.
-
-    Raises
-    ------
-    DesignError
-        If the controller is not the document's program.
+    It is that of :func:`analyse_sampled`, with its error, without the rest of the analysis: 0 if
+    the loop is unstable, infinite without a limit.
     """
     loop = SampledLoop(parameters)
     is_stable = all(pole.is_stable for pole in sorted_poles(loop.poles(), loop.period_s))
@@ -404,15 +394,10 @@ def sorted_poles(values: Iterable[complex], dt: float = 0.0) -> tuple[Pole, ...]
 
 
 def _dead_time_margin(loop: SampledLoop, name: str) -> Limit:
-    """Return the smallest additional dead time [ms] at which a stable loop oscillates.
+    """Return the smallest addition [ms] to a dead time of a stable loop at which it oscillates.
 
     Parts of a tick also change when within the tick a duty acts or a sample is taken, so it is
     found by the poles: a phase margin divided by its frequency would miss it.
-
-    Parameters
-    ----------
-    name : str
-        Which of its delays grows.
     """
 
     def slowest(extra_ms: float) -> complex:

@@ -64,7 +64,6 @@ class Redesign:
 
     Attributes
     ----------
-    method : Method
     q : tuple of float, optional
         Weights of theta and psi [1/deg²], their rates [s²/deg²] and the integral of theta
         [1/(deg² s²)].
@@ -83,13 +82,7 @@ class Redesign:
     delay: float | None = None
 
     def apply(self, parameters: ParameterSet) -> None:
-        """Set the designed gains.
-
-        Raises
-        ------
-        BallbotError
-            If there are none.
-        """
+        """Set the designed gains; BallbotError if there are none."""
         # Imported only here: python-control takes two seconds.
         from ballbot_ros.controllers.design.gain_design import GainDesign, set_gains
         from ballbot_ros.controllers.design.linear_model import Q_DIAGONAL, R_WEIGHT, design_servo

@@ -143,10 +143,6 @@ class SampledLoop:
 
     Attributes
     ----------
-    delays : LoopDelays
-        The dead times.
-    period_s : float
-        Period of task_ts1 [s].
     states : tuple of str
         Those of the plane [rad, rad/s], of the program, and samples and duties on their way.
     a, b, c, d : ndarray, shape (n, n), (n, 5), (n,) and (5,)

@@ -411,13 +411,7 @@ def task_load(p: Any) -> Any:
 
 
 class ControlProgram:
-    """The program on the brick.
-
-    Attributes
-    ----------
-    state : ProgramState
-        Everything that changes with time.
-    """
+    """The program on the brick; its `state` is everything that changes with time."""
 
     def __init__(self, parameters: ControllerParameters) -> None:
         self._glide = Glide(parameters)
