@@ -37,18 +37,13 @@ from ballbot_ros.robot.random_numbers import noise_key
 
 
 class BrickTasks:
-    """Runs the tasks of a control program during a run.
+    """Runs the tasks of a control program during a run, which begins at `start_ns`.
 
     With a kernel or a link, a job computes when it begins, on the samples of the tick in which it
     does, and its duty is set when it ends. The kernel counts the alarms of the tasks by itself. A
     free-running controller has the time that it takes, and `is_timed` is false.
 
     A fault can restart the program, and stop it before. Meanwhile no task runs, and the duty is 0.
-
-    Parameters
-    ----------
-    start_ns : int
-        Start of the run [ns].
     """
 
     def __init__(self, parameters: ControllerParameters, start_ns: int = FIRST_TICK_NS) -> None:

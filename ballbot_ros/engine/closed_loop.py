@@ -64,34 +64,19 @@ class Tick(NamedTuple):
 class ClosedLoop:
     """The whole robot: plant, devices and control program.
 
+    It raises WorldError if the map can't be read, or the start position is blocked. Without a map,
+    `world` is None.
+
     Parameters
     ----------
     scenario : Scenario or ExternalInputs, or None
         Stick signals and pushes; None for a neutral stick and no push.
+    start_ns : int
+        Sim time of the first tick [ns].
     program : Program or None
         The control program; None for the one that the controller's parameters select.
     recorded : mapping of str to mapping of int to object
         Recorded samples that replace those of a device, by its field and their stamps [ns].
-
-    Attributes
-    ----------
-    start_ns : int
-        Sim time of the first tick [ns].
-    plant : Plant
-        The plant.
-    world : World or None
-        None for an unlimited floor without walls.
-    pushes : sequence of Push
-        Those of the external inputs.
-    program : Program
-        The control program.
-    tasks : BrickTasks
-        What runs its tasks.
-
-    Raises
-    ------
-    WorldError
-        If the map can't be read, or the start position is blocked.
     """
 
     def __init__(
@@ -123,12 +108,7 @@ class ClosedLoop:
     def copy(self, program: Program, scenario: ExternalInputs) -> ClosedLoop:
         """Return a loop in the same state, which goes on by itself.
 
-        Parameters
-        ----------
-        program : Program
-            A copy of its program.
-        scenario : ExternalInputs
-            The sticks from then on; pushes remain.
+        It gets a copy of the program, and the sticks of `scenario` from then on; pushes remain.
         """
         twin = copy(self)
         twin.plant, twin.tasks, twin.program = self.plant.copy(), self.tasks.copy(), program

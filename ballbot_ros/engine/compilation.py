@@ -56,12 +56,8 @@ def compiled(function: Function) -> Function:
 
     The results are those of the function itself, bit for bit: without `fastmath`, numba keeps the
     operations of IEEE arithmetic and their order. A division by zero gives what numpy's numbers
-    give. The functions need no decorator, so nothing else needs numba.
-
-    Raises
-    ------
-    CompilationError
-        If numba is not installed.
+    give. The functions need no decorator, so nothing else needs numba. Without that, it raises
+    CompilationError.
     """
     known = _functions.get(function)
     if known is None:
@@ -92,11 +88,6 @@ def compiled_and_kept(
         Distinguishes it from the same function with other `others`.
     others : mapping of str to callable
         Functions that take the place of those with these names in the module.
-
-    Raises
-    ------
-    CompilationError
-        If numba is not installed.
     """
     numba = _numba()
     known = _kept_functions.get((function, name))

@@ -123,13 +123,9 @@ NOTHING_READ = Inputs(0, 0, 0, 0, NO_SAMPLE, NO_SAMPLE, NO_SAMPLE, NO_SAMPLE)
 
 
 class LawCode:
-    """The compiled runs of a controller with a law.
+    """The compiled runs of a controller with a law, before its first tick.
 
-    Parameters
-    ----------
-    controller : LawController
-        One before its first tick. Others with the same law need the same code if they have the
-        same :func:`kinds_of`.
+    Others with the same law need the same code if they have the same :func:`kinds_of`.
     """
 
     def __init__(self, controller: LawController[Any]) -> None:

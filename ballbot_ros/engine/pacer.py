@@ -45,10 +45,7 @@ class Pacer:
 class PauseControl:
     """Pauses the plant and allows single steps.
 
-    Attributes
-    ----------
-    awaits_start : bool
-        Whether it has been paused since the beginning, and nobody has decided otherwise.
+    It `awaits_start` if it has been paused since the beginning, and nobody has decided otherwise.
     """
 
     def __init__(self, *, starts_paused: bool = False) -> None:

@@ -54,10 +54,6 @@ class Plant:
 
     Attributes
     ----------
-    constants : PlantConstants
-        What does not change in a run.
-    state : PlantState
-        Everything that changes with time, but for the buffers.
     kept_steps : list of float
         The ring of the newest steps.
     faults : list of float
@@ -180,10 +176,7 @@ class Plant:
     ) -> GroundTruth:
         """Return what a state is of the robot; the numbers may be columns.
 
-        Parameters
-        ----------
-        volts : float
-            The battery's voltage in single precision [V].
+        The battery's voltage is that in single precision [V].
         """
         c, s = self.constants, state
         _, psi_x, theta_dot_x, psi_dot_x = s.x

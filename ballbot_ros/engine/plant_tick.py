@@ -475,14 +475,8 @@ def duty_at(
 def waiting_count(longest_delay: int, has_late_duties: bool) -> int:
     """Return the size of the ring of duties.
 
-    The dead time of the last of so many duties is over at any time; without one, none wait.
-
-    Parameters
-    ----------
-    longest_delay : int
-        Longest dead time of the motors [steps].
-    has_late_duties : bool
-        Whether duties may leave the brick later than they are commanded.
+    The dead time of the last of so many duties is over at any time; without one, none wait. That of
+    the motors is `longest_delay` [steps]; late duties may leave the brick later than commanded.
     """
     if has_late_duties:
         longest_delay += LATEST_DUTY

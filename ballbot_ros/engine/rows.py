@@ -316,12 +316,8 @@ def whole_values(parameters: ParameterSet, values: Mapping[str, object]) -> dict
 def robot_parameter(target: str) -> Parameter:
     """Return the parameter of a robot that has the name ``node.param``.
 
-    For an element, such as ``controller.k_f.1``, it is a parameter of one number.
-
-    Raises
-    ------
-    ParameterError
-        If there is none; the message is one line.
+    For an element, such as ``controller.k_f.1``, it is a parameter of one number. It raises
+    ParameterError, on one line, if there is none.
     """
     whole, element = split_element(target)
     node, _, name = whole.partition('.')

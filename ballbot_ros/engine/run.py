@@ -134,10 +134,7 @@ def robot_constants(
 ) -> RobotConstants:
     """Return the constants for those of the plant and the parameters of the devices.
 
-    Parameters
-    ----------
-    gyro, encoder, sonar : row or namespace
-        See :func:`~ballbot_ros.engine.devices.numbers_of`.
+    The parameters are rows, or what :func:`~ballbot_ros.engine.devices.numbers_of` returns.
     """
     return RobotConstants(
         plant, gyro_constants(gyro), encoder_constants(encoder), sonar_constants(sonar)
@@ -253,10 +250,7 @@ def clear_rings(constants: PlantConstants, effects_ns: Ints, steps: Reals) -> No
 class FloorTables(NamedTuple):
     """The walls of all runs; empty tables without a map.
 
-    Attributes
-    ----------
-    sides, walls_before : ndarray of int32
-        As in :class:`~ballbot_ros.robot.world.world.Footprint`.
+    They are those of :class:`~ballbot_ros.robot.world.world.Footprint`.
     """
 
     sides: Any
@@ -337,12 +331,7 @@ def new_robots(count: int, programs: Rows) -> Rows:
     """Return robots before their first tick as rows.
 
     They have the number of ticks that each has made, its state after them, and the state in which
-    its program starts.
-
-    Parameters
-    ----------
-    programs : rows
-        The initial states of their programs, or one for all.
+    its program starts. `programs` are the initial states of their programs, or one for all.
     """
     columns = [('ticks', 'i8'), ('plant', row_type(PlantState))]
     columns += [('program', programs.dtype), ('initial', programs.dtype)]
@@ -387,10 +376,7 @@ class TaskTimers(NamedTuple):
 def begin_program(program: Any, begun_ms: int) -> tuple[Constants, TaskTimers]:
     """Return what does not change in a run, and the timers `begun_ms` after its start.
 
-    Parameters
-    ----------
-    program : row
-        The constants of the program.
+    The program is the row of its constants.
     """
     ts2_period, ts3_period = program.ts2_period, program.ts3_period
     timers = TaskTimers(

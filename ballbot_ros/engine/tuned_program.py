@@ -12,12 +12,7 @@ from ballbot_ros.parameters.changes import PendingChanges
 class TunedProgram:
     """A program of an implementation, and the changes of its parameters in a run.
 
-    Attributes
-    ----------
-    program : Program
-    changes : PendingChanges
-    parameters : ControllerParameters
-        Those that it has, or that it glides to.
+    The present `parameters` are those that it has, or that it glides to.
     """
 
     def __init__(self, implementation: Implementation, changes: PendingChanges) -> None:
@@ -34,17 +29,10 @@ class TunedProgram:
         return deepcopy(self, shared)
 
     def advance(self, now_ns: int) -> dict[str, Value]:
-        """Let the program take over what changes at the tick at `now_ns` [ns].
+        """Let the program take over what changes at the tick at `now_ns` [ns]; return what is new.
 
-        Returns
-        -------
-        dict of str to Value
-            The values that are new, by name.
-
-        Raises
-        ------
-        ParameterError
-            If a parameter can't change during a run of this program, or not to this value.
+        It raises ParameterError if a parameter can't change during a run of this program, or not to
+        this value.
         """
         values = self.changes.due(now_ns)
         if not values:

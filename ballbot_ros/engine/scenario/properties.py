@@ -126,12 +126,7 @@ class Property:
         """Return how far runs are from violating the property, (r,); infinite without parts.
 
         It is negative if they violate it, and NaN if a signal is, or if a part is too short for its
-        windows. All runs have the same parts.
-
-        Raises
-        ------
-        MissingSignalError
-            If the runs lack a signal.
+        windows. All runs have the same parts. It raises MissingSignalError if they lack a signal.
         """
         least: Floats = np.full(1, math.nan if self.shortage(parts) else math.inf)
         with np.errstate(all='ignore'):  # a quotient of zeros is NaN

@@ -80,13 +80,7 @@ class _Operand(NamedTuple):
 
 
 def parse_property(name: str, text: str) -> Property:
-    """Read a property.
-
-    Raises
-    ------
-    ScenarioError
-        The message is one line that says what is wrong, and what is known or expected.
-    """
+    """Read a property; ScenarioError says on one line what is wrong, and what is expected."""
     parser = _Parser(text)
     try:
         scopes, whole = parser.scopes(), parser.whole()

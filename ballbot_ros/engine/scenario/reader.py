@@ -247,10 +247,7 @@ class ScenarioReader(ExpectationReader):
     def scenario(self, profile: str | None = None) -> Scenario:
         """Return the scenario in the document; `profile` replaces the document's device profile.
 
-        Raises
-        ------
-        ScenarioError, ParameterError
-            The message is one line that names file and line.
+        It raises ScenarioError or ParameterError, on one line that names file and line.
         """
         data = self._mapping(self._document.data, (), SCENARIO_KEYS)
         for required in ('purpose', 'duration'):
@@ -523,10 +520,8 @@ def load_scenario(
     `profile` is a device profile to use instead of the scenario's, and `map_file` an image to read
     instead of any that the scenario names.
 
-    Raises
-    ------
-    ScenarioError, YamlError, ParameterError
-        The message is one line that names file, line, key, and what is allowed.
+    It raises ScenarioError, YamlError or ParameterError: one line with file, line, key, and what is
+    allowed.
     """
     document = YamlDocument.named(name_or_file, 'scenarios', 'scenario', ScenarioError)
     return ScenarioReader(document, load_profile, map_file).scenario(profile)
@@ -540,12 +535,8 @@ def scenario_of(name_or_file: str) -> Scenario:
 def load_profile(name: str) -> ParameterSet:
     """Return the values that the profile `name` sets; ``ideal`` sets none and keeps the defaults.
 
-    A profile of your own is a parameter file, given by its path.
-
-    Raises
-    ------
-    ScenarioError, YamlError, ParameterError
-        If the profile does not exist, or its file can't be read.
+    A profile of your own is a parameter file, given by its path. It raises ScenarioError, YamlError
+    or ParameterError if the profile does not exist, or its file can't be read.
     """
     if name == IDEAL:
         return ParameterSet()

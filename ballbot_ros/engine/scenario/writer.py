@@ -29,11 +29,8 @@ def scenario_data(scenario: Scenario, plant: PlantParameters | None = None) -> d
     text. The paths of files are absolute, so that the file may be in any folder. Read again, the
     sticks and pushes are the same to the bit.
 
-    Parameters
-    ----------
-    plant : PlantParameters or None
-        The plant of the run, if it is another than the scenario's. The scenario's duration remains
-        if it is the longer one, for pushes that the run does not reach.
+    The plant is given if that of the run is another than the scenario's. The scenario's duration
+    remains if it is the longer one, for pushes that the run does not reach.
     """
     data = cast('dict[str, Any]', parse_value(scenario.text))
     if 'map' in data:
