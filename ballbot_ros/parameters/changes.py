@@ -27,10 +27,7 @@ def parse_changes(text: str) -> tuple[TimedChange, ...]:
     They are in order of time. Values of parameters that only the controller's class has are not
     checked yet. What belongs to another controller is left out, see :func:`parse_succession`.
 
-    Raises
-    ------
-    ParameterError
-        If it is malformed, or a parameter can't change during a run.
+    It raises ParameterError if the text is malformed, or a parameter can't change during a run.
     """
     found, after = _entries(text), parse_succession(text)
     times = (time for time in sorted(found) if not after or time != after.time)
@@ -118,13 +115,7 @@ def changes_text(changes: Iterable[TimedChange]) -> str:
 
 
 class PendingChanges:
-    """Changes that are still to come.
-
-    Parameters
-    ----------
-    changes : iterable of tuple
-        Sim time [ns] and values by name, in order of time.
-    """
+    """Changes that are still to come: sim time [ns] and values by name, in order of time."""
 
     def __init__(self, changes: Iterable[tuple[int, Mapping[str, Value]]]) -> None:
         self._pending = deque(changes)

@@ -65,12 +65,9 @@ def _mapping(document: YamlDocument, data: object, *keys: Hashable) -> dict[Hash
 def write_parameter_file(
     path: str | Path, parameters: ParameterSet, nodes: Iterable[str] = NODES
 ) -> None:
-    """Write all parameters of `nodes`, in the format of :func:`read_parameter_file`.
+    """Write all parameters of `nodes` as :func:`read_parameter_file` reads them.
 
-    Raises
-    ------
-    ParameterError
-        If the file can't be written.
+    It raises ParameterError if the file can't be written.
     """
     with os_errors(ParameterError, path):
         Path(path).write_text(format_parameters(parameters, nodes), encoding='utf-8')
@@ -111,10 +108,7 @@ Parameters = Mapping[str, object] | str | os.PathLike[str]
 def assign(parameters: ParameterSet, assignment: str) -> None:
     """Set the parameter that an assignment names, such as ``controller.k_thetadot=300``.
 
-    Raises
-    ------
-    ParameterError
-        If the text is malformed, or node, name or value are not allowed.
+    It raises ParameterError if the text is malformed, or node, name or value are not allowed.
     """
     target, equals, text = assignment.partition('=')
     node, dot, name = target.partition('.')
@@ -129,10 +123,7 @@ def assign(parameters: ParameterSet, assignment: str) -> None:
 def assign_values(parameters: ParameterSet, values: Mapping[str, object]) -> None:
     """Set parameters to values by ``node.param``, such as ``{'controller.k_thetadot': 300}``.
 
-    Raises
-    ------
-    ParameterError
-        If a node, name or value is not allowed.
+    It raises ParameterError if a node, name or value is not allowed.
     """
     for target, value in values.items():
         node, dot, name = target.partition('.')

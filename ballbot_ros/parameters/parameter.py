@@ -305,10 +305,7 @@ def table(classes: tuple[type[NodeParameters], ...]) -> tuple[Parameter, ...]:
 def declared_in(cls: type, node: str = '', prefix: str = '') -> Iterator[Parameter]:
     """Yield the parameters that the fields of a dataclass declare, for a node.
 
-    Parameters
-    ----------
-    prefix : str
-        Put before the name of each field.
+    A prefix is put before the name of each field.
     """
     types = get_type_hints(cls)
     for each in _fields(cls).values():

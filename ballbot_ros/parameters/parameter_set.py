@@ -136,12 +136,8 @@ class ParameterSet:
     """A value for every parameter of every node; unset ones have their defaults.
 
     The controller's own parameters (:data:`~ballbot_ros.parameters.controller.OWN_PREFIXES`) depend
-    on its class. They are kept as given until :meth:`declare_own`, which checks them.
-
-    Parameters
-    ----------
-    other : ParameterSet, optional
-        What to begin with.
+    on its class. They are kept as given until :meth:`declare_own`, which checks them. Another set
+    is what to begin with.
     """
 
     def __init__(self, other: ParameterSet | None = None) -> None:
@@ -207,13 +203,7 @@ class ParameterSet:
         self._values[CONTROLLER, name] = row.check(value, f'{prefix}{CONTROLLER}.')
 
     def declare_own(self, class_name: str, rows: Iterable[Parameter]) -> None:
-        """Declare the parameters of the controller's class, and check the values given so far.
-
-        Raises
-        ------
-        ParameterError
-            As for :meth:`set`.
-        """
+        """Declare the parameters of the controller's class; check values so far as :meth:`set`."""
         self._class = class_name
         self._own = {row.name: row for row in rows}
         given, self._given_own = self._given_own, {}

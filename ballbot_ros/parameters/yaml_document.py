@@ -71,17 +71,9 @@ _Dumper.add_implicit_resolver(*_FLOATS)
 
 
 def yaml_text(data: object, *, has_inner_lines: bool = True) -> str:
-    """Return data as YAML.
+    """Return data as YAML; yaml.YAMLError if a value is no number, text, list or mapping.
 
-    Parameters
-    ----------
-    has_inner_lines : bool
-        Whether each element of the innermost lists has a line of its own.
-
-    Raises
-    ------
-    yaml.YAMLError
-        If a value is neither a number, a text, a list nor a mapping.
+    With inner lines, each element of the innermost lists has a line of its own.
     """
     style = False if has_inner_lines else None
     text: str = yaml.dump(
@@ -110,20 +102,8 @@ def _parse(text: bytes | str, otherwise: object) -> object:
 class YamlDocument:
     """A YAML file's content and the line of every part of it.
 
-    Parameters
-    ----------
-    path : path-like
-        The file.
-
-    Attributes
-    ----------
-    data : object
-        Plain dicts, lists, text and numbers.
-
-    Raises
-    ------
-    YamlError
-        If the file can't be read, is not YAML, or has a duplicate key; names file and line.
+    `data` has plain dicts, lists, text and numbers. It raises YamlError, which names file and line,
+    if the file can't be read, is not YAML, or has a duplicate key.
     """
 
     def __init__(self, path: str | Path) -> None:

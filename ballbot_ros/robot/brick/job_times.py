@@ -60,10 +60,7 @@ def free_clock(p: Any) -> float:
 def job_times(p: Any) -> JobTimes:
     """Return the times for the parameters of ``controller``; no time without a kernel.
 
-    Parameters
-    ----------
-    p : row or namespace
-        The parameters; :func:`interrupt_load` is below 1.
+    The parameters are a row or a namespace, and their :func:`interrupt_load` is below 1.
     """
     if not p.kernel:
         return JobTimes(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0)

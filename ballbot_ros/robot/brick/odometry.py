@@ -139,15 +139,8 @@ class _Pitch:
 class DeadReckoning:
     """Estimates the robot's motion from the readings of gyros and encoders.
 
-    Parameters
-    ----------
-    ball_radius, wheel_radius : float
-        Rs and Rw [m].
-
-    Attributes
-    ----------
-    now_ns : int
-        Stamp of the newest reading [ns]; 0 before the first.
+    The radii are Rs and Rw [m]; `now_ns` is the stamp of the newest reading [ns], 0 before the
+    first.
     """
 
     def __init__(self, ball_radius: float, wheel_radius: float) -> None:

@@ -171,12 +171,8 @@ def write_files(
 ) -> list[Path]:
     """Write a map as VRML, as nav2's YAML with its image, or as both; return the written files.
 
-    The .pgm is named after the .yaml. `nodes` are more of VRML's, to follow the floor.
-
-    Raises
-    ------
-    WorldError
-        If a file already exists or can't be written; this call then leaves no files.
+    The .pgm is named after the .yaml. `nodes` are more of VRML's, to follow the floor. It raises
+    WorldError if a file already exists or can't be written, and then leaves no files.
     """
     for path in filter(None, (wrl, nav2)):
         if path.is_dir() or not path.name:

@@ -131,10 +131,7 @@ def check_rays(parameters: SonarParameters) -> None:
 def sides_of(parameters: SonarParameters) -> Any:
     """Return the distances of a sonar's map to its walls, see `nearest_echo`; () without a map.
 
-    Raises
-    ------
-    WorldError
-        If the map can't be read, or ``cone_rays`` is an even number.
+    It raises WorldError if the map can't be read, or ``cone_rays`` is an even number.
     """
     check_rays(parameters)
     # The interpreter gets the elements of a memory view faster than those of an array.

@@ -80,13 +80,7 @@ class World:
 
     Only walls block the robot; the floor off the map is free. Positions are those of the ball's
     centre [m] in plane signs (docs/frames.md). The body's depth and width [m] are along x and y.
-
-    Attributes
-    ----------
-    map : FloorMap
-        The floor.
-    footprint : Footprint
-        Walls and outline as numbers, in memory views.
+    The `footprint` has walls and outline as numbers, in memory views.
     """
 
     def __init__(self, floor_map: FloorMap, body_depth: float, body_width: float) -> None:
@@ -108,10 +102,7 @@ class World:
     def of(cls, parameters: PlantParameters) -> World | None:
         """Create the world described by the parameters of ``plant_sim``; None without a ``map``.
 
-        Raises
-        ------
-        WorldError
-            If the map can't be read, or the start position is blocked.
+        It raises WorldError if the map can't be read, or the start position is blocked.
         """
         if not parameters.map:
             return None
