@@ -183,14 +183,8 @@ NOTABLE_MS = 25 * TICK_MS
 class TickTimes:
     """How long the ticks of a controller take, against the 4 ms of the brick.
 
-    Attributes
-    ----------
-    ticks, slow : int
-        Number of ticks, and of those that took longer than 4 ms.
-    longest_ms : float
-        Wall time of the longest tick [ms].
-    longest_at_s : float
-        When it was, from the start of the run [s].
+    The `slow` ones took longer. Times are those of the wall clock, but `longest_at_s` counts from
+    the start of the run.
     """
 
     ticks: int = 0

@@ -92,10 +92,6 @@ class ControllerCode:
     module : str
         Name of its module; '' for a file. A class of :data:`MAIN` was not loaded, but given; its
         source is only to be read.
-    class_name : str
-        Name of its class.
-    source : Source
-        Its content.
     path : Path
         The file of the class.
     folder : Path or None

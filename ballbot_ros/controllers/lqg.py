@@ -221,8 +221,6 @@ class Plane(NamedTuple):
 
     Attributes
     ----------
-    motion : Motion
-        The estimates.
     predicted : tuple of float
         The filter's states at the next tick.
     on_their_way : tuple of float

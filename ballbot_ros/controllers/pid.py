@@ -72,8 +72,6 @@ class Plane(NamedTuple):
 
     Attributes
     ----------
-    motion : Motion
-        The estimates.
     offset_error : float
         Error of the gyro's offset [deg/s].
     rate : float

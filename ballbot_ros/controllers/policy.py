@@ -175,16 +175,9 @@ class PolicyConstants(NamedTuple):
 
 
 class PolicyState(NamedTuple):
-    """The state of a policy's law.
+    """The state of a policy's law, whose duty [%] is held for a number of ticks that it `waits`.
 
-    Attributes
-    ----------
-    duty_x, duty_y : int
-        The duty that is held [%].
-    waits : int
-        Number of ticks until the next action.
-    own : Any
-        That of the policy.
+    `own` is the state of the policy.
     """
 
     observer: ObserverState

@@ -82,12 +82,8 @@ def compiled_and_kept(
     and numba, on the same kind of processor. Of several processes that need it at once, one
     compiles it while the others wait. Without a folder for it, nothing is kept.
 
-    Parameters
-    ----------
-    name : str
-        Distinguishes it from the same function with other `others`.
-    others : mapping of str to callable
-        Functions that take the place of those with these names in the module.
+    The `others` take the place of functions with these names in the module; `name` distinguishes
+    the same function with different ones.
     """
     numba = _numba()
     known = _kept_functions.get((function, name))
@@ -153,14 +149,9 @@ def has_kept_code(name: str = '*') -> bool:
 def compile_in_background(kept: str, compiles: Callable[..., None], *arguments: str) -> None:
     """Let a process of the lowest priority compile code for the next time, unless it is kept.
 
-    It goes on when this one has ended. Each process starts at most one for the same code.
-
-    Parameters
-    ----------
-    kept : str
-        Name of the code, as for :func:`has_kept_code`.
-    compiles : callable
-        A function at the top of a module that does it with the `arguments`.
+    It goes on when this one has ended. Each process starts at most one for the same code, whose
+    name is as for :func:`has_kept_code`. A function at the top of a module `compiles` it with the
+    arguments.
     """
     if not can_compile() or NO_BACKGROUND in os.environ or _folder() is None or has_kept_code(kept):
         return

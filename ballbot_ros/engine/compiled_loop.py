@@ -154,8 +154,6 @@ class TickColumns(NamedTuple):
         The true state before each tick.
     wall_hit : ndarray of bool
         As in :class:`~ballbot_ros.engine.closed_loop.Tick`.
-    inputs : Inputs
-        The samples.
     program : rows
         The states of the program after each tick: of the document's, or
         :class:`~ballbot_ros.engine.law_runs.LawState`.
@@ -177,7 +175,7 @@ class TickColumns(NamedTuple):
 
 
 class CompiledLoop:
-    """Moves a closed loop by compiled code, from its first tick on.
+    """Moves a closed loop by compiled code, from its first tick on; CompilationError without numba.
 
     Parameters
     ----------
@@ -188,11 +186,6 @@ class CompiledLoop:
         before the first tick, unless who uses the loop lets it make the ticks, too.
     events : Scenario or EventSource
         Its sticks and pushes.
-
-    Raises
-    ------
-    CompilationError
-        If numba is not installed.
     """
 
     def __init__(

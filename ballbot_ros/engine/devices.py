@@ -259,12 +259,8 @@ def read_sonar(constants: SonarConstants, x: float, y: float, sides: Cells, stam
 def distance_ahead(constants: SonarConstants, x: float, y: float, sides: Cells) -> float:
     """Return the distance [m] from the sensor to the nearest wall, inf if there is none.
 
-    Parameters
-    ----------
-    x, y : float
-        Position of the ball's centre [m].
-    sides : array of int32
-        Result of :func:`~ballbot_ros.robot.world.sonar_beam.sides_of`.
+    The ball's centre is at x, y [m]. `sides` is the result of
+    :func:`~ballbot_ros.robot.world.sonar_beam.sides_of`.
     """
     if not len(sides):
         return math.inf

@@ -207,18 +207,10 @@ read_observer, write_observer = row_functions(ObserverState)
 def move_robots(
     floor: FloorTables, vertical: Floats, horizontal: Floats, rings: Rings, robots: Rows
 ) -> None:
-    """Move robots, each for its number of ticks.
+    """Move robots, each for its number of ticks, on one floor; the rings and robots are changed.
 
-    Parameters
-    ----------
-    floor : FloorTables
-        The walls of all robots.
-    vertical, horizontal : ndarray of float64, shape (r, k, 2)
-        As in :class:`~ballbot_ros.engine.run.Events`.
-    rings : Rings
-        They are changed.
-    robots : rows of MOVED_ROBOT
-        They are changed.
+    The sticks (r, k, 2) are as in :class:`~ballbot_ros.engine.run.Events`, the robots rows of
+    :data:`MOVED_ROBOT`.
     """
     for run in range(len(robots)):
         if robots[run].ticks:

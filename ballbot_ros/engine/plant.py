@@ -41,12 +41,10 @@ class SavedPlant(NamedTuple):
 
 
 class Plant:
-    """Both planes of the ballbot, from one reset to the next.
+    """Both planes of the ballbot, from the first tick at `start_ns` on.
 
     Parameters
     ----------
-    start_ns : int
-        Sim time [ns] of the first tick.
     world : World or None
         None for an unlimited floor.
     faults : list of float or None

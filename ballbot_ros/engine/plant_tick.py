@@ -67,8 +67,6 @@ class PlantConstants(NamedTuple):
 
     Attributes
     ----------
-    is_linear : bool
-        Whether the planes follow the linear model.
     transition, force_coefficients : tuple of float
         Of the linear model, see :func:`~ballbot_ros.robot.plant.integration.discrete_matrices`.
     rates : tuple of float
@@ -91,8 +89,6 @@ class PlantConstants(NamedTuple):
         Sim time at which the robot is let go.
     fall_angle, half_play : float
         Pitch of a fallen robot, and half of the gear play [rad].
-    is_draining : bool
-        Whether the battery drains.
     idle_current, full_volts, charge_slope, battery_ohms : float
         As in :func:`~ballbot_ros.robot.plant.laws.discharge`.
     stops_at_hit : bool
@@ -105,8 +101,6 @@ class PlantConstants(NamedTuple):
         Whether duties may take effect later than they are commanded.
     battery_age_ns : int
         Age of the battery's samples.
-    key : tuple of uint64
-        Of the random numbers.
     """
 
     is_linear: bool
@@ -153,10 +147,6 @@ class PlantState(NamedTuple):
 
     Attributes
     ----------
-    time_ns : int
-        Sim time.
-    x, y : PlaneState
-        The planes.
     shaft_x, shaft_y : float
         Angles of the motor shafts [rad], if the gears have play.
     voltage_x, voltage_y : float
@@ -501,14 +491,9 @@ def position(constants: PlantConstants, state: PlantState) -> Pair:
 
 
 def plant_constants(p: Any, start_ns: int) -> PlantConstants:
-    """Return the constants of a plant.
+    """Return the constants of a plant whose first tick is at `start_ns`.
 
-    Parameters
-    ----------
-    p : row or namespace
-        The parameters, see :func:`~ballbot_ros.engine.devices.numbers_of`.
-    start_ns : int
-        Sim time of the first tick.
+    The parameters are a row, or what :func:`~ballbot_ros.engine.devices.numbers_of` returns.
     """
     transition, force_coefficients = discrete_matrices(p, STEP_S)
     ratio = gear_ratio(p)

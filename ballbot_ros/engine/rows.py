@@ -227,19 +227,15 @@ def program_rows(controllers: Rows) -> Rows:
 class RobotRows:
     """The parameters of many robots that differ in some values.
 
+    A parameter that is unknown or none of a robot, or a value that is not allowed, is a
+    ParameterError.
+
     Parameters
     ----------
     parameters : ParameterSet
         Those that all robots have, unless `values` has others.
     values : mapping of str to ndarray
         By ``node.param``: a value for each robot, shape (count,), or (count, 4) for ``k_f``.
-    count : int
-        Number of robots.
-
-    Raises
-    ------
-    ParameterError
-        If a parameter is unknown or none of a robot, or a value is not allowed.
     """
 
     def __init__(self, parameters: ParameterSet, values: Mapping[str, Column], count: int) -> None:

@@ -167,8 +167,6 @@ def sample(
 
     Parameters
     ----------
-    vertical, horizontal : int
-        The sticks.
     steps, sides : sequence of float, array of int32
         As in :func:`~ballbot_ros.engine.plant_tick.plant_tick`.
     faults : sequence of float
@@ -300,14 +298,10 @@ class RunLog(NamedTuple):
 
     Attributes
     ----------
-    position : ndarray of float64, shape (r, n, 2)
-        Ball centre [m].
-    psi : ndarray of float64, shape (r, n, 2)
-        Body pitch [rad].
-    duty : ndarray of int8, shape (r, n, 2)
-        Duty [%].
+    position, psi, duty : ndarray, shape (r, n, 2)
+        As in :class:`~ballbot_ros.engine.scenario.metrics.Motion`; duties are int8.
     timing : ndarray of float64, shape (r, n, 4) or (r, 0, 4)
-        As in :class:`~ballbot_ros.engine.scenario.metrics.Motion`; NaN for some runs without it.
+        As there; NaN for some runs without it.
     others : ndarray of float64, shape (r, n, 6) or (r, 0, 6)
         Pitch rates [rad/s], readings of gyros and encoders.
     """
@@ -462,8 +456,6 @@ def simulate_runs(
         The parameters of the nodes.
     programs : rows
         The constants of the programs.
-    floor : FloorTables
-        The walls of all runs.
     rings : Rings
         They are changed.
     log : RunLog

@@ -165,10 +165,6 @@ class CompiledProgram:
         Of the planes; of nothing, if the program estimates nothing.
     control_mode : ControlMode or None
         The mode that tells which path a task takes; None if the program has none.
-    state : bytes
-        The C structure ``ballbot`` after the last tick.
-    stack_bytes : tuple of int
-        Maximum stack usage of each task so far.
     """
 
     x = y = Estimates()

@@ -37,13 +37,7 @@ def steady_covariance(a: Matrix, noise: Matrix) -> Matrix:
 
     It is the sum of ``a^k noise a'^k`` over all k, found by doubling their number: the states of a
     loop differ by orders of magnitude, and a solver of Lyapunov's equation loses digits with them.
-
-    Parameters
-    ----------
-    a : ndarray, shape (n, n)
-        A stable transition.
-    noise : ndarray, shape (n, n)
-        The covariance of w.
+    The transition (n, n) is stable; the noise (n, n) is the covariance of w.
     """
     power, covariance = a, noise
     while np.abs(power).max() > FADED:
@@ -97,12 +91,7 @@ class Margins:
 class LoopResponse:
     """The frequency response L of a loop that negative feedback closes.
 
-    Attributes
-    ----------
-    frequencies : ndarray, shape (n,)
-        [rad/s].
-    values : ndarray of complex, shape (n,)
-        L at these frequencies.
+    It has `values` at `frequencies` [rad/s], both of the shape (n,).
     """
 
     def __init__(self, loop: control.StateSpace) -> None:
@@ -303,16 +292,9 @@ class SampleAnalysis:
 
 @dataclass(frozen=True)
 class LoopAnalysis:
-    """Properties of a closed loop.
+    """Properties of a closed loop; its poles are from slow to fast.
 
-    Attributes
-    ----------
-    poles : tuple of Pole
-        From slow to fast.
-    margins : Margins or None
-        None if the loop is unstable.
-    samples : SampleAnalysis or None
-        None in continuous time, or if the loop is unstable.
+    An unstable loop has neither margins nor samples, and one in continuous time no samples.
     """
 
     poles: tuple[Pole, ...]

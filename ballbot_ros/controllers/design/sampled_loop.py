@@ -86,15 +86,7 @@ PARAMETERS = frozenset(
 
 @dataclass(frozen=True)
 class LoopDelays:
-    """The dead times of a loop [ms].
-
-    Attributes
-    ----------
-    actuator : float
-        Time until a duty takes effect.
-    gyro, encoder : float
-        Ages of the samples.
-    """
+    """The dead times of a loop [ms]: until a duty takes effect, and the ages of the samples."""
 
     actuator: float = 0.0
     gyro: float = 0.0

@@ -50,15 +50,7 @@ _Part = TypeVar('_Part')
 
 
 class DocumentReader:
-    """Reads and checks the parts of a document.
-
-    Attributes
-    ----------
-    what : str
-        What the document describes, for error messages.
-    error_class : type
-        The class of its errors.
-    """
+    """Reads and checks the parts of a document; errors say `what` it describes."""
 
     what: ClassVar[str] = 'the scenario'
     error_class: ClassVar[type[BallbotError]] = ScenarioError

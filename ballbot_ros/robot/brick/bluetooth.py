@@ -151,8 +151,6 @@ class LogStream:
 
     Attributes
     ----------
-    packets : int
-        Number of packets found.
     skipped_bytes : int
         Number of bytes that belonged to none.
     lost_packets : int

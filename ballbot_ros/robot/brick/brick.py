@@ -167,8 +167,6 @@ class Brick:
         The newest sample.
     systick_ms : int
         uint32 system time.
-    duty : tuple of int
-        The current motor duty.
     """
 
     def __init__(self) -> None:

@@ -282,12 +282,7 @@ def duty_effect(constants: KernelConstants, kernel: Ints) -> int:
 def mean_duty_delay(constants: KernelConstants, job_us: float, sends: bool) -> float:
     """Return after what time [µs] a duty acts whose job is the first of its tick.
 
-    Parameters
-    ----------
-    job_us : float
-        Time of the job.
-    sends : bool
-        Whether the link sends at the tick's first interrupt.
+    It `sends` if the link does at the tick's first interrupt.
     """
     set_us = constants.interrupt_us + job_us
     if not constants.has_link:
@@ -324,19 +319,10 @@ class Job(NamedTuple):
 
 
 class OsekKernel:
-    """A kernel with its tasks.
+    """A kernel with its tasks, whose first interrupt is at `start_us`.
 
-    Parameters
-    ----------
-    start_us : int
-        Time of the first interrupt.
-    offsets : sequence of int
-        Ticks until the first alarm of each task; none stands for 0.
-
-    Attributes
-    ----------
-    state : list of int
-        See the module; functions of the module change it.
+    The offsets are ticks until the first alarm of each task; none stands for 0. Functions of the
+    module change the `state`, see there.
     """
 
     def __init__(
