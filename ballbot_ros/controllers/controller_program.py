@@ -183,8 +183,14 @@ NOTABLE_MS = 25 * TICK_MS
 class TickTimes:
     """How long the ticks of a controller take, against the 4 ms of the brick.
 
-    The `slow` ones took longer. Times are those of the wall clock, but `longest_at_s` counts from
-    the start of the run.
+    Attributes
+    ----------
+    ticks, slow : int
+        Number of ticks, and of those that took longer than 4 ms.
+    longest_ms : float
+        Wall time of the longest tick [ms].
+    longest_at_s : float
+        When it was, from the start of the run [s].
     """
 
     ticks: int = 0
@@ -220,9 +226,26 @@ class TickTimes:
 class ControllerProgram:
     """Runs a controller on the brick.
 
-    `parameters`, `model` and `settings` are arguments of the controller's class; `times` receives
-    how long each tick takes. If the controller's constructor or one of its methods fails, that is a
-    ControllerError.
+    Parameters
+    ----------
+    parameters, model, settings : object
+        Arguments of the controller's class.
+    times : TickTimes
+        Receives how long each tick takes; also an attribute.
+
+    Attributes
+    ----------
+    controller : Controller
+        The instance of the class that runs.
+    x, y : Estimates
+        Of the planes.
+    operating_state : OperatingState
+        The state of figure 7-1.
+
+    Raises
+    ------
+    ControllerError
+        If the controller's constructor fails. Its methods raise it likewise.
     """
 
     def __init__(

@@ -175,9 +175,16 @@ class PolicyConstants(NamedTuple):
 
 
 class PolicyState(NamedTuple):
-    """The state of a policy's law, whose duty [%] is held for a number of ticks that it `waits`.
+    """The state of a policy's law.
 
-    `own` is the state of the policy.
+    Attributes
+    ----------
+    duty_x, duty_y : int
+        The duty that is held [%].
+    waits : int
+        Number of ticks until the next action.
+    own : Any
+        That of the policy.
     """
 
     observer: ObserverState

@@ -111,13 +111,32 @@ class RecordingWriter:
         type_hash: str | None = None,
         derived: bool = False,
     ) -> RecordedTopic:
-        """Add a topic by its full name, and return it for :meth:`write`.
+        """Add a topic.
 
-        Messages that are derived from others of the recording are in another channel than published
-        ones. `qos` is what each publisher offers. A hash of the type in the graph must equal that
-        of the definition in ROS 2 Jazzy.
+        Derived and published messages of one topic are in different channels.
 
-        It raises RecordingError if the topic was already added, or its type is not that of Jazzy.
+        Parameters
+        ----------
+        name : str
+            Full name of the topic.
+        type_name : str
+            Its type, such as ``sensor_msgs/msg/Imu``.
+        qos : sequence of QosProfile
+            QoS offered by each of its publishers.
+        type_hash : str, optional
+            Hash of the type in the graph; it must equal that of the definition in ROS 2 Jazzy.
+        derived : bool
+            Whether its messages are computed from other messages of the recording.
+
+        Returns
+        -------
+        RecordedTopic
+            The topic to pass to `write`.
+
+        Raises
+        ------
+        RecordingError
+            If the topic was already added, or its type is not that of ROS 2 Jazzy.
         """
         try:
             definition = schema(type_name)
