@@ -17,7 +17,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from ballbot_ros.nodes.endpoints import reliable_qos
 from ballbot_ros.parameters import GYRO, PLANT, RECORDER, SONAR
-from ballbot_ros.parameters.timing import SLOW_PERIOD_NS, TICK_NS
+from ballbot_ros.parameters.timing import SECOND_NS, SLOW_PERIOD_NS, TICK_NS
 from ballbot_ros.recording.messages.conversions import fill_time, stamp_ns
 from ballbot_ros.recording.messages.topics import (
     BATTERY_STATE,
@@ -144,7 +144,7 @@ def test_a_recorder_may_join_while_the_plant_waits_for_a_duty(
 ):
     path = tmp_path / 'run.mcap'
     client.watch(PARTICIPANTS, HISTORY, kept=True)
-    plant = watch_run(1.1, duration=4)
+    plant = watch_run(1.1)
 
     def set_pause(*, pause):
         assert client.call(SetBool, 'plant_sim/pause', SetBool.Request(data=pause)).success
@@ -166,8 +166,10 @@ def test_a_recorder_may_join_while_the_plant_waits_for_a_duty(
 
     client.spin_until(has_come)
     client.await_standstill()
+    end_ns = client.now_ns() + 3 * SECOND_NS
     gyro.send_signal(signal.SIGCONT)
-    assert plant.finish() == 0, plant.output
+    client.spin_until(lambda: client.now_ns() > end_ns, what='the rest of the run')
+    assert plant.interrupt() == 0, plant.output
     assert recorder.interrupt() == 0
     with RecordingReader(path) as recording:
         assert 's on: recorded from mid-run' in recording.damage
