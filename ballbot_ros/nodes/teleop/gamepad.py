@@ -127,7 +127,7 @@ class Gamepad:
             self._on_state(self._pad.read())
 
     def _scan(self) -> None:
-        present = self._backend.devices()
+        present = self._backend.devices
         self._refused.intersection_update(present)
         for device in present:
             if not self._is_wanted(device) or device in self._refused:
@@ -165,7 +165,10 @@ _BUTTONS = 15
 
 
 class SdlBackend:
-    """Finds and reads gamepads with pygame; raises TeleopError if it is not installed."""
+    """Finds and reads gamepads with pygame; raises TeleopError if it is not installed.
+
+    `devices` are those that are connected.
+    """
 
     def __init__(self) -> None:
         os.environ.update(_SETTINGS)
@@ -175,7 +178,7 @@ class SdlBackend:
         except ImportError:
             raise TeleopError(INSTALL_HINT) from None
         self._pygame, self._controller = pygame, controller
-        self._devices: list[GamepadDevice] = []
+        self.devices: list[GamepadDevice] = []
 
     def start(self) -> None:
         """Start looking for devices; everything else must happen on the same thread."""
@@ -202,11 +205,7 @@ class SdlBackend:
             except self._pygame.error:
                 continue  # The device is gone again, or may not be read.
             devices.append(GamepadDevice(index, name, self._controller.is_controller(index)))
-        self._devices = devices
-
-    def devices(self) -> list[GamepadDevice]:
-        """Return the connected devices."""
-        return self._devices
+        self.devices = devices
 
     def open(self, device: GamepadDevice) -> _SdlPad:
         """Open a device that has a mapping; TeleopError if that fails."""
@@ -262,10 +261,10 @@ def list_devices() -> None:
 def wait_for_devices(backend: SdlBackend) -> list[GamepadDevice]:
     """Return the connected devices, after enough time to find them."""
     deadline = time.monotonic() + SCAN_S
-    while not backend.devices() and time.monotonic() < deadline:
+    while not backend.devices and time.monotonic() < deadline:
         backend.pump()
         time.sleep(REFRESH_S)
-    return backend.devices()
+    return backend.devices
 
 
 def describe(devices: list[GamepadDevice]) -> list[str]:

@@ -144,17 +144,10 @@ class KeyboardSticks:
 _INFO = re.compile(r'\[INFO\] \[[^]]*\] \[([^]]*)\]: (.*)')
 
 
-class PassingMessages:
-    """Keeps the newest `lines` of level INFO; all others should stay on the terminal."""
-
-    def __init__(self, count: int) -> None:
-        self.lines: deque[str] = deque(maxlen=count)
-
-    def take(self, text: str) -> bool:
-        """Keep a line; return whether it was one to keep."""
-        if found := _INFO.fullmatch(text.strip()):
-            self.lines.append(f'{found[1]}: {found[2]}')
-        return found is not None
+def info_message(line: str) -> str:
+    """Return node and text of a line of level INFO, which passes; '' for all other lines."""
+    found = _INFO.fullmatch(line.strip())
+    return f'{found[1]}: {found[2]}' if found else ''
 
 
 INSTALL_HINT = 'prompt_toolkit not found: install it with `pip install "ballbot_ros[drive]"`'
@@ -232,7 +225,7 @@ class Terminal:
         self.on_key: Callable[[], None] = lambda: None
         self.is_closed = False
         self._app: Application[None] | None = None
-        self._messages = PassingMessages(_MESSAGES)
+        self._messages: deque[str] = deque(maxlen=_MESSAGES)
         self._thread = Thread(target=self._run, name='keyboard', daemon=True)
         self._thread.start()
 
@@ -313,7 +306,7 @@ class Terminal:
         @bindings.add('<any>')
         def _(event: object) -> None:
             self.on_key()
-            self._messages.lines.append(f'key {_key_name(event)} does nothing')
+            self._messages.append(f'key {_key_name(event)} does nothing')
 
         return bindings
 
@@ -344,7 +337,7 @@ class Terminal:
         }
         lines = [f'{name:<11} {text}' for name, text in shown.items()]
         known = HELP.format(RESET_HELP * (self._on_reset is not None))
-        return '\n'.join([*lines, known, *self._messages.lines])
+        return '\n'.join([*lines, known, *self._messages])
 
     async def _show_output(self, others: _Redirected) -> None:
         """Show other output to the terminal above the panel, or briefly in it."""
@@ -354,7 +347,9 @@ class Terminal:
         loop = asyncio.get_running_loop()
         await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), others.pipe)
         while text := await reader.readline():
-            if not self._messages.take(text.decode(errors='replace')):
+            if message := info_message(text.decode(errors='replace')):
+                self._messages.append(message)
+            else:
                 await run_in_terminal(lambda: others.show(text))
 
 

@@ -40,6 +40,7 @@ class FakeBackend:
         self.threads.add(threading.get_ident())
         self.polls += 1
 
+    @property
     def devices(self):
         return list(self.present)
 
