@@ -179,9 +179,13 @@ class Roster:
 
     def has_answered(self, role: str, stamp_ns: int) -> bool:
         """Return whether a participant has announced that it has sent a sample."""
-        member = self._run.members.get(role)
-        heard = self._run.heard.get(member.instance) if member else None
+        heard = self._heard_of(role)
         return heard is not None and heard.announcement.answered_ns >= stamp_ns
+
+    def _heard_of(self, role: str) -> _Heard | None:
+        """Return the newest announcement of the participant of a role."""
+        member = self._run.members.get(role)
+        return self._run.heard.get(member.instance) if member else None
 
     def readiness(self, now_ns: int) -> Readiness:
         """Return whether the run may continue; a successor takes part from `now_ns` on."""
@@ -314,8 +318,7 @@ class Roster:
 
     def reported_failure(self, role: str) -> str:
         """Return why the participant of a role can't continue, or ''."""
-        member = self._run.members.get(role)
-        heard = self._run.heard.get(member.instance) if member else None
+        heard = self._heard_of(role)
         objection = heard.announcement.objection if heard else None
         return one_line(objection.text) if objection and not objection.topic else ''
 
@@ -361,12 +364,8 @@ class Roster:
             silence. If all have answered, the participants whose newest sample is older than due,
             and those whose sample the controller awaits; some of these may be waiting for others.
         """
-        run = self._run
-        found = {}
-        for role in due_ns:
-            member = run.members.get(role)
-            found[role] = run.heard.get(member.instance) if member else None
-        silences_s = {role: silence_s(run.members.get(role)) for role in found}
+        found = {role: self._heard_of(role) for role in due_ns}
+        silences_s = {role: silence_s(self._run.members.get(role)) for role in found}
         unheard = [role for role, heard in found.items() if not heard or heard.calls <= since_call]
         if unheard:
             return {role: silences_s[role] for role in unheard}
@@ -384,8 +383,7 @@ class Roster:
 
         What it announced before it became silent itself does not count.
         """
-        controller = self._run.members.get(CONTROLLER)
-        heard = self._run.heard.get(controller.instance) if controller else None
+        heard = self._heard_of(CONTROLLER)
         if heard is None or self._calls - heard.calls >= ANSWER_CALLS:
             return {}
         return {

@@ -51,10 +51,6 @@ QUERY_RETRY_S = 1.0
 PARAMETERS_OF_PLANT = f'parameters of {PLANT}'
 
 
-_ParameterQuery = tuple[Sequence[str], Callable[[PlantParameters], None]]
-"""Names of parameters of the plant, and the function that receives their values."""
-
-
 class ViewerRequests:
     """Queues requests from the page's threads; the node's thread sends them.
 
@@ -71,7 +67,7 @@ class ViewerRequests:
         self._parameters = _ParameterClients(node)
         self._push = node.output(PUSH)
         self._had_plant = False
-        self._query: _ParameterQuery | None = None
+        self._query: tuple[Sequence[str], Callable[[PlantParameters], None]] | None = None
         self._queried_at = -math.inf
 
     @property

@@ -51,10 +51,8 @@ def brick_spec(
         Parameter file of the program on the brick; None for the document's values.
     address, port : str
         Where the brick is: a Bluetooth address, or a serial device or socket.
-    device : str or None
-        Gamepad, by its number or part of its name; None for any.
-    output : Path or None
-        Folder for the recording; None for a new one under ``runs/``.
+    device, output
+        As in :func:`~ballbot_ros.run.drive.drive_spec`.
     """
     parameters = read_parameter_file(program) if program else ParameterSet()
     parameters.set(BRICK_LINK, 'address', address, '--address')

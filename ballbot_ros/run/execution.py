@@ -85,7 +85,7 @@ def _new_folder(name: str) -> Path:
 def execute(
     spec: RunSpec,
     observer: RunObserver | None = None,
-    is_replaced: Callable[[], bool] | None = None,
+    is_replaced: Callable[[], bool] = lambda: False,
     client: ForkClient | None = None,
     *,
     starts_paused: bool = False,
@@ -97,9 +97,8 @@ def execute(
     ----------
     observer : RunObserver or None
         Receives progress and notices; None for an observer that logs the notices.
-    is_replaced : callable or None
-        Returns whether another run replaces this one; only for nodes in separate processes. None if
-        no run will replace it.
+    is_replaced : callable
+        Returns whether another run replaces this one; only for nodes in separate processes.
     client : ForkClient or None
         Forks the nodes that are separate processes. One that was started early has already imported
         them; None to start one for this run.
@@ -147,7 +146,7 @@ def _carry_out(
     spec: RunSpec,
     recording: Path | None,
     observer: RunObserver,
-    is_replaced: Callable[[], bool] | None,
+    is_replaced: Callable[[], bool],
     client: ForkClient | None,
     *,
     starts_paused: bool,

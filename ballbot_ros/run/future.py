@@ -31,16 +31,12 @@ DEFAULT_PUSH_S = 0.1
 
 @dataclass(frozen=True, kw_only=True)
 class Future:
-    """What is different in a branch.
+    """What is different in a branch; its pushes and faults are further ones.
 
     Attributes
     ----------
     at : float
         From when on, in seconds from the start of the run.
-    pushes : tuple of ScheduledPush
-        Further pushes.
-    faults : tuple of Fault
-        Further faults.
     values : mapping of str to Value
         New values of the controller's parameters, by name.
     sticks : tuple of int or 'recorded'

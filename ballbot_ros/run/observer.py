@@ -15,11 +15,9 @@ class RunObserver(Protocol):
 
     def update(self, elapsed_s: float) -> None:
         """Show the sim time since the start [s]; called often, so it must be cheap."""
-        ...
 
     def notice(self, text: str) -> None:
         """Show one line to the user, for example that a node has ended."""
-        ...
 
 
 class LogObserver:

@@ -89,24 +89,15 @@ def run_in_separate_processes(
     recording: Path | None,
     scratch: Path,
     observer: RunObserver,
-    is_replaced: Callable[[], bool] | None,
+    is_replaced: Callable[[], bool],
     *,
     starts_paused: bool = False,
 ) -> RunResult:
     """Run the graph as processes, all of which have ended on return.
 
-    Parameters
-    ----------
-    recording : Path or None
-        The file that the recorder writes.
-    scratch : Path
-        Folder for files that only the nodes read.
-    is_replaced : callable or None
-        Returns whether another run replaces this one; None if no run will.
-    starts_paused : bool
-        Whether the run waits at its first tick for ``plant_sim/start``.
+    The options are those of :func:`~ballbot_ros.run.execution.execute`, the files those of
+    :func:`~ballbot_ros.run.graph.graph_parameters`.
     """
-    is_replaced = is_replaced or (lambda: False)
     parameters = graph_parameters(spec, recording, scratch)
     trajectory_file = scratch / 'trajectory.npz'
     parameters.set(PLANT, 'trajectory_file', str(trajectory_file))
