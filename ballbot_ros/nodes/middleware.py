@@ -34,10 +34,7 @@ class DomainLock:
     the file system, so it does not depend on environment variables and no file can be in its way.
     Its scope is the network namespace, which is also that of the middleware's ports.
 
-    Raises
-    ------
-    BallbotError
-        If another plant, player or link to a brick holds the lock.
+    It raises BallbotError if another plant, player or link to a brick holds the lock.
     """
 
     def __init__(self, domain: int) -> None:

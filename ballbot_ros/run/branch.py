@@ -177,10 +177,8 @@ def branch_spec(
 ) -> RunSpec:
     """Return the run of a branch, ready to execute; its scenario goes to the folder `scratch`.
 
-    Raises
-    ------
-    BallbotError
-        If the recorded run does not reach the moment, or can't have these changes.
+    It raises BallbotError if the recorded run does not reach the moment, or can't have these
+    changes.
     """
     push_name, fault_name, value_name, _ = future.names
     if not 0.0 <= future.at <= past.end:

@@ -129,10 +129,7 @@ def emulator_parameters(
 ) -> ParameterSet:
     """Return the parameters of the robot and of the program in a folder.
 
-    Raises
-    ------
-    BallbotError
-        If the folder or a value can't be used.
+    It raises BallbotError if the folder or a value can't be used.
     """
     parameters = load_profile(profile)
     parameters.update(read_folder_parameters(folder))
@@ -148,10 +145,7 @@ def emulator_parameters(
 def compiled_program(folder: Path, implementation: str) -> Iterator[Callable[[], CompiledProgram]]:
     """Build the program in a folder for a target; yield what starts it.
 
-    Raises
-    ------
-    CodegenError
-        If a tool is missing, or it does not build.
+    It raises CodegenError if a tool is missing, or it does not build.
     """
     parameters = read_folder_parameters(folder).of(ControllerParameters)
     with temporary_folder() as scratch:

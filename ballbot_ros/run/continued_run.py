@@ -329,10 +329,7 @@ class ContinuedRun:
     def keep(self, observer: RunObserver) -> Path | None:
         """Write the recording of what has been done; return it, or None if it was interrupted.
 
-        Raises
-        ------
-        BallbotError
-            If it can't be written, or its beginning is not the recorded one.
+        It raises BallbotError if it can't be written, or its beginning is not the recorded one.
         """
         result = execute(self._branch(), observer)
         if result.recording is None or result.failure_status > 128:

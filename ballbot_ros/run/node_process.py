@@ -107,10 +107,7 @@ class ForkClient:
     def await_ready(self, should_stop: Callable[[], bool] = lambda: False) -> None:
         """Wait until the fork server has imported the nodes, or the run should stop.
 
-        Raises
-        ------
-        BallbotError
-            If it has ended, is stopped, or does not answer.
+        It raises BallbotError if it has ended, is stopped, or does not answer.
         """
         self._await(lambda: self._is_ready or should_stop(), IMPORT_S)
 

@@ -22,12 +22,9 @@ OR_NONE = ', or use --processes none'
 
 
 def require_rclpy(alternative: str = '') -> None:
-    """Check that ROS is installed; the error message ends with an `alternative` without ROS.
+    """Raise BallbotError if rclpy can't be imported, or the selected middleware does not load.
 
-    Raises
-    ------
-    BallbotError
-        If rclpy can't be imported, or the selected middleware does not load.
+    The message ends with an `alternative` without ROS.
     """
     require_middleware()
     try:

@@ -278,14 +278,9 @@ def _follow_scenario(reference: str, options: RunOptions, parameters: ParameterS
 def check_reserved_parameters(
     parameters: ParameterSet, origin: Callable[[str, str], str] = lambda node, name: ''
 ) -> None:
-    """Refuse parameters for files that the run itself chooses.
+    """Raise ParameterError if a parameter is set for files that the run itself chooses.
 
     `origin` returns the origin of a parameter's value, as the start of an error message.
-
-    Raises
-    ------
-    ParameterError
-        If such a parameter is set.
     """
     recorder = parameters.of(RecorderParameters)
     for node, name, value in (

@@ -93,12 +93,8 @@ class Requirement:
 def examine(role: str, bench: Bench, token: str) -> Iterator[RequirementResult]:
     """Test the node of a role; yield a row for each requirement.
 
-    The unique text `token` identifies the played plant.
-
-    Raises
-    ------
-    BallbotError
-        If another node has the role already.
+    The unique text `token` identifies the played plant. It raises BallbotError if another node has
+    the role already.
     """
     node = NodeUnderTest(role, bench, token)
     topic = node.contract.answer

@@ -108,11 +108,7 @@ class VelocityMapping(Subset):
         """Return the sticks for a velocity [m/s] in the axes of REP 103.
 
         A velocity beyond the full stick is scaled down in both planes, which keeps its direction.
-
-        Raises
-        ------
-        TeleopError
-            If a component is not finite.
+        It raises TeleopError if a component is not finite.
         """
         for name, value in (('linear.x', forward), ('linear.y', left)):
             if not math.isfinite(value):
@@ -170,12 +166,8 @@ class JoyMapping(Subset):
     def sticks(self, axes: Sequence[float], buttons: Sequence[int]) -> Sticks | None:
         """Return the sticks, or None while a required enable button is not pressed.
 
-        Axes are -1 ... 1, left and up positive; a pressed button is 1.
-
-        Raises
-        ------
-        TeleopError
-            If an axis or button in use does not exist, or an axis is not within ±1.
+        Axes are -1 ... 1, left and up positive; a pressed button is 1. It raises TeleopError if an
+        axis or button in use does not exist, or an axis is not within ±1.
         """
         forward = self._axis(axes, self.axis_forward)
         rightward = -self._axis(axes, self.axis_rightward)

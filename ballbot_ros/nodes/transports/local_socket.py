@@ -10,10 +10,7 @@ from pathlib import Path
 def connect(path: str) -> int:
     """Connect to a socket; return the file descriptor, which does not block.
 
-    Raises
-    ------
-    OSError
-        If nobody listens there.
+    It raises OSError if nobody listens there.
     """
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as link:
         link.connect(path)

@@ -35,10 +35,7 @@ def require_sockets() -> None:
 def describe_adapters(folder: Path = _ADAPTERS) -> str:
     """Return the names of the Bluetooth adapters of this machine.
 
-    Raises
-    ------
-    TeleopError
-        If there is none, or all are switched off; the message says what to do.
+    It raises TeleopError if there is none, or all are switched off; the message says what to do.
     """
     # A connection is a child of its adapter, such as hci0:256.
     found = sorted(each for each in folder.glob('hci*') if ':' not in each.name)
@@ -56,10 +53,7 @@ def _is_blocked(switch: Path) -> bool:
 def connect(address: str) -> int:
     """Connect to a brick; return the file descriptor, which does not block.
 
-    Raises
-    ------
-    OSError
-        If the brick is off, out of reach, or not paired.
+    It raises OSError if the brick is off, out of reach, or not paired.
     """
     link = socket.socket(socket.AF_BLUETOOTH, socket.SOCK_STREAM, socket.BTPROTO_RFCOMM)
     with link:
