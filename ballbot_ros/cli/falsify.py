@@ -98,7 +98,7 @@ def _print(result: FalsificationResult) -> None:
     for name in ('requirement', 'lowest robustness', 'unit'):
         table.add_column(name, justify='right' if name.startswith('low') else 'left')
     for each in requirements_of(study):
-        table.add_row(each.name, f'{result.least[each.name][-1]:.4g}', each.unit)
+        table.add_row(each.name, f'{result.least[each.name]:.4g}', each.unit)
     print_whole(Console(highlight=False, markup=False), table)
     for rank, found in enumerate(result.counterexamples, 1):
         click.echo(f'{rank}. violates {found.requirement!r}: {_deviations(found)}')
@@ -130,7 +130,7 @@ def _json(result: FalsificationResult) -> dict[str, object]:
         'runs': result.runs,
         'budget': result.of.study.runs,
         'not_passed': result.violating,
-        'robustness': {name: number(float(each[-1])) for name, each in result.least.items()},
+        'robustness': {name: number(each) for name, each in result.least.items()},
         'counterexamples': [
             {
                 'number': each.number,

@@ -180,7 +180,7 @@ def stick_signal(values: Iterable[tuple[float, int]], release_s: float) -> Stick
     times = [time for time, _ in points] + [math.inf]
     return StickSignal(
         [
-            Segment('command', [(start, value), (end, value)])
+            Segment.step('command', start, end, value)
             for (start, value), end in zip(points, times[1:], strict=True)
         ]
     )

@@ -127,15 +127,15 @@ class FalsificationResult:
         Number of runs that were searched.
     violating : int
         Number of those that did not pass.
-    least : mapping of str to ndarray
-        Lowest robustness of each requirement so far, generation by generation.
+    least : mapping of str to float
+        Lowest robustness of each requirement; infinite without a value.
     """
 
     of: Falsification
     folder: Path
     runs: int
     violating: int
-    least: Mapping[str, Floats]
+    least: Mapping[str, float]
     counterexamples: list[Counterexample]
 
 
@@ -235,7 +235,7 @@ def search(
     job, columns = job_for(study, folder), requirements_of(study)
     optimisers = [_optimiser(falsification, number, 0) for number in range(len(columns))]
     restarts, turns, tried = [0] * len(columns), deque(range(len(columns))), set[int]()
-    lowest: dict[str, list[float]] = {each.name: [] for each in columns}
+    least = {each.name: np.inf for each in columns}
     found: list[Counterexample] = []
     done = violating = 0
     with StudyRun(job, observer, workers, again=again) as run:
@@ -257,9 +257,7 @@ def search(
             else:
                 raise StudyError(f'{study.name}: {columns[turn].name!r}: {fault}')
             for each, of_runs in zip(columns, values, strict=True):
-                known = of_runs[~np.isnan(of_runs)]
-                before = lowest[each.name][-1:] or [np.inf]
-                lowest[each.name].append(min(*before, known.min(initial=np.inf)))
+                least[each.name] = float(np.fmin.reduce(of_runs, initial=least[each.name]))
             violating += int((~results[PASSED.name]).sum())
             if (~results[PASSED.name]).any():
                 found.append(_worst(study, columns, values, results, done, turn))
@@ -269,12 +267,11 @@ def search(
             elif count == POPULATION:
                 optimisers[turn].tell(np.nan_to_num(values[turn], nan=_NO_VALUE))
             done += count
-            least = min(each[-1] for each in lowest.values())
-            observer.generation(f'lowest robustness {least:.3g}, {len(found)} found')
+            lowest = min(least.values())
+            observer.generation(f'lowest robustness {lowest:.3g}, {len(found)} found')
         if done >= study.runs:
             run.finish()
-    least_of = {name: np.array(each) for name, each in lowest.items()}
-    return FalsificationResult(falsification, job.folder, done, violating, least_of, found)
+    return FalsificationResult(falsification, job.folder, done, violating, least, found)
 
 
 def _optimiser(falsification: Falsification, requirement: int, restart: int) -> Optimiser:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,16 +23,6 @@ class Method(TextEnum):
     RANDOM = 'random'
 
 
-class Optimiser(Protocol):
-    """Chooses points of the unit cube; the same costs lead to the same points."""
-
-    def ask(self) -> Floats:
-        """Return the points of the next generation, within [0, 1), shape (n, d)."""
-
-    def tell(self, costs: Floats) -> None:
-        """Take the costs of these points, shape (n,); the lower, the better."""
-
-
 class RandomSearch:
     """Independent random points, whatever their costs; the first one is the start.
 
@@ -49,7 +39,7 @@ class RandomSearch:
         self._shape = population, len(start)
 
     def ask(self) -> Floats:
-        """Return the points of the next generation."""
+        """Return the points of the next generation, within [0, 1), shape (n, d)."""
         points = self._random.random(self._shape)
         if self._first is not None:
             points[0], self._first = self._first, None
@@ -120,8 +110,12 @@ class CovarianceAdaptation:
         return np.clip(np.array(self._points)[:, : self._count], 0.0, _BELOW_ONE)
 
     def tell(self, costs: Floats) -> None:
-        """Adapt the distribution of the points."""
+        """Take the costs of these points, shape (n,); the lower, the better."""
         self._strategy.tell(self._points, costs.tolist())
+
+
+Optimiser = RandomSearch | CovarianceAdaptation
+"""Chooses points of the unit cube; the same costs lead to the same points."""
 
 
 def optimiser_of(

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ballbot_ros import __version__
 from ballbot_ros.analysis.chart import ChartFigure
 from ballbot_ros.analysis.figure_parts import WIDTH, png_of
 from ballbot_ros.analysis.loop_summary import MarginRow, margin_rows
@@ -15,6 +16,7 @@ from ballbot_ros.analysis.run_figures import RenderedFigure
 from ballbot_ros.controllers.design.linear_model import DesignError
 from ballbot_ros.controllers.design.loop_analysis import analyse_sampled
 from ballbot_ros.controllers.loading import is_installed, public_reference
+from ballbot_ros.engine.compilation import code_sha256
 from ballbot_ros.engine.scenario.reader import scenario_names
 from ballbot_ros.engine.scenario.scenario import bounds_text
 from ballbot_ros.files import own_command
@@ -35,7 +37,6 @@ from ballbot_ros.lab.search.objective import INFEASIBLE
 from ballbot_ros.lab.search.optimiser import Method
 from ballbot_ros.lab.search.tune import AFTER, BEFORE, SEARCH, STEPS, TuningResult
 from ballbot_ros.lab.studies.columns import MeasureColumn
-from ballbot_ros.lab.studies.job import job_of
 from ballbot_ros.lab.studies.maps import PANEL_WIDTH
 from ballbot_ros.lab.studies.programs import with_values
 from ballbot_ros.lab.studies.report import (
@@ -318,7 +319,7 @@ class _Findings:
 
 def falsification_report(result: FalsificationResult) -> StudyReport:
     """Make the report of a falsification; its pictures are those next to the recordings."""
-    study, job = result.of.study, job_of(result.of.study, result.folder)
+    study = result.of.study
     reference = study.spec.parameters.of(ControllerParameters).implementation
     page = render_template(
         'falsification.html',
@@ -333,11 +334,11 @@ def falsification_report(result: FalsificationResult) -> StudyReport:
             ('Controller', public_reference(reference)),
             ('Method', _METHODS[result.of.method]),
             ('Seed', str(study.seed)),
-            ('Version', f'{job.record.versions.ballbot_ros}, code {job.record.code_sha256[:12]}'),
+            ('Version', f'{__version__}, code {code_sha256()[:12]}'),
         ],
         requirements=[
             (each.name, bounds_text(each.minimum, each.maximum).replace('-', '−'), each.meaning,
-             each.unit, number_text(float(result.least[each.name][-1])))
+             each.unit, number_text(result.least[each.name]))
             for each in requirements_of(study)
         ],
         variables=[

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from ballbot_ros.lab.search.candidates import has_value
 from ballbot_ros.lab.studies.variables import Levels, Variable
 
 Case = dict[str, Any]
@@ -76,19 +77,15 @@ def _fewer(
 
 def _smaller(case: Case, variable: Variable, nominal: Any, violates: Violates) -> Case:
     """Return the case with a value as near to its nominal one as a few fractions allow."""
-    name, value = variable.name, case[variable.name]
-    if isinstance(variable.distribution, Levels):
-        between = [
-            each
-            for each in variable.distribution.levels
-            if abs(each - nominal) < abs(value - nominal)
-        ]
+    name, value, of = variable.name, case[variable.name], variable.distribution
+    if isinstance(of, Levels):
+        between = [each for each in of.levels if abs(each - nominal) < abs(value - nominal)]
         tried = sorted(between, key=lambda each: abs(each - nominal))
     else:
         tried = [nominal + fraction * (value - nominal) for fraction in _FRACTIONS]
         if isinstance(value, int):
             tried = list(dict.fromkeys(map(round, tried)))
-        tried = [each for each in tried if _is_within(variable, each) and each != nominal]
+        tried = [each for each in tried if has_value(of, each) and each != nominal]
     return _first(case, name, tried, violates)
 
 
@@ -103,13 +100,8 @@ def _rounder(case: Case, variable: Variable, violates: Violates) -> Case:
         # As text, so that a number has no more digits than that.
         near = round(steps), math.floor(steps), math.ceil(steps)
         tried += [type(value)(float(f'{each * scale:.{digits}g}')) for each in near]
-    within = [each for each in dict.fromkeys(tried) if _is_within(variable, each)]
+    within = [each for each in dict.fromkeys(tried) if has_value(variable.distribution, each)]
     return _first(case, variable.name, within, violates)
-
-
-def _is_within(variable: Variable, value: Any) -> bool:
-    low, high = variable.distribution.ends
-    return bool(low <= value <= high)
 
 
 def _first(case: Case, name: str, values: Sequence[Any], violates: Violates) -> Case:
