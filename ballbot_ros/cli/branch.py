@@ -21,9 +21,10 @@ from ballbot_ros.cli.options import (
     trust_option,
 )
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.process import DeferredSignals
+from ballbot_ros.files import next_steps, own_command, temporary_folder
+from ballbot_ros.process import DeferredSignals, stdout_to_stderr
 from ballbot_ros.run.node_process import ForkClient
-from ballbot_ros.run.requirements import Processes
+from ballbot_ros.run.requirements import Processes, require_rclpy
 
 if TYPE_CHECKING:
     from ballbot_ros.run.branch import Past, Proof
@@ -122,8 +123,6 @@ def command(
         with DeferredSignals():
             from ballbot_ros.analysis.run_data import read_run
             from ballbot_ros.cli.progress import Progress
-            from ballbot_ros.files import temporary_folder
-            from ballbot_ros.process import stdout_to_stderr
             from ballbot_ros.recording.messages.recording_files import open_recording
             from ballbot_ros.run.branch import branch_spec, prove, read_past
             from ballbot_ros.run.execution import execute
@@ -211,8 +210,6 @@ def _print(
 
 
 def _print_proof(spec: RunSpec, proof: Proof, recording: Path, branch: Path) -> None:
-    from ballbot_ros.files import own_command
-
     if proof.problem:
         click.echo(f'error: {proof.problem}', err=True)
         return
@@ -227,11 +224,9 @@ def _print_proof(spec: RunSpec, proof: Proof, recording: Path, branch: Path) -> 
 def _drive(past: Past, spec: RunSpec, at: float) -> int:
     """Drive from a time on [s]; return the exit status."""
     from ballbot_ros.cli.progress import Progress
-    from ballbot_ros.files import next_steps
     from ballbot_ros.nodes.teleop.terminal import keyboard_unavailable_reason
     from ballbot_ros.run.branch import prove
     from ballbot_ros.run.drive import NAME, drive
-    from ballbot_ros.run.requirements import require_rclpy
 
     require_rclpy()
     obstacle = keyboard_unavailable_reason()

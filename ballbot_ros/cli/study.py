@@ -7,7 +7,7 @@ import signal
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
-from functools import reduce, wraps
+from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -60,24 +60,23 @@ class StudyOptions:
 def study_options(command: Callable[..., int]) -> Callable[..., int]:
     """Give a command the options of studies, as its argument `options`."""
 
+    @click.option('--seed', type=click.IntRange(0), help="Seed.  [default: the file's]")
+    @controller_option
+    @params_option_like("Parameter file; its values precede the file's.")
+    @click.option('--again', is_flag=True, help='Do all runs again, also those that are done.')
+    @click.option(
+        '--cluster',
+        metavar='ADDRESS',
+        help='Run on the workers of a Dask scheduler, such as tcp://scheduler:8786.',
+    )
+    @click.option('--json', 'as_json', is_flag=True, help='Print one JSON object.')
     @wraps(command)
     def with_options(**given: Any) -> int:
         shared = {each.name: given.pop(each.name) for each in fields(StudyOptions)}
         return command(options=StudyOptions(**shared), **given)
 
-    decorators = (
-        click.option('--seed', type=click.IntRange(0), help="Seed.  [default: the file's]"),
-        controller_option,
-        params_option_like("Parameter file; its values precede the file's."),
-        click.option('--again', is_flag=True, help='Do all runs again, also those that are done.'),
-        click.option(
-            '--cluster',
-            metavar='ADDRESS',
-            help='Run on the workers of a Dask scheduler, such as tcp://scheduler:8786.',
-        ),
-        click.option('--json', 'as_json', is_flag=True, help='Print one JSON object.'),
-    )
-    return reduce(lambda function, decorate: decorate(function), decorators[::-1], with_options)
+    decorated: Callable[..., int] = with_options
+    return decorated
 
 
 method_option = click.option(

@@ -15,7 +15,6 @@ interrupted at any moment needs no repair.
 from __future__ import annotations
 
 import fcntl
-import os
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
@@ -64,26 +63,20 @@ class PartCheck(NamedTuple):
 @contextmanager
 def _locked(folder: Path) -> Iterator[None]:
     """Lock a folder against other commands of this machine."""
-    path = folder / LOCK
-    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        os.close(descriptor)
-        raise StudyError(
-            f'{folder}: in use by another command, or by its last workers; '
-            f'wait for their end, or {_REMEDY}'
-        ) from None
-    except OSError:
-        os.close(descriptor)
-        raise
-    try:
-        yield
-    finally:
-        # Forked workers have inherited the open file, so closing it does not unlock it.
-        with suppress(OSError):
-            fcntl.flock(descriptor, fcntl.LOCK_UN)
-            os.close(descriptor)
+    with (folder / LOCK).open('ab') as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise StudyError(
+                f'{folder}: in use by another command, or by its last workers; '
+                f'wait for their end, or {_REMEDY}'
+            ) from None
+        try:
+            yield
+        finally:
+            # Forked workers have inherited the open file, so closing it does not unlock it.
+            with suppress(OSError):
+                fcntl.flock(file, fcntl.LOCK_UN)
 
 
 class StudyFolder:

@@ -37,11 +37,12 @@ MAX_LEVELS = 100_000
 """Largest number of values of one variable in a grid."""
 
 
+@dataclass(frozen=True)
 class _Limited:
     """What lies between two values."""
 
-    low: Any
-    high: Any
+    low: float
+    high: float
 
     @property
     def ends(self) -> tuple[Any, Any]:
@@ -49,24 +50,16 @@ class _Limited:
         return self.low, self.high
 
 
-@dataclass(frozen=True)
 class Uniform(_Limited):
     """Any number from `low` to `high`, with equal chances."""
-
-    low: float
-    high: float
 
     def values(self, shares: Floats) -> Floats:
         """Return the values for shares within [0, 1)."""
         return np.clip(self.low + shares * (self.high - self.low), self.low, self.high)
 
 
-@dataclass(frozen=True)
 class LogUniform(_Limited):
     """Numbers from `low` to `high`, both positive, whose logarithms have equal chances."""
-
-    low: float
-    high: float
 
     def values(self, shares: Floats) -> Floats:
         """Return the values for shares within [0, 1)."""
@@ -80,8 +73,6 @@ class Normal(_Limited):
 
     mean: float
     standard_deviation: float
-    low: float
-    high: float
 
     def values(self, shares: Floats) -> Floats:
         """Return the values for shares within [0, 1)."""
@@ -106,9 +97,9 @@ class WholeNumbers(_Limited):
     That of ``whole_numbers`` reaches half a number farther, so that the ends are not rarer.
     """
 
-    rounded: Uniform | LogUniform | Normal
     low: int
     high: int
+    rounded: Uniform | LogUniform | Normal
 
     def values(self, shares: Floats) -> NDArray[np.int64]:
         """Return the values for shares within [0, 1)."""
@@ -122,10 +113,10 @@ def whole_numbers(given: Uniform | LogUniform | Normal) -> WholeNumbers:
     low, high = int(given.low), int(given.high)
     wider: Uniform | LogUniform | Normal
     if isinstance(given, Normal):
-        wider = Normal(given.mean, given.standard_deviation, low - 0.5, high + 0.5)
+        wider = Normal(low - 0.5, high + 0.5, given.mean, given.standard_deviation)
     else:
         wider = type(given)(low - 0.5, high + 0.5)
-    return WholeNumbers(wider, low, high)
+    return WholeNumbers(low, high, wider)
 
 
 @dataclass(frozen=True)
@@ -272,7 +263,7 @@ class DistributionReader(ExpectationReader):
             raise self._error(
                 at, f'{parameter.name}: the mean {mean:g} is not within {low:g} … {high:g}'
             )
-        return Normal(mean, deviation, low, high)
+        return Normal(low, high, mean, deviation)
 
     def _allowed(self, value: object, keys: Keys, parameter: Parameter) -> Any:
         """Return a value in the parameter's own type."""

@@ -137,7 +137,7 @@ def test_any_number_becomes_rounder(value, nominal):
 
 
 def test_an_impossible_case_is_no_violation():
-    whole = WholeNumbers(Uniform(0.5, 9.5), 1, 9)
+    whole = WholeNumbers(1, 9, Uniform(0.5, 9.5))
     variable = Variable('n', Parameter((), 'n', 0, ''), whole)
     case = shrunk(
         {'n': 9}, [variable], {'n': 1}, lambda cases: [each['n'] in (9, 5) for each in cases]

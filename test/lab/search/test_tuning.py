@@ -119,7 +119,7 @@ def test_the_shipped_tunings_can_be_read():
     'distribution',
     [
         Uniform(-3.0, 5.0), LogUniform(1e-3, 1e3), Levels((3, 1, 2)), Levels(('a', 'b')),
-        WholeNumbers(Uniform(0.5, 9.5), 1, 9), Levels((True,)),
+        WholeNumbers(1, 9, Uniform(0.5, 9.5)), Levels((True,)),
     ],
 )  # fmt: skip
 def test_the_share_of_a_value_has_this_value(distribution):

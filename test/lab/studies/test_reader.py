@@ -91,10 +91,10 @@ def test_a_study_has_everything_that_its_file_says(read):
     distributions = {each.name: each.distribution for each in study.variables}
     assert distributions['plant_sim.body_mass'] == Uniform(0.6, 0.8)
     assert distributions['plant_sim.ball_friction'] == LogUniform(1e-4, 1e-2)
-    assert distributions['gyro_driver.noise'] == Normal(0.7, 0.2, 0.0, 1.5)
+    assert distributions['gyro_driver.noise'] == Normal(0.0, 1.5, 0.7, 0.2)
     assert distributions['plant_sim.plant_model'] == Levels(('linear', 'nonlinear'))
     assert distributions['plant_sim.actuator_delay'].ends == (0, 8)
-    assert distributions['controller.k_i'] == Normal(-0.007, 0.001, -1e9, 1e9)
+    assert distributions['controller.k_i'] == Normal(-1e9, 1e9, -0.007, 0.001)
     assert distributions['push.1.direction'] == Uniform(-180.0, 180.0)
     units = {each.name: each.parameter.unit for each in study.variables}
     assert (units['push.1.force'], units['plant_sim.body_mass']) == ('N', 'kg')
