@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from functools import wraps
@@ -111,16 +111,13 @@ class _StudyGroup(click.Group):
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         if args and args[0] not in self.commands and args[0] not in ctx.help_option_names:
-            _check_study(args, self.commands)
+            takes_argument = len(args) > 1 and not args[1].startswith('-')  # as no study does
+            if takes_argument and (found := similar(args[0], self.commands)):
+                raise click.UsageError(
+                    f'no command or study {args[0]!r}: did you mean study {found}?'
+                )
             args = ['run', *args]
         return super().parse_args(ctx, args)
-
-
-def _check_study(words: list[str], commands: Collection[str]) -> None:
-    """Raise UsageError for a word that is followed by another one and is like a command."""
-    takes_argument = len(words) > 1 and not words[1].startswith('-')
-    if takes_argument and (found := similar(words[0], commands)):
-        raise click.UsageError(f'no command or study {words[0]!r}: did you mean study {found}?')
 
 
 @click.group('study', cls=_StudyGroup, invoke_without_command=True)

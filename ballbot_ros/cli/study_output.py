@@ -130,12 +130,9 @@ def _percent(share: float) -> str:
     return f'{percent:.{digits}f}'
 
 
-WORST_SHOWN = 3
-
-
 def print_summary(data: StudyData) -> None:
     """Print the share that passed, quantiles of the measures, and the worst runs."""
-    summary, study = data.summary(WORST_SHOWN), data.study
+    summary, study = data.summary(), data.study
     console = Console(highlight=False, markup=False)
     count = summary.totals.runs
     title = f'{study.name}, {count:,} run{"s" * (count > 1)}, seed {study.seed}'
@@ -227,7 +224,7 @@ def _worst_runs(summary: MeasureSummary) -> str:
 
 def print_study_json(data: StudyData) -> None:
     """Print the summary as one JSON object; a missing number is null."""
-    summary, study = data.summary(WORST_SHOWN), data.study
+    summary, study = data.summary(), data.study
     content = {
         'study': study.name,
         'runs': summary.totals.runs,

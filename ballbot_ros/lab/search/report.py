@@ -40,7 +40,6 @@ from ballbot_ros.lab.studies.columns import MeasureColumn
 from ballbot_ros.lab.studies.maps import PANEL_WIDTH
 from ballbot_ros.lab.studies.programs import with_values
 from ballbot_ros.lab.studies.report import (
-    WORST_SHOWN,
     FileNames,
     StudyReport,
     outcome_text,
@@ -88,7 +87,7 @@ class _Findings:
         self.objective = result.tuning.objective
         self.unseen = {each: list(map(StudyData.open, result.studies(each))) for each in _BOTH}
         self.summaries = {
-            which: [each.summary(WORST_SHOWN) for each in self.unseen[which]] for which in _BOTH
+            which: [each.summary() for each in data] for which, data in self.unseen.items()
         }
         self.judged = result.unseen()  # start, tuned
         self.values = [plain_values(result.values(each)) for each in (0, result.best)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 import shutil
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations, islice
 from pathlib import Path
@@ -78,7 +78,9 @@ class StudyReport:
         ReportError
             If the folder can't be written.
         """
-        _remove_report(folder)
+        if _is_report(folder):
+            with os_errors(ReportError, folder):
+                shutil.rmtree(folder)
         write_folder(folder, self.page, self.figures, self.files)
 
 
@@ -108,14 +110,7 @@ def _is_report(folder: Path) -> bool:
     return all(each.is_file() and each.suffix in _SUFFIXES for each in folder.iterdir())
 
 
-def _remove_report(folder: Path) -> None:
-    if _is_report(folder):
-        with os_errors(ReportError, folder):
-            shutil.rmtree(folder)
-
-
 FAILED_SHOWN = 10
-WORST_SHOWN = 3
 
 MAPPED_VARIABLES = 4
 """Largest number of variables, those with the most influence, of which all pairs have a map."""
@@ -150,7 +145,7 @@ class _Findings:
         varied = {each.name: survey.sample[each.name] for each in self.varied}
         results = {each.name: survey.sample[each.name] for each in (*study.measures, PASSED)}
         self.found = analyse(varied, results, study.seed)
-        self.summary = data.summary(WORST_SHOWN)
+        self.summary = data.summary()
         self.axes = [self._axis(each, share_bins) for each in self.varied]
         self.pairs = self._pairs()
         self.edges = {
@@ -184,7 +179,13 @@ class _Findings:
         """Return the report."""
         names = FileNames()
         predictions, no_theory = self._predictions()
-        maps = self._maps(predictions)
+        others = len(self.varied) > 2
+        maps = [
+            PassMap(x, y, counts, prediction, others)
+            for (x, y), counts, prediction in zip(
+                self.pairs, self.tallies.maps, predictions, strict=True
+            )
+        ]
         map_figures = [
             _chart_figure(names, 'map', [each.x.column.name, each.y.column.name], each)
             for each in maps
@@ -288,15 +289,6 @@ class _Findings:
             (name, value or 'not installed') for name, value in vars(study.versions).items()
         ]
         return [*versions, ('SHA-256 of the code', study.code_sha256)]
-
-    def _maps(self, predictions: Iterable[PredictedLimit | None]) -> list[PassMap]:
-        others = len(self.varied) > 2
-        return [
-            PassMap(x, y, counts, prediction, others)
-            for (x, y), counts, prediction in zip(
-                self.pairs, self.tallies.maps, predictions, strict=True
-            )
-        ]
 
     def _predictions(self) -> tuple[list[PredictedLimit | None], str]:
         """Return the prediction for each map, and why there are none at all, or an empty text."""

@@ -86,7 +86,8 @@ def wilson_interval(successes: int, count: int) -> ProportionInterval:
 
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
-WORST_RUNS = 5
+WORST_RUNS = 3
+"""Number of the worst runs of a measure that a summary has."""
 
 _REMEDY = 'give the command of the study again, which redoes this part'
 
@@ -346,21 +347,15 @@ class StudyData:
         known = ', '.join(each.name for each in self.study.measures) or 'none'
         raise StudyError(f'{self.path}: has no measure {name!r}; measures: {known}')
 
-    def summary(self, worst: int = WORST_RUNS) -> StudySummary:
-        """Return a summary; it takes the memory of one number a run.
-
-        Parameters
-        ----------
-        worst : int
-            Number of the worst runs of each measure.
-        """
+    def summary(self) -> StudySummary:
+        """Return a summary; it takes the memory of one number a run."""
         totals = self.totals()
-        measures = [self._summary(each, worst) for each in self.study.measures]
+        measures = list(map(self._summary, self.study.measures))
         return StudySummary(totals, wilson_interval(totals.passed, totals.runs), measures)
 
-    def _summary(self, column: MeasureColumn, count: int) -> MeasureSummary:
+    def _summary(self, column: MeasureColumn) -> MeasureSummary:
         values = self.column(column.name)
-        worst = self._worst(column, values, count)
+        worst = self._worst(column, values, WORST_RUNS)
         runs = len(values)
         kept = values[~np.isnan(values)]
         del values

@@ -136,7 +136,7 @@ def test_a_study_has_a_column_for_each_property(data):
     assert data.column('passed').tolist() == ((recovers >= 0.0) & (gentle >= 0.0)).tolist()
     assert 0 < data.totals().passed < 24
     assert np.isnan(data.column('autonomous')).all()
-    summary = {each.column.name: each for each in data.summary(3).measures}
+    summary = {each.column.name: each for each in data.summary().measures}
     assert summary['recovers'].worst[0].value == recovers.min()
     assert summary['recovers'].quantiles[2] == np.median(recovers)
     assert summary['autonomous'].missing == 24
