@@ -72,11 +72,8 @@ def command(role: str, command_line: tuple[str, ...], as_json: bool) -> int:
 def examine_node(role: str, command: Sequence[str]) -> Iterator[RequirementResult]:
     """Test the node of a role; yield a row for each requirement of its contract.
 
-    Parameters
-    ----------
-    command : sequence of str
-        The command that starts the node, which has ended when the iterator has; empty if the user
-        starts the node. Late start and restart can only be tested with a command.
+    The node is started by a command, and has ended when the iterator has; without any, the user
+    starts it, and late start and restart are not tested.
 
     Raises
     ------

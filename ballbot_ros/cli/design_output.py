@@ -55,14 +55,9 @@ SHOWN_POLES = 12
 
 
 class DesignOutput:
-    """The model of a plane, its servo gains and its loop, for a set of parameters.
+    """The model of a plane, its servo gains and its loop, for parameters and a period of task_ts1.
 
-    Parameters
-    ----------
-    is_redesigned : bool
-        Whether the gains in use come from another design than section 4.2.
-    period_ms : float
-        Period of task_ts1.
+    If it `is_redesigned`, the gains in use come from another design than section 4.2.
     """
 
     def __init__(

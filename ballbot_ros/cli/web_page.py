@@ -54,10 +54,7 @@ class PageOptions:
 class PageOpening:
     """Shows the lines of a viewer; opens its page, and says what the run waits for.
 
-    Parameters
-    ----------
-    can_press_key : bool
-        Whether a key in the terminal begins the run, too.
+    With `can_press_key`, a key in the terminal begins the run, too.
     """
 
     def __init__(

@@ -190,14 +190,7 @@ class _InterpretedEpisode:
 
 
 class MovedRobots:
-    """The robots of many episodes, moved by compiled code.
-
-    Attributes
-    ----------
-    rows : rows of MOVED_ROBOT
-        The robots.
-    rings : Rings
-        Their rings.
+    """The robots of many episodes, rows of MOVED_ROBOT with their rings, moved by compiled code.
 
     Raises
     ------

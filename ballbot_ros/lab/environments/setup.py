@@ -199,12 +199,9 @@ class Setup:
         return math.radians(self.parameters.of(PlantParameters).ball_radius)
 
     def observation(self, measured: Vector, state: Vector) -> Vector:
-        """Return the components of an observation.
+        """Return the components of an observation, given that of the devices and the true state.
 
-        Parameters
-        ----------
-        measured : tuple
-            The observation of the devices, :data:`~ballbot_ros.controllers.policy.DRIVING_NAMES`.
+        The devices' are named by :data:`~ballbot_ros.controllers.policy.DRIVING_NAMES`.
         """
         if not self.observes_state:
             return measured[: len(self.components)]

@@ -30,12 +30,7 @@ _HALVINGS = 60
 
 
 def run_candidates(run: StudyRun, samples: Samples) -> dict[str, Column]:
-    """Do what is missing of a generation, and return columns of the results of its runs.
-
-    Parameters
-    ----------
-    run : StudyRun
-        The study of which the generation is some parts.
+    """Do what is missing of a generation, some parts of a study, and return its results.
 
     Raises
     ------

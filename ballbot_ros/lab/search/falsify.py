@@ -65,15 +65,7 @@ _NO_VALUE = 1e9
 
 @dataclass(frozen=True)
 class Falsification:
-    """What is searched.
-
-    Attributes
-    ----------
-    study : Study
-        Its runs are the budget.
-    wanted : int
-        Number of counterexamples after which the search ends.
-    """
+    """A search in a study, whose runs are the budget, for a wanted number of counterexamples."""
 
     study: Study
     wanted: int

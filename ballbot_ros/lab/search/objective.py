@@ -30,10 +30,7 @@ INFEASIBLE = 1e100
 class Limit:
     """A bound that a candidate must keep.
 
-    Attributes
-    ----------
-    name : str
-        A measure, over the runs as the objective is, or :data:`DEAD_TIME_MARGIN`.
+    It is one of a measure, over the runs as the objective is, or of :data:`DEAD_TIME_MARGIN`.
     """
 
     name: str

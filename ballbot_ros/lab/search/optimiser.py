@@ -24,14 +24,7 @@ class Method(TextEnum):
 
 
 class RandomSearch:
-    """Independent random points, whatever their costs; the first one is the start.
-
-    Parameters
-    ----------
-    start : ndarray, shape (d,)
-    population : int
-        Number of points of a generation.
-    """
+    """Independent random points, `population` in a generation; the first one is `start`, (d,)."""
 
     def __init__(self, start: Floats, population: int, seed: tuple[int, ...]) -> None:
         self._first: Floats | None = start

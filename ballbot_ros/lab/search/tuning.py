@@ -85,12 +85,7 @@ class TuningReader(StudyReader):
     }  # fmt: skip
 
     def tuning(self, candidates: int | None = None, method: Method = Method.CMA) -> Tuning:
-        """Return the tuning in the document.
-
-        Parameters
-        ----------
-        candidates : int or None
-            Number of candidates in place of the file's.
+        """Return the tuning in the document; `candidates` replaces the file's number of them.
 
         Raises
         ------

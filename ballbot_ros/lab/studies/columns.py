@@ -62,15 +62,10 @@ class ResultColumn:
 
 @dataclass(frozen=True)
 class MeasureColumn(ResultColumn):
-    """A column of a measure's values.
+    """A column of a measure's values, with the bounds that the study expects.
 
     A measure has no value if its window has no ticks, for example after a fall, or if it needs what
     the run lacks, such as walls.
-
-    Attributes
-    ----------
-    minimum, maximum : float or None
-        The bounds that the study expects.
     """
 
     minimum: float | None = None

@@ -80,13 +80,7 @@ def _locked(folder: Path) -> Iterator[None]:
 
 
 class StudyFolder:
-    """A study's folder.
-
-    Attributes
-    ----------
-    resumed : bool
-        Whether the folder had been begun before.
-    """
+    """A study's folder, which had been begun before if it is `resumed`."""
 
     def __init__(self, path: Path, manifest: Manifest, *, resumed: bool) -> None:
         self.path = path

@@ -194,12 +194,8 @@ def extreme_scenarios(
 ) -> list[Scenario]:
     """Return scenarios with the extreme values; StudyError if one is not possible.
 
-    Parameters
-    ----------
-    ends : sequence
-        Parts that vary, each with its smallest and largest value.
-    duration : float
-        Length of the shortest run [s].
+    `ends` has the smallest and the largest value of each part that varies; `duration` is that of
+    the shortest run [s].
     """
     # Late beginnings and early ends, then the opposite.
     return [

@@ -51,13 +51,7 @@ _MORE_ATTEMPTS = 2
 
 
 class DamagedPartError(StudyError):
-    """A part is missing, damaged, or not this part of this study.
-
-    Attributes
-    ----------
-    reason : str
-        The message without the path.
-    """
+    """A part is missing, damaged, or not this part; its `reason` is the message without path."""
 
     def __init__(self, path: Path, reason: str) -> None:
         super().__init__(f'{path}: {reason}')
@@ -74,10 +68,7 @@ class EncodedPart(NamedTuple):
 def encode_part(study: StudyRecord, part: int, columns: Sequence[Column]) -> EncodedPart:
     """Return the bytes of a part's file, for those who can't write the folder themselves.
 
-    Parameters
-    ----------
-    columns : sequence of ndarray, shape (r,) each
-        Those of the study, in their order; hashes are rows of bytes.
+    The columns, (r,) each, are those of the study, in their order; hashes are rows of bytes.
 
     Raises
     ------

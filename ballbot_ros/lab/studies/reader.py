@@ -89,13 +89,7 @@ _CLEARANCE = 'wall_clearance_m'
 
 
 class StudyReader(DistributionReader):
-    """Reads and checks one document.
-
-    Parameters
-    ----------
-    runs, seed, controller, parameter_file : object
-        As for :func:`read_study`.
-    """
+    """Reads and checks one document; for the other arguments see :func:`read_studies`."""
 
     what: ClassVar[str] = 'the study'
     keys: ClassVar[frozenset[str]] = STUDY_KEYS

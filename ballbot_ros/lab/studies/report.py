@@ -56,15 +56,7 @@ _SUFFIXES = {'.html', '.png', '.csv'}
 
 @dataclass(frozen=True)
 class StudyReport:
-    """A report, ready to be written.
-
-    Attributes
-    ----------
-    page : str
-        The HTML.
-    files : mapping of str to bytes
-        Other files, by name.
-    """
+    """A report, ready to be written: the HTML, pictures, and other files by name."""
 
     page: str
     figures: Sequence[RenderedFigure]
@@ -377,12 +369,7 @@ def run_row(
 ) -> dict[str, object]:
     """Return a run of a study as a row of a page's table, with the command that repeats it.
 
-    Parameters
-    ----------
-    value : float, optional
-        That of a measure; a failed run has none.
-    controller : str, optional
-        The study's controller, if the command needs to name it.
+    `value` is that of a measure, `controller` the study's if the command needs to name it.
     """
     row = data.row(number)
     words = () if controller is None else ('--controller', controller)

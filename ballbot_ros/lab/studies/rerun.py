@@ -54,12 +54,7 @@ def new_folder(study: Path, number: int) -> Path:
 
 
 def choose_run(data: StudyData, number: int | None, worst: str | None) -> RunResults:
-    """Return a run by its number or its rank, by default the first one that did not pass.
-
-    Parameters
-    ----------
-    worst : str or None
-        Name of a measure; the run has its worst value.
+    """Return a run by its number, or the worst one of a measure; else the first not to pass.
 
     Raises
     ------

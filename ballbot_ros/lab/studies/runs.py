@@ -138,10 +138,7 @@ def ignore(runs: int) -> None:
 class OrdinarySimulator:
     """Simulates runs one by one by the ordinary loop, whatever the controller.
 
-    Parameters
-    ----------
-    spec : RunSpec
-        The run that all are like, but for their samples.
+    All are like the run of the specification, but for their samples.
     """
 
     def __init__(self, spec: RunSpec, measures: Sequence[Measure | Property]) -> None:
@@ -214,8 +211,6 @@ class OrdinarySimulator:
 
 class CompiledSimulator:
     """Simulates runs by compiled code; those in which a law fails, by the ordinary loop.
-
-    The first parameters are those of :class:`OrdinarySimulator`.
 
     Raises
     ------

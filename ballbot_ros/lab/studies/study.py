@@ -132,14 +132,8 @@ class Study:
     def samples(self, columns: Mapping[str, Column], first: int = 0) -> Samples:
         """Return the samples of consecutive runs, given the values of all of :attr:`columns`.
 
-        They have the gains of each robot, if those are designed.
-
-        Parameters
-        ----------
-        columns : mapping of str to ndarray
-            Each (r,).
-        first : int
-            Number of the first run, for error messages.
+        They have the gains of each robot, if those are designed. Columns are (r,); `first` is the
+        number of the first run, for error messages.
         """
         count = len(columns[self.columns[0]])
         values = {name: columns[name] for name in self.columns if not is_event(name)}

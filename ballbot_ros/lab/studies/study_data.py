@@ -147,13 +147,7 @@ class MeasureSummary:
 
 @dataclass(frozen=True)
 class StudySummary:
-    """Summary of a study.
-
-    Attributes
-    ----------
-    interval : ProportionInterval
-        Wilson's interval of the share that passed, confidence 95 %.
-    """
+    """Summary of a study, with Wilson's 95 % interval of the share that passed."""
 
     totals: PartSummary
     interval: ProportionInterval

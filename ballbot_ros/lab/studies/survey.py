@@ -85,12 +85,9 @@ class Axis:
         is_grid: bool = False,
         is_log: bool = False,
     ) -> Axis:
-        """Return an axis for all values that have been seen.
+        """Return an axis for all values that have been seen in so many runs.
 
-        Parameters
-        ----------
-        bins : int
-            Largest number of bins, and of levels if the study is no grid.
+        `bins` is the largest number of bins, and of levels if the study is no grid.
         """
         levels = extent.levels
         if levels is not None and levels.dtype.kind == 'U':
@@ -183,15 +180,7 @@ Counts = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Survey:
-    """Ranges of the columns, and a sample of the rows.
-
-    Attributes
-    ----------
-    extents : mapping of str to Extent
-        Of what varies and what is measured.
-    sample : mapping of str to ndarray
-        The same columns, and ``passed``, of some runs.
-    """
+    """Ranges of what varies and what is measured, and a sample of the same and ``passed``."""
 
     totals: PartSummary
     extents: Mapping[str, Extent]
@@ -199,13 +188,7 @@ class Survey:
 
     @classmethod
     def of(cls, data: StudyData, size: int, random: np.random.Generator) -> Survey:
-        """Survey a study.
-
-        Parameters
-        ----------
-        size : int
-            Largest number of runs in the sample, which are drawn at random.
-        """
+        """Survey a study; `size` is the largest number of runs in the sample, drawn at random."""
         totals = data.totals()
         chosen = np.arange(totals.runs)
         if totals.runs > size:

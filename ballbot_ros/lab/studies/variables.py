@@ -121,13 +121,7 @@ def whole_numbers(given: Uniform | LogUniform | Normal) -> WholeNumbers:
 
 @dataclass(frozen=True)
 class Levels:
-    """A few values, with equal chances.
-
-    Attributes
-    ----------
-    levels : tuple
-        Numbers, switches or words.
-    """
+    """A few numbers, switches or words, with equal chances."""
 
     levels: tuple[Any, ...]
 
