@@ -7,7 +7,6 @@ import yaml
 from ballbot_ros.lab.studies.execution import LocalWorkers, run_study
 from ballbot_ros.lab.studies.job import job_of
 from ballbot_ros.lab.studies.reader import read_study
-from ballbot_ros.lab.studies.sampling import Sampler
 from ballbot_ros.lab.studies.study_data import StudyData
 
 
@@ -59,5 +58,5 @@ def carry_out(
     if runs_per_part:
         job = replace(job, record=replace(job.record, runs_per_part=runs_per_part))
     observer = observer or Observer()
-    run_study(job, Sampler(study).part, observer, workers, again=again)
+    run_study(job, observer, workers, again=again)
     return StudyData.open(output)

@@ -157,7 +157,6 @@ def run(study: str, runs: int | None, output: Path | None, options: StudyOptions
     from ballbot_ros.lab.studies.execution import run_study
     from ballbot_ros.lab.studies.job import job_of
     from ballbot_ros.lab.studies.reader import read_studies
-    from ballbot_ros.lab.studies.sampling import Sampler
     from ballbot_ros.lab.studies.study import grid_shape
     from ballbot_ros.process import stdout_to_stderr
 
@@ -174,7 +173,7 @@ def run(study: str, runs: int | None, output: Path | None, options: StudyOptions
         for each in studies:
             job = job_of(each, place.joinpath(*each.case.values()))
             with resumable(place), StudyProgress(each.name) as progress:
-                run_study(job, Sampler(each).part, progress, workers, again=options.again)
+                run_study(job, progress, workers, again=options.again)
     print_results(place, as_json=options.as_json)
     return 0
 

@@ -40,8 +40,8 @@ from ballbot_ros.lab.studies.columns import MeasureColumn
 from ballbot_ros.lab.studies.maps import PANEL_WIDTH
 from ballbot_ros.lab.studies.programs import with_values
 from ballbot_ros.lab.studies.report import (
-    FileNames,
     StudyReport,
+    file_names,
     outcome_text,
     run_row,
     value_text,
@@ -99,7 +99,7 @@ class _Findings:
         self.controller = public_reference(own)
         self.is_known = own in DOCUMENTS_PROGRAM or is_installed(own)
         self.best_cost = float(self.verdicts.cost[result.best])
-        self.names = FileNames()
+        self.names = file_names()
 
     def report(self) -> StudyReport:
         """Return the report."""

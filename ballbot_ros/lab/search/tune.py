@@ -148,7 +148,7 @@ def run_tuning(
             study = _of_unseen(each, values, tuning.unseen)
             job = job_of(study, folder / which / _scenario(each))
             observer.generation(f'{which}, on {tuning.unseen:,} robots not seen before')
-            run_study(job, Sampler(study).part, observer, workers, again=again)
+            run_study(job, observer, workers, again=again)
     result = TuningResult(tuning, folder, points, verdicts, best, around)
     write_atomically(result.parameter_file, _parameter_text(result).encode())
     return result

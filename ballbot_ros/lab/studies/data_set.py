@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ballbot_ros.errors import StudyError
-from ballbot_ros.files import read_text
+from ballbot_ros.files import read_bytes
 from ballbot_ros.lab.studies.manifest import Manifest, PartSummary, StudyRecord
 from ballbot_ros.lab.studies.part_file import (
     PARTS,
@@ -204,13 +204,11 @@ def read_manifest(folder: Path) -> Manifest:
     """
     path = folder / MANIFEST
     try:
-        return Manifest.from_json(read_text(path))
+        return Manifest.from_json(read_bytes(path))
     except (FileNotFoundError, NotADirectoryError):
         raise StudyError(f'{folder}: not the folder of a study, has no {MANIFEST}') from None
     except OSError as error:
         raise StudyError(f'{path}: {error.strerror}') from None
-    except UnicodeError:
-        raise StudyError(f'{path}: damaged, or not the manifest of a study') from None
     except StudyError as error:
         raise StudyError(f'{path}: {error}') from None
 

@@ -22,6 +22,7 @@ from ballbot_ros.lab.studies.manifest import PartSummary
 from ballbot_ros.lab.studies.part_file import load_pyarrow
 from ballbot_ros.lab.studies.programs import may_hang, programs_of, why_not_compiled
 from ballbot_ros.lab.studies.runs import Advance, Samples
+from ballbot_ros.lab.studies.sampling import Sampler
 from ballbot_ros.nodes.processes import END_WITH_PARENT, end_with_parent, exit_description
 from ballbot_ros.process import StopRequest
 
@@ -370,7 +371,6 @@ class StudyRun:
 
 def run_study(
     job: Job,
-    sample: Sample,
     observer: StudyObserver,
     workers: WorkersOfJob = LocalWorkers,
     *,
@@ -387,5 +387,5 @@ def run_study(
     """
     with StudyRun(job, observer, workers, again=again) as run:
         observer.begin(job.record.runs, run.done)
-        run.do(run.missing, sample)
+        run.do(run.missing, Sampler(job.study).part)
         run.finish()

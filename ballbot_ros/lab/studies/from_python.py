@@ -19,7 +19,6 @@ from ballbot_ros.files import temporary_folder
 from ballbot_ros.lab.studies.execution import StudyObserver, StudyStoppedError, run_study
 from ballbot_ros.lab.studies.job import job_of
 from ballbot_ros.lab.studies.reader import read_studies
-from ballbot_ros.lab.studies.sampling import Sampler
 from ballbot_ros.lab.studies.study_data import StudyData
 from ballbot_ros.parameters.files import plain_value
 from ballbot_ros.parameters.yaml_document import yaml_text
@@ -78,7 +77,7 @@ def study(
         try:
             for each in list(read_studies(reference, plain_value(runs), plain_value(seed))):
                 folder = place.joinpath(*each.case.values())
-                run_study(job_of(each, folder), Sampler(each).part, _Log())
+                run_study(job_of(each, folder), _Log())
                 frames.append(StudyData.open(folder).frame().assign(**each.case))
         except StudyStoppedError as error:
             stopped = error.signal

@@ -175,7 +175,7 @@ class Manifest:
         return json.dumps(signed, indent=2, ensure_ascii=False) + '\n'
 
     @classmethod
-    def from_json(cls, text: str) -> Manifest:
+    def from_json(cls, text: str | bytes) -> Manifest:
         """Read the text of the file.
 
         Raises

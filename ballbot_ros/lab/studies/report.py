@@ -169,7 +169,7 @@ class _Findings:
 
     def report(self) -> StudyReport:
         """Return the report."""
-        names = FileNames()
+        names = file_names()
         predictions, no_theory = self._predictions()
         others = len(self.varied) > 2
         maps = [
@@ -382,21 +382,20 @@ def run_row(
     }
 
 
-class FileNames:
-    """Makes names of files of the names of variables and measures, each only once."""
+def file_names() -> Callable[..., str]:
+    """Return a function that makes a file's name of words, such as variables; each only once."""
+    taken = set[str]()
 
-    def __init__(self) -> None:
-        self._taken: set[str] = set()
-
-    def __call__(self, *words: str) -> str:
-        """Return a name made of words."""
+    def name_of(*words: str) -> str:
         plain = '__'.join(re.sub(r'[^\w.]+', '_', each).strip('_') for each in words)
         name, number = plain, 1
-        while name.lower() in self._taken:
+        while name.lower() in taken:
             number += 1
             name = f'{plain}_{number}'
-        self._taken.add(name.lower())
+        taken.add(name.lower())
         return name
+
+    return name_of
 
 
 @dataclass(frozen=True)
@@ -419,7 +418,10 @@ def _interactive(figures: Sequence[StudyFigure]) -> InteractiveFigures | None:
 
 
 def _chart_figure(
-    names: FileNames, kind: str, columns: list[str], chart: PassMap | ShareChart | Histogram
+    names: Callable[..., str],
+    kind: str,
+    columns: list[str],
+    chart: PassMap | ShareChart | Histogram,
 ) -> StudyFigure:
     name, title = names(kind, *columns), ' × '.join(columns)
     return _figure(name, title, chart.caption(), chart.figure(), chart.table())

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -116,7 +115,8 @@ def analyse(
     BallbotError
         If SALib is not installed.
     """
-    rbd_fast, pawn = _methods()
+    with importing('study'):
+        from SALib.analyze import pawn, rbd_fast
     random = np.random.default_rng(seed)
     count = len(next(iter(results.values()), ()))
     # Equal values in a grid come in the order of the other variables, so shuffle first.
@@ -173,9 +173,3 @@ def _spread(values: Column, random: np.random.Generator) -> Floats:
     ranks = np.empty(count)
     ranks[places] = np.arange(count)
     return ranks + random.uniform(0.0, max(_LEAST_BLUR, _BLUR * count), count)
-
-
-def _methods() -> tuple[Any, Any]:
-    with importing('study'):
-        from SALib.analyze import pawn, rbd_fast
-    return rbd_fast, pawn

@@ -16,7 +16,6 @@ from ballbot_ros.lab.studies.execution import StudyObserver, run_study
 from ballbot_ros.lab.studies.job import job_of
 from ballbot_ros.lab.studies.programs import with_values
 from ballbot_ros.lab.studies.reader import read_study
-from ballbot_ros.lab.studies.sampling import Sampler
 from ballbot_ros.lab.studies.study_data import StudyData
 from ballbot_ros.parameters import CONTROLLER, ParameterSet
 from ballbot_ros.parameters.files import format_parameters, read_parameter_file
@@ -75,7 +74,7 @@ def _robots(gains: Mapping[str, Values]) -> list[list[str]]:
             own = with_values(ParameterSet(), values)
             file.write_text(format_parameters(own, [CONTROLLER], NAMES), encoding='utf-8')
             study = read_study('robustness', runs=ROBOTS, parameter_file=file)
-            run_study(job_of(study, folder / 'results'), Sampler(study).part, StudyObserver())
+            run_study(job_of(study, folder / 'results'), StudyObserver())
             summary = StudyData.open(folder / 'results').summary()
         shown = {each.column.name: each for each in summary.measures}
         margin = dead_time_margin_ms(with_values(load_profile('hardware'), values))

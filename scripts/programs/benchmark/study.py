@@ -33,7 +33,6 @@ from ballbot_ros.lab.studies.execution import (
 )
 from ballbot_ros.lab.studies.job import job_of
 from ballbot_ros.lab.studies.reader import read_study
-from ballbot_ros.lab.studies.sampling import Sampler
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.parameters.timing import TICK_S
 from benchmark.figures import BYTES, MEGABYTES, RATIO, SECONDS, Figure
@@ -218,10 +217,10 @@ def _timed(
     """Return the time [s] of a study in this process, on all cores or so many, or by workers."""
     path = _write_study(next(folders), scenario, runs, duration)
     study = read_study(str(path))
-    job, sampler = job_of(study, path.parent / 'results'), Sampler(study)
+    job = job_of(study, path.parent / 'results')
     with _affinity(cores):
         begun = time.perf_counter()
-        run_study(job, sampler.part, StudyObserver(), workers)
+        run_study(job, StudyObserver(), workers)
         return time.perf_counter() - begun
 
 

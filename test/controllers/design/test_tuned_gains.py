@@ -10,7 +10,6 @@ from ballbot_ros.engine.scenario.reader import scenario_names
 from ballbot_ros.lab.search.tuning import read_tuning
 from ballbot_ros.lab.studies.execution import StudyObserver, run_study
 from ballbot_ros.lab.studies.job import job_of
-from ballbot_ros.lab.studies.sampling import Sampler
 from ballbot_ros.lab.studies.study_data import StudyData
 
 TUNED = Path(__file__).parents[3] / 'config/gains/tuned.yaml'
@@ -28,7 +27,7 @@ def test_others_are_much_better(tmp_path):
     for name, parameter_file in (('quiet', None), ('tuned', TUNED)):
         tuning = read_tuning('quiet', parameter_file=parameter_file)
         study = replace(tuning.studies[0], runs=512, seed=99)
-        run_study(job_of(study, tmp_path / name), Sampler(study).part, StudyObserver())
+        run_study(job_of(study, tmp_path / name), StudyObserver())
         rows = StudyData.open(tmp_path / name).frame()
         assert not rows['fallen'].any()
         pitch.append(rows['steady_pitch_rms_deg'].max())

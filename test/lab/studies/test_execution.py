@@ -134,13 +134,13 @@ def test_without_numba_a_small_study_runs_and_a_large_one_is_refused(
     job = job_of(study, tmp_path / 'results')
     workers = SameProcess()
     monkeypatch.setattr('ballbot_ros.lab.studies.execution.WorkerProcess', lambda: workers)
-    run_study(job, Sampler(study).part, observer)
+    run_study(job, observer)
     assert [notice.partition(',')[0] for notice in observer.notices] == ['numba is not installed']
     few = StudyData.open(tmp_path / 'results').table().column('duty_sha256').to_pylist()
     assert few == finished[0].table().column('duty_sha256').to_pylist()[:4]
     large = read_study(str(path), runs=1_000_000)
     with pytest.raises(BallbotError, match='s of simulation need numba'):
-        run_study(job_of(large, tmp_path / 'large'), Sampler(large).part, observer)
+        run_study(job_of(large, tmp_path / 'large'), observer)
 
 
 class SameProcess:

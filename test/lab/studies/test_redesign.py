@@ -95,7 +95,7 @@ def test_a_run_is_the_single_run_with_these_gains(study_of):
 def test_results_and_runs_once_more_have_the_gains(study_of, tmp_path):
     study = study_of('redesign: lqr\n' + BODIES + '  plant_sim.backlash: {uniform: [0, 0.1]}\n')
     folder = tmp_path / 'results'
-    run_study(job_of(study, folder), Sampler(study).part, StudyObserver())
+    run_study(job_of(study, folder), StudyObserver())
     data = StudyData.open(folder)
     samples = Sampler(study).part(0, study.runs)
     for run in range(3):
@@ -116,7 +116,7 @@ def test_results_and_runs_once_more_have_the_gains(study_of, tmp_path):
 def test_a_robot_without_a_design_fails_and_the_others_do_not(study_of, tmp_path):
     study = study_of('redesign: lqr\nvary: {plant_sim.torque_constant: {list: [0.0, 0.317]}}\n')
     study = replace(study, runs=4)
-    run_study(job_of(study, tmp_path / 'results'), Sampler(study).part, StudyObserver())
+    run_study(job_of(study, tmp_path / 'results'), StudyObserver())
     frame = StudyData.open(tmp_path / 'results').frame()
     weak = frame['plant_sim.torque_constant'] == 0.0
     assert weak.sum() == 2
