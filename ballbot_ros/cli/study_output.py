@@ -9,10 +9,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from rich.console import Console
-from rich.measure import Measurement
 from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as Bar
-from rich.table import Table
+from rich.table import Column, Table
 
 from ballbot_ros.analysis.metrics import number
 from ballbot_ros.cli.options import MAX_TABLE_WIDTH, print_whole
@@ -136,14 +135,10 @@ def print_summary(data: StudyData) -> None:
     console = Console(highlight=False, markup=False)
     count = summary.totals.runs
     title = f'{study.name}, {count:,} run{"s" * (count > 1)}, seed {study.seed}'
-    quantiles = Table(title=title, title_justify='left')
-    quantiles.add_column('measure', no_wrap=True)
-    for share in QUANTILES:
-        quantiles.add_column(f'{100 * share:g} %', justify='right', no_wrap=True)
-    worst = Table()
-    worst.add_column('measure', no_wrap=True)
-    worst.add_column('expected', no_wrap=True)
-    worst.add_column('worst values, and the numbers of their runs')
+    shares = (Column(f'{100 * each:g} %', justify='right') for each in QUANTILES)
+    quantiles = Table('measure', *shares, title=title, title_justify='left')
+    whole = (Column(each, no_wrap=True) for each in ('measure', 'expected'))
+    worst = Table(*whole, 'worst values, and the numbers of their runs')
     for each in summary.measures:
         unit = f' [{each.column.unit}]' if each.column.unit else ''
         name = f'{each.column.name}{unit}'
@@ -153,13 +148,11 @@ def print_summary(data: StudyData) -> None:
             bounds_text(each.column.minimum, each.column.maximum),
             _worst_runs(each),
         )
-    # A number or a name that is cut off would be of no use.
+    print_whole(console, quantiles)
+    # A name that is cut off would be of no use; the runs have several lines.
     unlimited = console.options.update(max_width=MAX_TABLE_WIDTH)
-    console.width = max(
-        console.width, Measurement.get(console, unlimited, quantiles).maximum,
-        Measurement.get(console, unlimited, worst).minimum,
-    )  # fmt: skip
-    console.print(quantiles)
+    least = console.measure(worst, options=unlimited).minimum
+    console.width = max(console.width, least)
     console.print(worst)
     print_endings(endings_of(data))
     for line in _lines(data, summary):

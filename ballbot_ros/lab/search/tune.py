@@ -140,16 +140,13 @@ def run_tuning(
     """
     if (folder / MANIFEST).exists():
         raise StudyError(f'{folder}: has a study; choose another --output')
-    points, verdicts, around = search(tuning, folder, observer, workers, again=again)
-    best = int(np.argmin(verdicts.cost))
-    for which, candidate in ((BEFORE, 0), (AFTER, best)):
-        values = tuned_values(tuning, points[candidate])
-        for each in tuning.studies:
-            study = _of_unseen(each, values, tuning.unseen)
-            job = job_of(study, folder / which / _scenario(each))
+    result = search(tuning, folder, observer, workers, again=again)
+    for which, candidate in ((BEFORE, 0), (AFTER, result.best)):
+        for each, place in zip(tuning.studies, result.studies(which), strict=True):
+            study = _of_unseen(each, result.values(candidate), tuning.unseen)
+            job = job_of(study, place)
             observer.generation(f'{which}, on {tuning.unseen:,} robots not seen before')
             run_study(job, observer, workers, again=again)
-    result = TuningResult(tuning, folder, points, verdicts, best, around)
     write_atomically(result.parameter_file, _parameter_text(result).encode())
     return result
 
@@ -161,11 +158,8 @@ def search(
     workers: WorkersOfJob = LocalWorkers,
     *,
     again: bool = False,
-) -> tuple[Floats, Verdict, Floats]:
-    """Return all candidates and their verdicts, and the costs around the best one.
-
-    The errors are those of :func:`run_tuning`.
-    """
+) -> TuningResult:
+    """Try all candidates, and those around the best one; the errors are those of `run_tuning`."""
     population, count = tuning.population, len(tuning.tuned)
     steps = len(STEPS) * count
     more = -(-steps // population)  # generations around the best candidate
@@ -204,17 +198,19 @@ def search(
             optimiser.tell(verdicts[-1].cost)
             observer.generation(_progress(tuning, generation, verdicts))
         all_points, all_verdicts = np.concatenate(points), _joined(verdicts)
-        best = all_points[int(np.argmin(all_verdicts.cost))]
-        near = np.tile(best, (more * population, 1))
+        best = int(np.argmin(all_verdicts.cost))
+        near = np.tile(all_points[best], (more * population, 1))
         for number, (variable, step) in enumerate(np.ndindex(count, len(STEPS))):
-            near[number, variable] = np.clip(best[variable] + STEPS[step], 0.0, 1.0 - 2.0**-53)
+            changed = all_points[best, variable] + STEPS[step]
+            near[number, variable] = np.clip(changed, 0.0, 1.0 - 2.0**-53)
         around = _joined([
             judged(tuning.generations + number, near[number * population :][:population])
             for number in range(more)
         ])  # fmt: skip
         for each in runs:
             each.finish()
-    return all_points, all_verdicts, around.cost[:steps].reshape(count, -1)
+    costs = around.cost[:steps].reshape(count, -1)
+    return TuningResult(tuning, folder, all_points, all_verdicts, best, costs)
 
 
 def _job(tuning: Tuning, study: Study, folder: Path, candidates: int) -> Job:

@@ -91,7 +91,7 @@ def _costs(read: Tuning, method: Method, seed: int) -> Floats:
     studies = tuple(replace(each, runs=ROBOTS, seed=seed) for each in read.studies)
     tuning = replace(read, studies=studies, method=method)
     with tempfile.TemporaryDirectory() as folder:
-        _, verdicts, _ = tune.search(tuning, Path(folder) / 'search', StudyObserver())
+        verdicts = tune.search(tuning, Path(folder) / 'search', StudyObserver()).verdicts
     return np.minimum.accumulate(verdicts.cost)
 
 
