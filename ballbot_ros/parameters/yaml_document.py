@@ -139,7 +139,7 @@ class YamlDocument:
     ) -> YamlDocument:
         """Read a shipped file by its name, see `shipped_file`, or the user's own by its path."""
         is_path = is_yaml_path(reference)
-        return cls(reference if is_path else shipped_file(reference, folder, what, kind))
+        return cls(Path(reference) if is_path else shipped_file(reference, folder, what, kind))
 
     def where(self, *keys: Hashable) -> str:
         """Return 'file:line' of the part under `keys`, or of its nearest known parent."""
