@@ -52,11 +52,11 @@ class Player(BallbotNode[PlayerParameters]):
         recorded = self._recording.topics()
         topics = {name: recorded[name].type_name for name in chosen or recorded}
         self._derived = self._recording.derived()
-        self._lock = None
         # Own the domain like a plant when playing any topic of a plant, or all topics: then the
         # player publishes /clock, even if the recording has none.
-        if not chosen or any(map(_is_truth, topics)):
-            self._lock = DomainLock(self.context.get_domain_id())
+        owns_domain = not chosen or any(map(_is_truth, topics))
+        if owns_domain:
+            self.on_destroy.callback(DomainLock(self.context.get_domain_id()).release)
         self._outputs = {
             name: publisher
             for name, type_name in topics.items()
@@ -75,7 +75,7 @@ class Player(BallbotNode[PlayerParameters]):
         self.create_service(SetBool, f'{name}/pause', self._pause)
         self.create_subscription(Float64, f'{name}/seek', self._seek, 10)
         self.create_wall_timer(POLL_S, self._play)
-        if self._lock:
+        if owns_domain:
             self.create_wall_timer(WATCH_S, self._watch)
 
     def _publisher(self, name: str, type_name: str) -> Publisher:
@@ -138,8 +138,6 @@ class Player(BallbotNode[PlayerParameters]):
         """Wait until the last messages have reached their readers."""
         flush(self._outputs.values())
         self._recording.close()
-        if self._lock:
-            self._lock.release()
 
 
 def _is_truth(name: str) -> bool:

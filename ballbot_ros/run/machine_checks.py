@@ -32,10 +32,10 @@ from ballbot_ros.nodes.middleware import (
     ros_domain,
 )
 from ballbot_ros.nodes.processes import END_WITH_PARENT
-from ballbot_ros.nodes.teleop.gamepad import describe, wait_for_devices
+from ballbot_ros.nodes.teleop.gamepad import SdlBackend, describe, wait_for_devices
 from ballbot_ros.nodes.transports import rfcomm
 from ballbot_ros.parameters import ParameterSet, ViewerParameters
-from ballbot_ros.viewer.address import check_address, require_viser
+from ballbot_ros.run.requirements import require_viewer
 from ballbot_ros.viewer.browser import browser_program
 
 MIN_PYTHON = (3, 10)
@@ -166,16 +166,12 @@ CHECKS: Mapping[str, Callable[[], str]] = {
 
 
 def _viewer() -> str:
-    require_viser()
-    parameters = ParameterSet().of(ViewerParameters)
-    check_address(parameters.host, parameters.port)
-    return f'{parameters.host} can serve the page'
+    parameters = ParameterSet()
+    require_viewer(parameters)
+    return f'{parameters.of(ViewerParameters).host} can serve the page'
 
 
 def _gamepads() -> str:
-    # Imported only here: it needs an optional package.
-    from ballbot_ros.nodes.teleop.gamepad import SdlBackend
-
     backend = SdlBackend()
     backend.start()
     try:

@@ -99,8 +99,6 @@ class RunSpec:
         recorded, and no folder otherwise.
     controller : LoadedController or None
         The class of a controller other than the document's.
-    external : tuple of str
-        Roles that programs of the user take; the run starts no node for them.
     parent : Parent or None
         The recorded run that it is a branch of.
     earlier : Trajectory or None
@@ -119,7 +117,7 @@ class RunSpec:
 
     @property
     def nodes(self) -> tuple[str, ...]:
-        """The nodes that the run starts."""
+        """The nodes that the run starts, none for the `external` roles."""
         left_out = (*self.external, *(() if self.record else (RECORDER,)))
         return tuple(name for name in NODES if name not in left_out)
 

@@ -318,20 +318,15 @@ def test_a_derived_topic_is_played_unless_a_node_publishes_it():
         assert done == ([b'talk'] if others else [b'tf', b'talk'])
 
 
-def test_a_player_flushes_and_releases_what_it_holds():
-    for owns_domain in (True, False):
-        done = []
-        release = SimpleNamespace(release=lambda done=done: done.append('released'))
-        node = bare(
-            Player,
-            _lock=release if owns_domain else None,
-            _outputs={
-                '/talk': SimpleNamespace(wait_for_all_acked=lambda _, done=done: done.append(1))
-            },
-            _recording=SimpleNamespace(close=lambda done=done: done.append('closed')),
-        )
-        node.close()
-        assert done == [1, 'closed', *(['released'] if owns_domain else [])]
+def test_a_player_flushes_and_closes_what_it_holds():
+    done = []
+    node = bare(
+        Player,
+        _outputs={'/talk': SimpleNamespace(wait_for_all_acked=lambda _: done.append(1))},
+        _recording=SimpleNamespace(close=lambda: done.append('closed')),
+    )
+    node.close()
+    assert done == [1, 'closed']
 
 
 def test_a_topic_is_published_with_the_strongest_of_its_recorded_offers():
