@@ -20,14 +20,9 @@ Answer = TypeVar('Answer')
 
 
 class DueTick(NamedTuple):
-    """A tick that is due.
+    """A tick that is due, and its tasks, highest priority first.
 
-    Attributes
-    ----------
-    tasks : tuple of str
-        The tasks to run, highest priority first.
-    untimed : tuple of str
-        Those of `tasks` that their timers have not released; these timers must be restarted.
+    The timers of the `untimed` ones have not released them, and must be restarted.
     """
 
     time_ns: int

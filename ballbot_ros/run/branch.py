@@ -69,16 +69,9 @@ _OF_A_RUN: Mapping[str, Mapping[str, Value]] = {
 
 
 class Past(NamedTuple):
-    """A recorded run that can be branched.
+    """A recorded run that can be branched; `number` is its number in the file, from 1.
 
-    Attributes
-    ----------
-    number : int
-        Its number in the file, from 1.
-    parameters : ParameterSet
-        The map and the controller are files of this machine.
-    scenario : Scenario or None
-        None if it had none.
+    The map and the controller in its parameters are files of this machine.
     """
 
     recording: RobotRecording

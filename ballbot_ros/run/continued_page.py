@@ -63,12 +63,8 @@ _LONGER_S = 10.0
 class ContinuedPage(RecordingPage):
     """Shows recorded runs, and the first of them from a moment on as somebody changes it.
 
-    Parameters
-    ----------
-    make : callable
-        Returns what continues the first run, or raises BallbotError; called in a thread.
-    told : callable
-        Takes the path of each recording that is written.
+    `make` returns what continues the first run, or raises BallbotError; it is called in a thread.
+    `told` takes the path of each recording that is written.
     """
 
     def __init__(

@@ -114,22 +114,8 @@ class ContinuedRun:
     can't be copied runs again from the start instead, and so does a robot that gets a fault, which
     may depend on what was before.
 
-    Parameters
-    ----------
-    past : Past
-        The run; its file is open.
-    scratch : Path
-        A folder for files.
-
-    Attributes
-    ----------
-    implementation : Implementation
-        Its controller, with the parameters with which the recorded run began.
-
-    Raises
-    ------
-    BallbotError
-        If its controller can't run here.
+    The file of the run must stay open. `implementation` is its controller, with the parameters that
+    it began with. It raises BallbotError if this controller can't run here.
     """
 
     def __init__(self, past: Past, scratch: Path) -> None:

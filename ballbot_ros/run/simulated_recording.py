@@ -93,19 +93,7 @@ class _BufferedTopic:
 class SimulatedRecording:
     """Writes the messages that the nodes would have published, and those derived from them.
 
-    Parameters
-    ----------
-    path : Path
-        The file to create.
-    attachments : mapping of str to bytes
-        By file name.
-    collect : callable or None
-        Takes all messages, too.
-
-    Attributes
-    ----------
-    names : list of str
-        The topics in the order of the file.
+    `collect` takes all messages, too. `names` are the topics in the order of the file.
     """
 
     def __init__(

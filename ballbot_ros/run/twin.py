@@ -31,19 +31,8 @@ def twin_spec(
 
     Its sticks move as long after its calibration as those of the real one after the first packet.
 
-    Parameters
-    ----------
-    profile : ParameterSet
-        What is not known of the robot and its devices.
-    identified : ParameterSet
-        What is known of them.
-    output : Path
-        Folder of its recording.
-
-    Raises
-    ------
-    BallbotError
-        If the values do not fit together.
+    What is known of the robot and its devices is `identified`; the rest is as in the profile. It
+    raises BallbotError if the values do not fit together.
     """
     parameters = ParameterSet(profile)
     for node, name, value in real.attached.parameters:
