@@ -30,7 +30,7 @@ _HALVINGS = 60
 
 
 def run_candidates(run: StudyRun, samples: Samples) -> dict[str, Column]:
-    """Do what is missing of a generation, some parts of a study, and return its results.
+    """Do what is missing of a generation, parts of a study, and return columns of its results.
 
     Raises
     ------
