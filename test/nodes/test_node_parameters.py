@@ -20,6 +20,7 @@ from ballbot_ros.controllers.document.axis import task_timings
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.nodes.node_parameters import NEXT_RUN
 from ballbot_ros.nodes.registry import REGISTRY
+from ballbot_ros.nodes.teleop.terminal import KeyboardSticks
 from ballbot_ros.parameters import (
     ALL_NODES,
     CONTROLLER,
@@ -217,13 +218,10 @@ def test_parameters_can_be_set_while_the_keyboard_drives(make):
     # While the panel is up, standard output is a pipe.
     node.parameters = node._requested = replace(node.parameters, keyboard=True)
     assert set_one(node, 'gp_max', 50).successful
-    applied = []
-    node.terminal = SimpleNamespace(
-        apply_parameters=lambda: applied.append(node.parameters.gp_max), close=lambda: None
-    )
+    node.terminal = SimpleNamespace(keys=KeyboardSticks(100), close=lambda: None)
     node._display = node.terminal
     node.apply_parameters()
-    assert applied == [50]
+    assert node.terminal.keys.full == 50
 
 
 def test_in_lockstep_the_controller_requires_sim_time(make):
