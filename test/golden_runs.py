@@ -31,14 +31,7 @@ from ballbot_ros.engine.golden import GOLDEN_FILE, arithmetic_sha256, duty_sha25
 from ballbot_ros.engine.scenario.reader import load_scenario, scenario_names
 from ballbot_ros.engine.scenario.scenario import Scenario, Segment, StickSignal
 from ballbot_ros.files import share_directory
-from ballbot_ros.parameters import (
-    CONTROLLER,
-    GYRO,
-    PLANT,
-    SONAR,
-    ParameterSet,
-    parameters_of,
-)
+from ballbot_ros.parameters import CONTROLLER, GYRO, PLANT, SONAR, ParameterSet, parameters_of
 from ballbot_ros.parameters.brick_time import KernelChoice, LinkParameters, TaskCosts
 from ballbot_ros.robot.random_numbers import bits_53, philox4x32, uniform
 

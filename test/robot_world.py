@@ -18,24 +18,10 @@ from ballbot_ros.engine.brick_tasks import BrickTasks
 from ballbot_ros.lockstep import run_actions as do
 from ballbot_ros.lockstep.lockstep import DueTick, LockstepTicks, SampleReaction
 from ballbot_ros.lockstep.lockstep_master import LockstepMaster
-from ballbot_ros.parameters import (
-    CONTROLLER,
-    GAMEPAD,
-    PLANT,
-    ControllerParameters,
-    PlantParameters,
-)
-from ballbot_ros.parameters.timing import (
-    BATTERY_PERIOD_NS,
-    MILLISECOND_NS,
-    TICK_NS,
-)
+from ballbot_ros.parameters import CONTROLLER, GAMEPAD, PLANT, ControllerParameters, PlantParameters
+from ballbot_ros.parameters.timing import BATTERY_PERIOD_NS, MILLISECOND_NS, TICK_NS
 from ballbot_ros.recording.messages.devices import DEVICE_MESSAGES, INPUT_READERS, device_inputs
-from ballbot_ros.recording.messages.topics import (
-    BATTERY_STATE,
-    GAMEPAD_JOY,
-    GYRO_IMU,
-)
+from ballbot_ros.recording.messages.topics import BATTERY_STATE, GAMEPAD_JOY, GYRO_IMU
 from ballbot_ros.robot.brick.brick import MotorDuty
 from ballbot_ros.robot.brick.sensors import battery_mv
 

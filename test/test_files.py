@@ -10,13 +10,7 @@ from click.testing import CliRunner
 
 from ballbot_ros.cli.command import ballbot
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.files import (
-    open_regular,
-    read_bytes,
-    read_text,
-    temporary_folder,
-    write_temporary,
-)
+from ballbot_ros.files import open_regular, read_bytes, read_text, temporary_folder, write_temporary
 
 
 @pytest.fixture(autouse=True)

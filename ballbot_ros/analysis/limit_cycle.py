@@ -10,14 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot_ros.analysis.drawing import draw_line, frame_curves, legend_above
-from ballbot_ros.analysis.figure_parts import (
-    GRAY,
-    PLANES,
-    WIDTH,
-    Table,
-    new_figure,
-    png_of,
-)
+from ballbot_ros.analysis.figure_parts import GRAY, PLANES, WIDTH, Table, new_figure, png_of
 from ballbot_ros.analysis.loop_summary import PredictedFrequency
 from ballbot_ros.analysis.run_data import RunData
 from ballbot_ros.analysis.run_figures import RenderedFigure

@@ -16,13 +16,7 @@ from ballbot_ros.errors import RecordingError
 from ballbot_ros.parameters.timing import SECOND_NS
 from ballbot_ros.process import ProgressCallback
 from ballbot_ros.recording.batch import Batch, Rows
-from ballbot_ros.recording.columns import (
-    OWN_STAMP,
-    Column,
-    ColumnHints,
-    TopicColumns,
-    has_signals,
-)
+from ballbot_ros.recording.columns import OWN_STAMP, Column, ColumnHints, TopicColumns, has_signals
 from ballbot_ros.recording.messages.column_hints import column_hints
 from ballbot_ros.recording.messages.recording_files import open_recording
 from ballbot_ros.recording.messages.topics import RUN

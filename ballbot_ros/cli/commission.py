@@ -8,13 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ballbot_ros.cli.options import (
-    NEW_FILE,
-    RECORDING,
-    heading,
-    known_profile_option,
-    write_file,
-)
+from ballbot_ros.cli.options import NEW_FILE, RECORDING, heading, known_profile_option, write_file
 from ballbot_ros.errors import BallbotError, printable
 from ballbot_ros.parameters import (
     CONTROLLER,

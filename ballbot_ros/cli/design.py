@@ -20,13 +20,7 @@ from ballbot_ros.cli.options import (
     write_file,
 )
 from ballbot_ros.controllers.codegen.implementation import compose_controller
-from ballbot_ros.controllers.design.redesign import (
-    LIMITS,
-    OPTIONS,
-    SIGNALS,
-    Method,
-    Redesign,
-)
+from ballbot_ros.controllers.design.redesign import LIMITS, OPTIONS, SIGNALS, Method, Redesign
 from ballbot_ros.parameters import CONTROLLER, ParameterSet
 from ballbot_ros.parameters.files import assign, format_parameters, read_parameter_file
 from ballbot_ros.parameters.timing import TICK_MS

@@ -25,12 +25,7 @@ from ballbot_ros.parameters import (
     PlantParameters,
     SonarParameters,
 )
-from ballbot_ros.parameters.timing import (
-    FIRST_TICK_NS,
-    SECOND_NS,
-    SLOW_PERIOD_NS,
-    TICK_NS,
-)
+from ballbot_ros.parameters.timing import FIRST_TICK_NS, SECOND_NS, SLOW_PERIOD_NS, TICK_NS
 from ballbot_ros.robot.brick.bluetooth import NEUTRAL
 from ballbot_ros.robot.brick.brick import DeviceInputs, DeviceOutputs, from_numbers
 from ballbot_ros.robot.brick.fault_effects import fault_row, packet_time

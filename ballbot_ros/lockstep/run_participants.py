@@ -16,20 +16,8 @@ from ballbot_ros.lockstep.participants import (
     Publisher,
 )
 from ballbot_ros.lockstep.roster import Readiness, ReadinessState, Roster
-from ballbot_ros.lockstep.run_actions import (
-    Action,
-    CallRoll,
-    Log,
-    PublishStatus,
-    RunSummary,
-)
-from ballbot_ros.parameters import (
-    CONTROLLER,
-    DRIVERS,
-    NODES,
-    RECORDER,
-    ParameterError,
-)
+from ballbot_ros.lockstep.run_actions import Action, CallRoll, Log, PublishStatus, RunSummary
+from ballbot_ros.parameters import CONTROLLER, DRIVERS, NODES, RECORDER, ParameterError
 from ballbot_ros.parameters.timing import SECOND_NS
 
 

@@ -15,13 +15,7 @@ from ballbot_ros.lockstep.lockstep import GivenAnswers, RunIdentity
 from ballbot_ros.nodes.base import BallbotNode
 from ballbot_ros.nodes.participation import Participation
 from ballbot_ros.nodes.teleop import sticks as arbiter
-from ballbot_ros.nodes.teleop.gamepad import (
-    ANY,
-    Gamepad,
-    GamepadState,
-    InputErrors,
-    SdlBackend,
-)
+from ballbot_ros.nodes.teleop.gamepad import ANY, Gamepad, GamepadState, InputErrors, SdlBackend
 from ballbot_ros.nodes.teleop.sticks import Arbiter, Command, JoyMapping, VelocityMapping
 from ballbot_ros.parameters import GamepadParameters
 from ballbot_ros.parameters.timing import SLOW_PERIOD_NS

@@ -6,12 +6,7 @@ ballbot run stationary --controller learned_policy.py:LearnedPolicy --params pol
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from ballbot_ros.controllers import (
-    TICK_S,
-    ControllerParameters,
-    PhysicalParameters,
-    quantity,
-)
+from ballbot_ros.controllers import TICK_S, ControllerParameters, PhysicalParameters, quantity
 from ballbot_ros.controllers.policy import Observation, PolicyController
 
 WEIGHT = (-10.0, 10.0)

@@ -8,13 +8,7 @@ import pytest
 from browsing import open_document, shared_browser
 
 from ballbot_ros.analysis.assessment import assess
-from ballbot_ros.analysis.processor import (
-    ended,
-    pieces,
-    sets_duty,
-    task_times,
-    utilisation,
-)
+from ballbot_ros.analysis.processor import ended, pieces, sets_duty, task_times, utilisation
 from ballbot_ros.analysis.processor_figures import processor_of
 from ballbot_ros.analysis.report import report_page, write_report
 from ballbot_ros.analysis.run_data import read_run

@@ -9,15 +9,7 @@ import termios
 import urllib.request
 
 import pytest
-from graph import (
-    BALLBOT,
-    LAST_RESORT_S,
-    NODES,
-    alive,
-    children,
-    environment,
-    wait_for,
-)
+from graph import BALLBOT, LAST_RESORT_S, NODES, alive, children, environment, wait_for
 from terminal import Terminal
 
 from ballbot_ros.analysis.data_log import read_data_log

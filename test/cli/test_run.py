@@ -21,13 +21,7 @@ from ballbot_ros.engine.golden import duty_sha256
 from ballbot_ros.engine.scenario.reader import load_scenario
 from ballbot_ros.lockstep.run_actions import Outcome
 from ballbot_ros.nodes.middleware import DomainLock
-from ballbot_ros.parameters import (
-    GYRO,
-    PLANT,
-    ParameterSet,
-    PlantParameters,
-    ViewerParameters,
-)
+from ballbot_ros.parameters import GYRO, PLANT, ParameterSet, PlantParameters, ViewerParameters
 from ballbot_ros.parameters.files import assign
 from ballbot_ros.process import STOP_SIGNALS
 from ballbot_ros.recording.reader import RecordingReader

@@ -19,12 +19,7 @@ from ballbot_ros.controllers.commissioning import (
 )
 from ballbot_ros.engine.closed_loop import ClosedLoop
 from ballbot_ros.engine.scenario.reader import load_profile
-from ballbot_ros.parameters import (
-    CONTROLLER,
-    GyroParameters,
-    PlantParameters,
-    SonarParameters,
-)
+from ballbot_ros.parameters import CONTROLLER, GyroParameters, PlantParameters, SonarParameters
 from ballbot_ros.robot.brick.sensors import NO_DATA_CM
 
 TICKS = {0: 5, 1: 25, 2: 4 * 6, 3: 401, 4: 2 * 9 * 3, 5: 2 * 10}

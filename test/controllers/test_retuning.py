@@ -15,12 +15,7 @@ from ballbot_ros.controllers.codegen.implementation import compose_controller, i
 from ballbot_ros.controllers.interface import GLIDE_TICKS, OperatingState
 from ballbot_ros.engine.scenario.scenario import Scenario
 from ballbot_ros.errors import ControllerError
-from ballbot_ros.parameters import (
-    CONTROLLER,
-    ControllerParameters,
-    ParameterError,
-    ParameterSet,
-)
+from ballbot_ros.parameters import CONTROLLER, ControllerParameters, ParameterError, ParameterSet
 from ballbot_ros.robot.brick.brick import DeviceInputs
 
 SHIPPED = ('python', 'pid', 'lqg', 'drift_filter', 'mpc')

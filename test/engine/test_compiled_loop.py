@@ -18,13 +18,7 @@ from drawn_runs import drawn_run
 from ballbot_ros.controllers.document.program import INITIAL_STATE, TASK_NUMBERS
 from ballbot_ros.engine.closed_loop import ClosedLoop
 from ballbot_ros.engine.compilation import compiled_and_kept
-from ballbot_ros.engine.compiled_loop import (
-    CompiledLoop,
-    are_timed,
-    events_of,
-    floor_of,
-    rings_of,
-)
+from ballbot_ros.engine.compiled_loop import CompiledLoop, are_timed, events_of, floor_of, rings_of
 from ballbot_ros.engine.golden import load_golden
 from ballbot_ros.engine.rows import RobotRows, program_rows, rows_of
 from ballbot_ros.engine.run import new_log, new_robots, simulate_runs, tick_type

@@ -24,12 +24,7 @@ from ballbot_ros.engine.trajectory import TrajectoryLog
 from ballbot_ros.lockstep import run_actions as do
 from ballbot_ros.lockstep.lockstep import RunIdentity
 from ballbot_ros.lockstep.lockstep_master import LockstepMaster
-from ballbot_ros.lockstep.participants import (
-    Announcement,
-    LocalNode,
-    Objection,
-    Publisher,
-)
+from ballbot_ros.lockstep.participants import Announcement, LocalNode, Objection, Publisher
 from ballbot_ros.lockstep.run_actions import Outcome, ParameterChange
 from ballbot_ros.lockstep.run_master import DISCOVERY_POLL_S, DISCOVERY_S
 from ballbot_ros.parameters import COMMON_PERIOD_NS, CONTROLLER, GYRO, PLANT, RECORDER, SONAR

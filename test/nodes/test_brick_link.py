@@ -26,20 +26,9 @@ from ballbot_ros.nodes.teleop.sticks import KEYBOARD
 from ballbot_ros.nodes.transports.whole_packets import WholePackets
 from ballbot_ros.parameters import BrickLinkParameters, ControllerParameters
 from ballbot_ros.recording.messages.conversions import decode_sticks
-from ballbot_ros.recording.messages.topics import (
-    BLUETOOTH_TX,
-    CONTROLLER_STATE,
-    GAMEPAD_JOY,
-    RUN,
-)
+from ballbot_ros.recording.messages.topics import BLUETOOTH_TX, CONTROLLER_STATE, GAMEPAD_JOY, RUN
 from ballbot_ros.recording.reader import RecordingReader
-from ballbot_ros.robot.brick.bluetooth import (
-    FRAME_SIZE,
-    LENGTH,
-    LogPacket,
-    stick_frame,
-    sticks_in,
-)
+from ballbot_ros.robot.brick.bluetooth import FRAME_SIZE, LENGTH, LogPacket, stick_frame, sticks_in
 from ballbot_ros.run.one_process import NodeThread, ros
 
 FORWARD = (-100, 0)

@@ -17,14 +17,7 @@ from std_msgs.msg import Header  # noqa: E402
 from ballbot_ros.engine.trajectory import load_trajectory  # noqa: E402
 from ballbot_ros.lockstep.participants import Announcement, Participant  # noqa: E402
 from ballbot_ros.nodes.endpoints import reliable_qos  # noqa: E402
-from ballbot_ros.parameters import (  # noqa: E402
-    CONTROLLER,
-    GAMEPAD,
-    NODES,
-    PLANT,
-    RECORDER,
-    SONAR,
-)
+from ballbot_ros.parameters import CONTROLLER, GAMEPAD, NODES, PLANT, RECORDER, SONAR  # noqa: E402
 from ballbot_ros.recording.messages.conversions import time_ns  # noqa: E402
 from ballbot_ros.recording.messages.run_reports import encode_announcement  # noqa: E402
 from ballbot_ros.recording.messages.topics import (  # noqa: E402

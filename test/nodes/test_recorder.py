@@ -14,17 +14,9 @@ from stubs import bare  # noqa: E402
 from ballbot_ros.errors import RecordingError  # noqa: E402
 from ballbot_ros.lockstep.lockstep import RunIdentity, SampleStatus  # noqa: E402
 from ballbot_ros.nodes import recorder  # noqa: E402
-from ballbot_ros.nodes.recorder import (  # noqa: E402
-    RecordedChannel,
-    RecordedChannels,
-    Recorder,
-)
+from ballbot_ros.nodes.recorder import RecordedChannel, RecordedChannels, Recorder  # noqa: E402
 from ballbot_ros.parameters import RecorderParameters  # noqa: E402
-from ballbot_ros.recording.messages.conversions import (  # noqa: E402
-    encode_duty,
-    encode_header,
-    encode_stop,
-)
+from ballbot_ros.recording.messages.conversions import encode_duty, encode_header, encode_stop  # noqa: E402
 from ballbot_ros.recording.messages.raw import decoder  # noqa: E402
 from ballbot_ros.recording.messages.topics import (  # noqa: E402
     CLOCK,

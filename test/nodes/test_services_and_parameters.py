@@ -14,13 +14,7 @@ from rcl_interfaces.srv import DescribeParameters  # noqa: E402
 from ros_client import Client  # noqa: E402
 from std_srvs.srv import SetBool, Trigger  # noqa: E402
 
-from ballbot_ros.parameters import (  # noqa: E402
-    NODES,
-    PLANT,
-    RECORDER,
-    TakesEffect,
-    parameters_of,
-)
+from ballbot_ros.parameters import NODES, PLANT, RECORDER, TakesEffect, parameters_of  # noqa: E402
 from ballbot_ros.recording.messages.conversions import body_pitch, time_ns  # noqa: E402
 from ballbot_ros.recording.messages.topics import (  # noqa: E402
     ACCEPTED_PUSH,

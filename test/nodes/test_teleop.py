@@ -24,16 +24,8 @@ from ballbot_ros.engine.scenario.scenario import Scenario  # noqa: E402
 from ballbot_ros.engine.trajectory import TrajectoryLog  # noqa: E402
 from ballbot_ros.nodes.teleop.sticks import NO_SOURCE  # noqa: E402
 from ballbot_ros.parameters import GAMEPAD, NODES, PLANT, RECORDER, ParameterSet  # noqa: E402
-from ballbot_ros.parameters.timing import (  # noqa: E402
-    FIRST_TICK_NS,
-    MAX_LEAD_TICKS,
-    SLOW_PERIOD_NS,
-    TICK_NS,
-)
-from ballbot_ros.recording.messages.conversions import (  # noqa: E402
-    odometry_position,
-    stamp_ns,
-)
+from ballbot_ros.parameters.timing import FIRST_TICK_NS, MAX_LEAD_TICKS, SLOW_PERIOD_NS, TICK_NS  # noqa: E402
+from ballbot_ros.recording.messages.conversions import odometry_position, stamp_ns  # noqa: E402
 from ballbot_ros.recording.messages.topics import (  # noqa: E402
     DIAGNOSTICS,
     GAMEPAD_JOY,

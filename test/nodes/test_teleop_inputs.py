@@ -10,11 +10,7 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from rclpy.qos import (
-    QoSProfile,
-    ReliabilityPolicy,
-    qos_check_compatible,
-)
+from rclpy.qos import QoSProfile, ReliabilityPolicy, qos_check_compatible
 
 from ballbot_ros.errors import TeleopError
 from ballbot_ros.nodes import gamepad_teleop

@@ -13,11 +13,7 @@ from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.writer import Writer
 from mcap_ros2.decoder import DecoderFactory
-from recorded_bytes import (
-    FOREIGN,
-    flip,
-    write_foreign,
-)
+from recorded_bytes import FOREIGN, flip, write_foreign
 from rosbags.highlevel import AnyReader
 from text_messages import STRING, string
 

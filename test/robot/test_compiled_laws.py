@@ -27,10 +27,7 @@ from ballbot_ros.robot.brick.sensors import (
     gyro_reading,
     radians_to_degrees,
 )
-from ballbot_ros.robot.plant.integration import (
-    advance_linear,
-    advance_nonlinear,
-)
+from ballbot_ros.robot.plant.integration import advance_linear, advance_nonlinear
 from ballbot_ros.robot.plant.laws import (
     discharge,
     motor_current,

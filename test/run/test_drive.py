@@ -18,13 +18,7 @@ from laws import refusal
 from ballbot_ros.errors import BallbotError
 from ballbot_ros.lockstep.liveness import ThreadTime
 from ballbot_ros.nodes import processes
-from ballbot_ros.parameters import (
-    GAMEPAD,
-    NODES,
-    RECORDER,
-    VIEWER,
-    PlantParameters,
-)
+from ballbot_ros.parameters import GAMEPAD, NODES, RECORDER, VIEWER, PlantParameters
 from ballbot_ros.run import drive, one_process
 from ballbot_ros.run.drive import DriveResult, drive_spec
 from ballbot_ros.run.one_process import NodeThread

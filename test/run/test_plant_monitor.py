@@ -7,11 +7,7 @@ import pytest
 from ballbot_ros.lockstep.liveness import ThreadTime
 from ballbot_ros.nodes.processes import HEARTBEAT_FD_ENV, Heartbeat, HeartbeatSender
 from ballbot_ros.run import separate_processes
-from ballbot_ros.run.separate_processes import (
-    PLANT_BUSY_S,
-    PLANT_SILENCE_S,
-    PlantMonitor,
-)
+from ballbot_ros.run.separate_processes import PLANT_BUSY_S, PLANT_SILENCE_S, PlantMonitor
 
 IDLE = {1: ThreadTime(cpu_s=1.0, queued_s=0.0, is_runnable=False)}
 

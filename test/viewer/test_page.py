@@ -32,22 +32,13 @@ from ballbot_ros.recording.messages.topics import (  # noqa: E402
     PLANT_ODOM,
     VIEWER_JOY,
 )
-from ballbot_ros.robot.world.floor_map import (  # noqa: E402
-    CELL_M,
-    FLOOR,
-    LINE,
-    load_map,
-)
+from ballbot_ros.robot.world.floor_map import CELL_M, FLOOR, LINE, load_map  # noqa: E402
 from ballbot_ros.viewer.live_controls import ScenarioChooser, add_push_buttons  # noqa: E402
 from ballbot_ros.viewer.markers import Area  # noqa: E402
 from ballbot_ros.viewer.page import Page  # noqa: E402
 from ballbot_ros.viewer.playback_run import PlaybackRun  # noqa: E402
 from ballbot_ros.viewer.recording_page import RecordingPage  # noqa: E402
-from ballbot_ros.viewer.robot import (  # noqa: E402
-    BLACK,
-    DARK,
-    parts,
-)
+from ballbot_ros.viewer.robot import BLACK, DARK, parts  # noqa: E402
 from ballbot_ros.viewer.scene import ScenePanel  # noqa: E402
 from ballbot_ros.viewer.snapshot import Snapshot  # noqa: E402
 from ballbot_ros.viewer.tuning_sliders import FOLDER  # noqa: E402

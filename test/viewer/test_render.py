@@ -13,13 +13,7 @@ from ballbot_ros.errors import ViewerError
 from ballbot_ros.files import replacing
 from ballbot_ros.viewer import render
 from ballbot_ros.viewer.playback_run import PlaybackRun
-from ballbot_ros.viewer.render import (
-    FORMATS,
-    Rendering,
-    frame_times,
-    with_time_stamp,
-    write_film,
-)
+from ballbot_ros.viewer.render import FORMATS, Rendering, frame_times, with_time_stamp, write_film
 from ballbot_ros.viewer.views import FreeView
 
 SIZE = (320, 176)

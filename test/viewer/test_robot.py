@@ -8,12 +8,7 @@ from parts import DIMENSIONS
 
 from ballbot_ros.recording.messages.conversions import pitch_angles
 from ballbot_ros.viewer.markers import Area
-from ballbot_ros.viewer.robot import (
-    BALL,
-    LINKS,
-    parts,
-    wxyz,
-)
+from ballbot_ros.viewer.robot import BALL, LINKS, parts, wxyz
 from ballbot_ros.viewer.snapshot import Snapshot
 from ballbot_ros.viewer.views import (
     CHASER_1,

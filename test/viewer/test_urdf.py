@@ -16,12 +16,7 @@ yourdfpy = pytest.importorskip('yourdfpy')
 from trimesh import transformations  # noqa: E402
 
 from ballbot_ros.files import share_directory  # noqa: E402
-from ballbot_ros.parameters import (  # noqa: E402
-    VISUALIZER,
-    Dimensions,
-    VisualizerParameters,
-    parameters_of,
-)
+from ballbot_ros.parameters import VISUALIZER, Dimensions, VisualizerParameters, parameters_of  # noqa: E402
 from ballbot_ros.recording.messages.conversions import MOTOR_NAMES  # noqa: E402
 from ballbot_ros.recording.messages.tool_messages import FOOTPRINT  # noqa: E402
 from ballbot_ros.robot.plant.model import Bodies  # noqa: E402

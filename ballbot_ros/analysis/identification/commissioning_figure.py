@@ -9,15 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ballbot_ros.analysis.drawing import draw_line, legend_above, style_axes
-from ballbot_ros.analysis.figure_parts import (
-    BLUE,
-    GRAY,
-    ORANGE,
-    WIDTH,
-    Line,
-    new_figure,
-    png_of,
-)
+from ballbot_ros.analysis.figure_parts import BLUE, GRAY, ORANGE, WIDTH, Line, new_figure, png_of
 from ballbot_ros.analysis.identification.commissioning import Commissioning
 
 if TYPE_CHECKING:

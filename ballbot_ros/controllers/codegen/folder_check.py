@@ -10,10 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ballbot_ros.controllers.codegen.application import (
-    PARAMETER_FILE,
-    read_tasks,
-)
+from ballbot_ros.controllers.codegen.application import PARAMETER_FILE, read_tasks
 from ballbot_ros.controllers.codegen.compiled_program import Answer, CompiledProgram
 from ballbot_ros.controllers.codegen.implementation import compose_controller
 from ballbot_ros.controllers.codegen.programs import program_of

@@ -39,11 +39,7 @@ from ballbot_ros.lab.studies.runs import Samples
 from ballbot_ros.lab.studies.sampling import Sampler
 from ballbot_ros.lab.studies.study import Study
 from ballbot_ros.lab.studies.study_data import StudyData
-from ballbot_ros.parameters import (
-    CONTROLLER,
-    DOCUMENTS_PROGRAM,
-    ControllerParameters,
-)
+from ballbot_ros.parameters import CONTROLLER, DOCUMENTS_PROGRAM, ControllerParameters
 from ballbot_ros.parameters.files import plain_values, values_text
 from ballbot_ros.robot.arithmetic import Floats
 

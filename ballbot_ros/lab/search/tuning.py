@@ -19,12 +19,7 @@ from ballbot_ros.lab.search.optimiser import Method
 from ballbot_ros.lab.studies.reader import STUDY_KEYS, StudyReader
 from ballbot_ros.lab.studies.study import MAX_RUNS, Sampling, Study
 from ballbot_ros.lab.studies.variables import GRID, Levels, Variable, identity, nominal_value
-from ballbot_ros.parameters import (
-    CONTROLLER,
-    DOCUMENTS_PROGRAM,
-    ControllerParameters,
-    suggest,
-)
+from ballbot_ros.parameters import CONTROLLER, DOCUMENTS_PROGRAM, ControllerParameters, suggest
 from ballbot_ros.parameters.yaml_document import YamlDocument
 from ballbot_ros.robot.arithmetic import Floats
 from ballbot_ros.run.spec import RunSpec

@@ -22,14 +22,7 @@ from ballbot_ros.lab.studies.manifest import PartSummary, StudyRecord
 from ballbot_ros.lab.studies.part_file import EncodedPart, encode_part, store_part, write_atomically
 from ballbot_ros.lab.studies.programs import why_not_compiled
 from ballbot_ros.lab.studies.rerun import parameter_text
-from ballbot_ros.lab.studies.runs import (
-    Advance,
-    Results,
-    Samples,
-    Simulator,
-    ignore,
-    simulator_for,
-)
+from ballbot_ros.lab.studies.runs import Advance, Results, Samples, Simulator, ignore, simulator_for
 from ballbot_ros.lab.studies.study import GAINS, Study
 from ballbot_ros.lab.studies.variables import SEED
 from ballbot_ros.lockstep.run_actions import Outcome

@@ -38,11 +38,7 @@ from ballbot_ros.engine.rows import (
 )
 from ballbot_ros.engine.run import simulate_runs
 from ballbot_ros.errors import BallbotError, StudyError
-from ballbot_ros.parameters import (
-    CONTROLLER,
-    ControllerParameters,
-    ParameterSet,
-)
+from ballbot_ros.parameters import CONTROLLER, ControllerParameters, ParameterSet
 from ballbot_ros.parameters.controller import MODEL, USER
 from ballbot_ros.parameters.files import assign_values, plain_values
 from ballbot_ros.robot.brick.schedule import TaskTiming

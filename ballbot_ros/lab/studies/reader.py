@@ -10,13 +10,7 @@ from math import prod
 from pathlib import Path
 from typing import Any, ClassVar, cast
 
-from ballbot_ros.controllers.design.redesign import (
-    LIMITS,
-    OPTIONS,
-    SIGNALS,
-    Method,
-    Redesign,
-)
+from ballbot_ros.controllers.design.redesign import LIMITS, OPTIONS, SIGNALS, Method, Redesign
 from ballbot_ros.controllers.loading import public_reference, resolve_reference
 from ballbot_ros.engine.rows import robot_parameter
 from ballbot_ros.engine.scenario.metrics import METRICS

@@ -30,12 +30,7 @@ from ballbot_ros.lab.studies.variables import (
     Levels,
     Variable,
 )
-from ballbot_ros.parameters import (
-    CONTROLLER,
-    ControllerParameters,
-    ParameterSet,
-    PlantParameters,
-)
+from ballbot_ros.parameters import CONTROLLER, ControllerParameters, ParameterSet, PlantParameters
 from ballbot_ros.parameters.parameter import TextEnum
 from ballbot_ros.run.spec import RunSpec
 

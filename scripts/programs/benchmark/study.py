@@ -25,12 +25,7 @@ from ballbot_ros.engine.closed_loop import ClosedLoop
 from ballbot_ros.engine.scenario.reader import load_scenario
 from ballbot_ros.engine.trajectory import TrajectoryLog
 from ballbot_ros.lab.studies.cluster import workers_of
-from ballbot_ros.lab.studies.execution import (
-    LocalWorkers,
-    StudyObserver,
-    WorkersOfJob,
-    run_study,
-)
+from ballbot_ros.lab.studies.execution import LocalWorkers, StudyObserver, WorkersOfJob, run_study
 from ballbot_ros.lab.studies.job import job_of
 from ballbot_ros.lab.studies.reader import read_study
 from ballbot_ros.parameters import PlantParameters

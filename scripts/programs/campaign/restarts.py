@@ -14,13 +14,7 @@ from ballbot_ros.engine.trajectory import load_trajectory
 from ballbot_ros.parameters import CONTROLLER, DRIVERS, NODES, PLANT, RECORDER
 from campaign.fault import Verdict
 from campaign.remains import read_remains
-from campaign.run import (
-    FIRST_TICKS_BYTES,
-    START_PITCH_DEG,
-    judge_printed,
-    ticks_of,
-    undisturbed,
-)
+from campaign.run import FIRST_TICKS_BYTES, START_PITCH_DEG, judge_printed, ticks_of, undisturbed
 from campaign.site import Program, Site, Stopwatch, wait_until
 
 DURATION_S = 4.0

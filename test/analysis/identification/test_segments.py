@@ -8,14 +8,8 @@ from hypothesis import strategies as st
 from laws import given
 
 from ballbot_ros.analysis.identification.experiment import ENCODER, Experiment
-from ballbot_ros.analysis.identification.segments import (
-    MAX_SEGMENTS,
-    TURNING_READINGS,
-    cut,
-)
-from ballbot_ros.analysis.identification.segments import (
-    SEGMENT_TICKS as LENGTH,
-)
+from ballbot_ros.analysis.identification.segments import MAX_SEGMENTS, TURNING_READINGS, cut
+from ballbot_ros.analysis.identification.segments import SEGMENT_TICKS as LENGTH
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.parameters.timing import STEPS_PER_TICK, TICK_S
 

@@ -11,11 +11,7 @@ from ballbot_ros.engine.scenario.scenario import ScheduledPush
 from ballbot_ros.errors import BallbotError, StudyError
 from ballbot_ros.lab.studies.programs import with_values
 from ballbot_ros.lab.studies.reader import read_study
-from ballbot_ros.lab.studies.runs import (
-    OrdinarySimulator,
-    scenarios_of_runs,
-    simulator_for,
-)
+from ballbot_ros.lab.studies.runs import OrdinarySimulator, scenarios_of_runs, simulator_for
 from ballbot_ros.lab.studies.sampling import Sampler
 from ballbot_ros.parameters import PlantParameters
 from ballbot_ros.robot.brick.faults import KINDS, OWN_TASK, TASKS

@@ -27,12 +27,7 @@ from ballbot_ros.errors import StudyError
 from ballbot_ros.lab.studies.columns import DUTY_SHA256, ResultColumn
 from ballbot_ros.lab.studies.data_set import begin_or_resume
 from ballbot_ros.lab.studies.manifest import PartSummary
-from ballbot_ros.lab.studies.part_file import (
-    DamagedPartError,
-    check_part,
-    read_columns,
-    read_part,
-)
+from ballbot_ros.lab.studies.part_file import DamagedPartError, check_part, read_columns, read_part
 from ballbot_ros.lab.studies.runs import Results
 
 REALS = st.floats(allow_nan=False)

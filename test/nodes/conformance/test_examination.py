@@ -20,15 +20,7 @@ from ballbot_ros.nodes.conformance.examination import (
     RequirementVerdict,
     examine,
 )
-from ballbot_ros.parameters import (
-    CONTROLLER,
-    DRIVERS,
-    GAMEPAD,
-    GYRO,
-    RECORDER,
-    ROLES,
-    SONAR,
-)
+from ballbot_ros.parameters import CONTROLLER, DRIVERS, GAMEPAD, GYRO, RECORDER, ROLES, SONAR
 from ballbot_ros.parameters.timing import FIRST_TICK_NS, TICK_NS
 from ballbot_ros.recording.messages.conversions import encode_duty, encode_header, encode_sticks
 from ballbot_ros.recording.messages.devices import encode_encoders, encode_gyro, encode_sonar
