@@ -149,9 +149,10 @@ class RunFigure:
             return self.numbers(run)
         samples, table = run.series[self.needs[0]], dict[str, Column]()
         curves = [curve for panel in self.panels for curve in panel.curves]
+        wanted = {each.column for each in curves}
         reduced = every_nth if any(each.role.dash in POINTS for each in curves) else envelope
         for signal in (*SIGNALS, *_GYRO_SIGNALS):
-            if not {each.column for each in curves}.isdisjoint(signal.columns):
+            if not wanted.isdisjoint(signal.columns):
                 # One after the other: for an hour, the ticks of all would take 60 MB.
                 table |= reduced(samples.time, signal.table(run, samples.stamps))
         return table
@@ -184,8 +185,8 @@ def _draw_by_plane(
     grid = figure.subplots(len(panels), 2, sharex=True, sharey='row' if share_rows else 'none')
     for line, panel in zip(grid, panels, strict=True):
         for axes, plane in zip(line, 'xy', strict=True):
-            curves = tuple(each for each in panel.curves if each.plane == plane)
-            drawing.draw_row(axes, replace(panel, label='', curves=curves).row(table, Curve.line))
+            own = replace(panel.of_plane(plane), label='')
+            drawing.draw_row(axes, own.row(table, Curve.line))
             drawing.shade_intervals(axes, run.marked)
         for axes in line:  # after all curves of the row: setting the span ends autoscaling
             drawing.set_min_span(axes, panel.min_span)
