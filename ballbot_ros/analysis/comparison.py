@@ -235,8 +235,9 @@ class Comparison:
 
     @property
     def apart(self) -> list[str]:
-        """How far the motion of each later run is from the first one, if times are aligned."""
-        return [_apart(self.runs[0], each) for each in self.runs[1:]] if self.alignment else []
+        """How far the motion of each later run is from the first one, if known and aligned."""
+        later = self.runs[1:] if self.alignment else ()
+        return [told for each in later if (told := _apart(self.runs[0], each))]
 
     @property
     def change_rows(self) -> list[tuple[str, str]]:
@@ -256,18 +257,19 @@ def _apart(first: ComparedRun, other: ComparedRun) -> str:
     told = []
     mine, its = first.motion, other.motion
     time, known = mine['time_s'], its['time_s']
-    both = (time >= known[0]) & (time <= known[-1])
-    for panel in (TRUE_PITCH, TRUE_POSITION):
+    both = (time >= known.min(initial=np.inf)) & (time <= known.max(initial=-np.inf))
+    for panel in (TRUE_PITCH, TRUE_POSITION) if both.any() else ():
         gaps = [
             panel.scale * (np.interp(time[both], known, its[each.column]) - mine[each.column][both])
             for each in panel.curves
         ]
-        rms, peak = np.sqrt(np.mean(np.square(gaps))), np.max(np.abs(gaps), initial=0.0)
-        told.append(
-            f'{panel.quantity} {number_text(rms)} {panel.unit} rms, '
-            f'{number_text(peak)} {panel.unit} peak'
-        )
-    return f'{other.letter} − {first.letter} at the same time: {"; ".join(told)}'
+        rms, peak = np.sqrt(np.mean(np.square(gaps))), np.max(np.abs(gaps))
+        if not np.isnan(rms):
+            told.append(
+                f'{panel.quantity} {number_text(rms)} {panel.unit} rms, '
+                f'{number_text(peak)} {panel.unit} peak'
+            )
+    return f'{other.letter} − {first.letter} at the same time: {"; ".join(told)}' if told else ''
 
 
 def failures(comparison: Comparison, conditions: Iterable[Condition]) -> list[str]:

@@ -310,6 +310,16 @@ def test_the_page_says_which_run_is_real(command, files, driven, tmp_path):
     assert {each.stem for each in folder.glob('*.png')} == {'pitch', 'position', 'duty', 'track'}
 
 
+@pytest.mark.parametrize('others', [(), ('/motor_duty',)], ids=['duties', 'nothing'])
+def test_a_simulated_run_without_its_truth_has_no_distance_from_a_real_one(
+    command, files, short, copy, others
+):
+    hidden = ('/plant/imu', '/plant/odom', *others)
+    blind = copy(short[0], wanted=lambda name: name not in hidden)
+    status, stdout, _ = command('compare', files['mcap'], blind, '--json')
+    assert (status, json.loads(stdout)['apart']) == (0, [])
+
+
 def test_two_simulated_runs_are_not_aligned(command, short):
     content = json.loads(command('compare', short[0], short[0], '--json')[1])
     assert (content['alignment'], content['apart']) == (None, [])
