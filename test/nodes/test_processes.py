@@ -120,11 +120,22 @@ def test_a_starved_process_is_not_silent(start, starve):
 
 
 def test_a_process_that_is_stopped_neither_runs_nor_queues(start):
+    (cpu, *_) = os.sched_getaffinity(0)
     stopped, spinning = start(SPIN), start(SPIN)
+    for process in (stopped, spinning):
+        os.sched_setaffinity(process.pid, {cpu})
     stopped.send_signal(signal.SIGSTOP)
     wait_for(lambda: not is_runnable(stopped), what='its stop')
-    before, used_s = threads_of(stopped.pid), cpu_s(spinning)
-    wait_for(lambda: cpu_s(spinning) > used_s + 0.05, what='some work')
+
+    def wait_for_work_of_the_other():
+        used_s = cpu_s(spinning)
+        wait_for(lambda: cpu_s(spinning) > used_s + 0.05, what='some work')
+
+    # A process is called stopped before the scheduler has switched it out and closed its account.
+    # When the other one has worked on the same processor, it has.
+    wait_for_work_of_the_other()
+    before = threads_of(stopped.pid)
+    wait_for_work_of_the_other()
     assert threads_of(stopped.pid) == before
 
 
