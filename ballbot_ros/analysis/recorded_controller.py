@@ -10,7 +10,7 @@ import zipfile
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from ballbot_ros.controllers.loading import (
     GROUP,
@@ -242,6 +242,16 @@ def load_attached(
 PYTHON = 'python'
 
 
+class Successor(NamedTuple):
+    """The controller that takes over during a run, and when [s]."""
+
+    controller: str
+    at_s: float
+
+    def __str__(self) -> str:
+        return f'{self.controller} takes over at {self.at_s:.3f} s'
+
+
 @dataclass(frozen=True)
 class ReplayedController:
     """The control program that stands in for a recorded one.
@@ -255,6 +265,7 @@ class ReplayedController:
     replayed: str
     reason: str = ''
     is_portable: bool = True
+    successor: Successor | None = None
 
 
 def choose_controller(

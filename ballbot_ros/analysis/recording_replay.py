@@ -13,6 +13,7 @@ from ballbot_ros.analysis.recorded_controller import (
     SUCCESSOR,
     ControllerIdentity,
     ReplayedController,
+    Successor,
     choose_controller,
     decode_controller,
     find_recorded,
@@ -35,7 +36,7 @@ from ballbot_ros.controllers.codegen.implementation import (
     with_successor,
 )
 from ballbot_ros.controllers.controller_program import own_rows
-from ballbot_ros.controllers.loading import public_reference
+from ballbot_ros.controllers.loading import LoadedController, public_reference
 from ballbot_ros.engine.compiled_loop import compile_for_the_next_time
 from ballbot_ros.engine.law_runs import has_law
 from ballbot_ros.engine.trajectory import Engine
@@ -187,14 +188,23 @@ class RecordingReplay:
     def _choose(self, job: RunToRepeat, requested: str | None) -> ReplayedController:
         """Choose the controllers of a run, and set them in the run's parameters."""
         after = successor_of(job.parameters.of(ControllerParameters))
-        if after and after[1].implementation not in DOCUMENTS_PROGRAM:
-            name = self._choose_successor(job, requested)
-            if requested and requested.endswith(f':{name}'):
+        if after is None:
+            return self._choose_first(job, requested)
+        is_portable, reference = True, after[1].implementation
+        if reference not in DOCUMENTS_PROGRAM:
+            second = self._choose_successor(job, requested)
+            is_portable = second.cls.portable
+            if requested and requested.endswith(f':{second.code.class_name}'):
                 requested = None
-        return self._choose_first(job, requested)
+        first = self._choose_first(job, requested)
+        return replace(
+            first,
+            successor=Successor(public_reference(reference), after[0]),
+            is_portable=first.is_portable and is_portable,
+        )
 
-    def _choose_successor(self, job: RunToRepeat, requested: str | None) -> str:
-        """Set the controller that takes over during a run; return the name of its class."""
+    def _choose_successor(self, job: RunToRepeat, requested: str | None) -> LoadedController:
+        """Set the controller that takes over during a run, and return it."""
         reader = self.recording.reader
         files = reader.attachments()
         identity = decode_controller(files, SUCCESSOR)
@@ -209,7 +219,7 @@ class RecordingReplay:
         changes = job.parameters.of(ControllerParameters).changes
         changes = with_successor(changes, lambda recorded: loaded.code.reference)
         job.parameters.set(CONTROLLER, 'changes', changes)
-        return identity.class_name
+        return loaded
 
     def _choose_first(self, job: RunToRepeat, requested: str | None) -> ReplayedController:
         participant = self.announced.participant(job.inputs.run.name, CONTROLLER)

@@ -50,7 +50,10 @@ def _print_controllers(console: Console, controllers: Sequence[ReplayedControlle
     for each in dict.fromkeys(controllers):
         origin = 'as recorded' if each.replayed == each.recorded else f'recorded {each.recorded}'
         portable = '' if each.is_portable else f', {NOT_PORTABLE}'
-        console.print(f'implementation: {each.replayed}, {origin}{portable}', soft_wrap=True)
+        successor = f'; {each.successor}' if each.successor else ''
+        console.print(
+            f'implementation: {each.replayed}, {origin}{successor}{portable}', soft_wrap=True
+        )
 
 
 def _table(ticks: Sequence[ReplayedTick], stamp_ns: int) -> Table:
@@ -83,6 +86,7 @@ def _plain_controller(controller: ReplayedController) -> dict[str, object]:
         'replayed': controller.replayed,
         'reason': controller.reason or None,
         'portable': controller.is_portable,
+        'successor': controller.successor and controller.successor._asdict(),
     }
 
 

@@ -225,6 +225,7 @@ def test_another_controller_takes_over(is_mine, parent, branch, mine, command):
     words = ('--controller', mine) if is_mine else ()
     status, differences, problem = command('replay', path, *words)
     assert status == 0, differences + problem
+    assert f'implementation: python, as recorded; {told[0]} takes over at 2.000 s' in differences
     if is_mine:
         status, _, problem = command('replay', path)
         assert status == 2
