@@ -122,7 +122,7 @@ class ControllerNode(BallbotNode[ControllerParameters]):
     Each periodic task has a timer that releases it. In lockstep the timers run on ``/clock``, and a
     tick runs when its inputs have arrived and the due tasks are released. Free running, they run on
     the wall clock, and each callback of task_ts1's timer runs a tick on the newest samples.
-    ``simulation/`` decides what a sample or a callback leads to; the node carries it out.
+    ``lockstep/`` decides what a sample or a callback leads to; the node carries it out.
     """
 
     def __init__(
