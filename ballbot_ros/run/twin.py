@@ -45,6 +45,7 @@ def twin_spec(
     begins = begins_ms * 1e-3 + TICK_S
     duration, purpose = begins + real.end, f'does what the sticks of {real.name} say'
     parameters.set(PLANT, 'duration', duration)
+    parameters.set(PLANT, 'real_time_factor', 0.0)
     vertical, horizontal = _sticks(real, begins)
     text = yaml_text({'purpose': purpose, 'duration': duration})
     scenario = Scenario(NAME, purpose, vertical=vertical, horizontal=horizontal, text=text)

@@ -52,6 +52,7 @@ def test_what_the_log_tells_is_identified_and_the_rest_is_that_of_the_profile(tw
     attached = read_run(folder / 'twin.mcap').attached.parameters
     assert attached.of(PlantParameters).body_height == pytest.approx(found, rel=1e-6)
     assert attached.of(PlantParameters).dead_zone == 4.0
+    assert attached.of(PlantParameters).real_time_factor == 0.0, 'it is as fast as it can be'
     assert attached.of(ControllerParameters).k_thetadot == SPEED
     assert (folder / 'index.html').exists()
     assert 'aligned at the first stick' in output
