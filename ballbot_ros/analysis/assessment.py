@@ -50,13 +50,9 @@ class PropertyResult(NamedTuple):
 class Assessment:
     """A recorded run and everything computed from it.
 
-    Attributes
-    ----------
-    metrics : dict of str to float
-        The metrics of :data:`~ballbot_ros.engine.scenario.metrics.METRICS`, then those of
-        :data:`~ballbot_ros.analysis.run_metrics.RUN_METRICS`; NaN if the data are missing.
-    reason : str
-        Why the run did not pass; empty if it passed.
+    The metrics are those of :data:`~ballbot_ros.engine.scenario.metrics.METRICS`, then those of
+    :data:`~ballbot_ros.analysis.run_metrics.RUN_METRICS`; NaN if the data are missing. `reason`
+    says why the run did not pass; it is empty if it passed.
     """
 
     run: RunData

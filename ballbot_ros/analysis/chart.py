@@ -139,10 +139,7 @@ _GAP = 0.02
 class Chart:
     """Layers on one pair of axes.
 
-    Attributes
-    ----------
-    beyond : tuple of int
-        Numbers of runs below and above the horizontal axis, shown next to arrows.
+    `beyond` are the numbers of runs below and above the horizontal axis, shown next to arrows.
     """
 
     x: Scale
@@ -159,13 +156,7 @@ class Chart:
 
 @dataclass(frozen=True)
 class ChartFigure:
-    """Charts next to each other with one vertical axis.
-
-    Attributes
-    ----------
-    width, height : float
-        Size of the picture [inch].
-    """
+    """Charts next to each other with one vertical axis; `width` and `height` are in inch."""
 
     charts: Sequence[Chart]
     width: float

@@ -91,11 +91,8 @@ class Condition:
 def parse_condition(text: str, metrics: Iterable[str]) -> Condition:
     """Parse a condition.
 
-    Raises
-    ------
-    ConditionError
-        If `text` is not of the form ``metric>5%`` or ``metric<0.1``, or its metric is not one of
-        the `metrics`.
+    It raises ConditionError if `text` is not of the form ``metric>5%`` or ``metric<0.1``, or its
+    metric is not one of the `metrics`.
     """
     match = _FORM.fullmatch(text)
     if not match:

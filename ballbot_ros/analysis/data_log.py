@@ -24,10 +24,7 @@ class DataLog(NamedTuple):
 def read_data_log(reader: RecordingReader) -> DataLog:
     """Return the log packets in a recording.
 
-    Raises
-    ------
-    RecordingError
-        If there is no topic of log packets, or a message can't be read.
+    It raises RecordingError if there is no topic of log packets, or a message can't be read.
     """
     namespace = robot_namespace(reader, [BLUETOOTH_TX])
     if namespace is None:
@@ -62,10 +59,7 @@ def last_log(reader: RecordingReader) -> list[LogPacket]:
 def write_data_log(log: DataLog, path: Path) -> list[Path]:
     """Write a log as CSV files, one for each run: the path, ``…_2.csv`` and so on; return them.
 
-    Raises
-    ------
-    RecordingError
-        If a file already exists or can't be written.
+    It raises RecordingError if a file already exists or can't be written.
     """
     paths = [path.with_name(f'{path.stem}_{n}{path.suffix}') for n in range(2, len(log.runs) + 1)]
     for each, packets in zip((path, *paths), log.runs, strict=False):

@@ -276,10 +276,8 @@ class Extraction:
 def extract(recording: RecordingReader, progress: ProgressCallback) -> Extraction:
     """Read a recording once.
 
-    Raises
-    ------
-    RecordingError
-        If it has no topics of a ballbot, topics of several ballbots, or a malformed message.
+    It raises RecordingError if the recording has no topics of a ballbot, topics of several
+    ballbots, or a malformed message.
     """
     topics = robot_topics(recording)
     extraction = Extraction(is_real=topics.is_real)
@@ -325,12 +323,7 @@ def extract(recording: RecordingReader, progress: ProgressCallback) -> Extractio
 class MessageCollector:
     """Collects from the messages of a simulated run what :func:`extract` reads in its recording.
 
-    Parameters
-    ----------
-    name : str
-        Name of the run in ``plant/run``.
-    start_ns : int
-        Stamp of its first tick [ns].
+    `name` is that of the run in ``plant/run``, `start_ns` the stamp of its first tick [ns].
     """
 
     def __init__(self, name: str, start_ns: int) -> None:

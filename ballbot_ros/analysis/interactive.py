@@ -204,12 +204,8 @@ def packed_figures(
 ) -> InteractiveFigures | None:
     """Return figures as a page holds them; None without Plotly.
 
-    Parameters
-    ----------
-    make : callable
-        Returns the figures by the ids of their elements, and packs their numbers.
-    covered : iterable of str
-        The names of the pictures that show the same.
+    `make` returns the figures by the ids of their elements, and packs their numbers. `covered` are
+    the names of the pictures that show the same.
     """
     plotly = plotly_script()
     if plotly is None:

@@ -148,12 +148,7 @@ def find_limit_cycle(duty: Samples, pitch: Samples) -> LimitCycle | None:
 
     A limit cycle has a good part of the variance of the duty, and its cycles are equally long and
     high. The ringing that noise keeps alive has cycles of every height; a transient, cycles that
-    fade.
-
-    Parameters
-    ----------
-    duty, pitch : ndarray, shape (n,)
-        Duty [%] and body pitch [°] at each tick.
+    fade. The samples are duty [%] and body pitch [°] at each tick.
     """
     # An even number of ticks: an odd one has no frequency of half the sampling rate.
     duty, pitch = duty[len(duty) % 2 :], pitch[len(pitch) % 2 :]

@@ -50,10 +50,7 @@ _CIRCLE = np.exp(2j * np.pi * np.linspace(0.0, 1.0, 200))
 def loop_table(parameters: ParameterSet) -> Table:
     """Return the frequency responses of the ideal loop and of the one that runs, both opened.
 
-    Raises
-    ------
-    DesignError
-        If the controller is another than the document's program.
+    It raises DesignError if the controller is another than the document's program.
     """
     sampled = LoopResponse(SampledLoop(parameters).open_loop())
     ideal = ideal_loop(parameters)(1j * sampled.frequencies)

@@ -32,10 +32,7 @@ class MessageDifference(NamedTuple):
 class MessageComparator:
     """Pairs recorded and replayed messages, topic by topic and in order.
 
-    Parameters
-    ----------
-    topics : iterable of Topic
-        The compared topics, in the order in which a tick causes their messages.
+    The topics are in the order in which a tick causes their messages.
     """
 
     def __init__(self, topics: Iterable[Topic]) -> None:
@@ -82,10 +79,7 @@ _MANY = 256
 class _Waiting:
     """Messages of a topic that wait for their counterparts.
 
-    Attributes
-    ----------
-    moments, data : list
-        Epochs and stamps of the ticks [ns], and messages.
+    `moments` are the epochs and stamps of their ticks [ns].
     """
 
     def __init__(self) -> None:
@@ -105,15 +99,7 @@ class _Waiting:
 
 
 class _Pairs:
-    """The messages of a topic.
-
-    Attributes
-    ----------
-    recorded, replayed : _Waiting
-        Those not compared yet.
-    first : MessageDifference or None
-        The first difference of those compared.
-    """
+    """The messages of a topic: those not compared yet, and the first difference of the others."""
 
     def __init__(self, topic: Topic) -> None:
         self.recorded, self.replayed = _Waiting(), _Waiting()

@@ -204,14 +204,9 @@ def measure(
 ) -> dict[str, float]:
     """Return all metrics of a whole run; NaN if the data are missing.
 
-    A trajectory column of NaN was not recorded; metrics that depend on it are NaN.
-
-    Parameters
-    ----------
-    plant : PlantParameters
-        The parameters of ``plant_sim``, for the start position and the release (``hold_time``).
-    walls : Walls
-        The walls around the body, for its clearance.
+    A trajectory column of NaN was not recorded; metrics that depend on it are NaN. Of the
+    parameters of ``plant_sim``, start position and release (``hold_time``) are needed; the walls
+    are those around the body, for its clearance.
     """
     motion = _motion(trajectory, plant, walls, 0.0, math.inf)
     return dict.fromkeys(METRICS, math.nan) if motion is None else METRICS.measure(motion)

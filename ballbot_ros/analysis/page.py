@@ -77,10 +77,7 @@ def write_folder(
 ) -> None:
     """Write the page as ``index.html``, the figures with their tables, and other files.
 
-    Raises
-    ------
-    ReportError
-        If the folder cannot be written.
+    It raises ReportError if the folder cannot be written.
     """
     content = {'index.html': page.encode(), **files}
     for figure in figures:

@@ -32,12 +32,8 @@ def pieces(done: Jobs, interrupt_us: int) -> Integers:
     """Return when each of the ended jobs has the processor.
 
     A job loses it to those that begin and end meanwhile, and to the interrupts of `interrupt_us`,
-    one a millisecond, which are assumed to come in time, as without the defect of the kernel.
-
-    Returns
-    -------
-    ndarray, shape (3, n)
-        Index of the job, start and end of each piece, by start.
+    one a millisecond, which are assumed to come in time, as without the defect of the kernel. The
+    rows, shape (3, n), are index of the job, start and end of each piece, by start.
     """
     whole = np.flatnonzero(done.preempted == 0)
     found = [np.stack([whole, done.start[whole], done.end[whole]])]

@@ -125,12 +125,7 @@ def identity_of(
 ) -> ControllerIdentity | None:
     """Return what identifies the controller of a run; None if nothing does.
 
-    Parameters
-    ----------
-    reference : str
-        Its parameter `implementation`.
-    announced : mapping of str to object
-        What the controller announced; empty if unknown.
+    `reference` is its parameter `implementation`. What it announced is empty if unknown.
     """
     sha256 = str(announced.get(SOURCE_HASH, ''))
     if not _HASH.fullmatch(sha256):
@@ -153,18 +148,9 @@ def find_recorded(
     Of a class of a notebook or main program, only the text of its cell was recorded, without what
     it uses. So its copy can't be compared, except by its duties.
 
-    Parameters
-    ----------
-    recording : Path
-        The recording.
-    requested : str or None
-        Where the user says the copy is. None for the installed controller that the recording names:
-        it can't choose any other code, because it could also name the right hash.
-
-    Raises
-    ------
-    ControllerError
-        If there is none; the message says how to get it.
+    `requested` says where the copy is. None stands for the installed controller that the recording
+    names: it can't choose any other code, because it could also name the right hash. It raises
+    ControllerError if there is none; the message says how to get it.
     """
     try:
         code = _find_copy(identity, requested)
@@ -212,10 +198,7 @@ def load_attached(
 ) -> LoadedController:
     """Execute the code attached to a recording, which the user has said to trust.
 
-    Raises
-    ------
-    ControllerError
-        If none is attached, or that of another run.
+    It raises ControllerError if none is attached, or that of another run.
     """
     for name in (f'{role}.py', f'{role}.zip'):
         if name in files and hashlib.sha256(files[name].data).hexdigest() == identity.sha256:

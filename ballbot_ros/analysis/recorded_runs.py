@@ -92,10 +92,7 @@ class RobotTopics:
 def robot_topics(reader: RecordingReader) -> RobotTopics:
     """Find the robot's topics in a recording, in any namespace.
 
-    Raises
-    ------
-    RecordingError
-        If the recording has the topics of no ballbot, or of several.
+    It raises RecordingError if the recording has the topics of no ballbot, or of several.
     """
     # Search for duties first: topics named plant/… may come from other programs.
     namespace = robot_namespace(reader, [MOTOR_DUTY])
@@ -131,12 +128,8 @@ def is_real_robot(reader: RecordingReader) -> bool:
 def robot_namespace(reader: RecordingReader, marks: Iterable[Topic]) -> str | None:
     """Return the namespace of the topics `marks` in a recording; None if it has none of them.
 
-    The namespace is such as ``/robot``, or '' for none.
-
-    Raises
-    ------
-    RecordingError
-        If several namespaces have such topics.
+    The namespace is such as ``/robot``, or '' for none. It raises RecordingError if several
+    namespaces have such topics.
     """
     endings = [f'/{mark.name}' for mark in marks]
     spaces = {
@@ -270,6 +263,8 @@ class RunFinder:
     ) -> Epochs:
         """Process the next messages of the file.
 
+        It raises RecordingError if a message of ``plant/run`` cannot be decoded.
+
         Parameters
         ----------
         rows : mapping of Topic to ndarray
@@ -278,11 +273,6 @@ class RunFinder:
             The rows that are samples, from :func:`samples_in`.
         stamps : ndarray, shape (n,)
             The stamps of the samples [ns], and the log times of all other messages.
-
-        Raises
-        ------
-        RecordingError
-            If a message of ``plant/run`` cannot be decoded.
         """
         if RUN not in rows and not self._next:
             are_new = self._process_together(samples, stamps)

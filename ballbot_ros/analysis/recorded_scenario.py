@@ -160,10 +160,7 @@ _DIRECTIONS = (
 class PushPairs:
     """Makes pushes of the messages of ``plant/accepted_push``: one for the start, one for the end.
 
-    Attributes
-    ----------
-    pushes : list of Push
-        Those whose start and end have been added.
+    `pushes` are those whose start and end have been added.
     """
 
     def __init__(self) -> None:

@@ -102,7 +102,8 @@ class RecordingReplay:
 
     The implementation of the controller is `controller`, or the recorded one. The code of a
     controller other than the document's is the user's own copy, or, if it is to be trusted, the
-    attached one.
+    attached one. It raises RecordingError if there is nothing to replay, or the parameters of a run
+    are unknown.
 
     Attributes
     ----------
@@ -116,11 +117,6 @@ class RecordingReplay:
         Sim time of these runs [s].
     controller_in_robot : ReplayResult or None
         Result of the controller that follows from that of the robot; None if it has to be replayed.
-
-    Raises
-    ------
-    RecordingError
-        If there is nothing to replay, or the parameters of a run are unknown.
     """
 
     def __init__(
@@ -339,16 +335,9 @@ class RecordingReplay:
     def replay_with(self, assignments: Sequence[str], update: ReportTime) -> list[Divergence]:
         """Compare duties and jobs of another controller with the recorded ones, run by run.
 
-        Parameters
-        ----------
-        assignments : sequence of str
-            Parameters of the other controller as ``controller.param=value``. They apply for the
-            whole of each run, also if they were changed on the way, and stay in effect.
-
-        Raises
-        ------
-        ParameterError
-            If a parameter is not one of the controller's, or its value is not allowed.
+        Its parameters, as ``controller.param=value``, apply for the whole of each run, also if they
+        were changed on the way, and stay in effect. It raises ParameterError if one is not a
+        parameter of the controller, or its value is not allowed.
         """
         for assignment in assignments:
             if not assignment.startswith(f'{CONTROLLER}.'):

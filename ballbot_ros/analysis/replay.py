@@ -201,10 +201,8 @@ class _RecordingErrorContext(NamedTuple):
 def read_inputs(reader: RecordingReader) -> RecordedInputs:
     """Read everything needed to replay the runs of a recording.
 
-    Raises
-    ------
-    RecordingError
-        If it is not a recording of this robot, begins in mid-run, or has an unusable message.
+    It raises RecordingError if the file is not a recording of this robot, begins in mid-run, or has
+    an unusable message.
     """
     topics = robot_topics(reader)
     for name in topics.wrong_types:
@@ -316,15 +314,8 @@ class _RetunedProgram(TunedProgram):
 def replay_controller(job: RunToRepeat, comparator: MessageComparator) -> Iterator[ReplayedTick]:
     """Feed recorded samples to a controller with the run's parameters, and compare its messages.
 
-    Yields
-    ------
-    ReplayedTick
-        Each tick, as soon as its inputs are complete.
-
-    Raises
-    ------
-    RecordingError
-        If a sample can't be decoded, or has a value that its device can't send.
+    It yields each tick as soon as its inputs are complete, and raises RecordingError if a sample
+    can't be decoded, or has a value that its device can't send.
     """
     reader, inputs, run = job.recording.reader, job.inputs, job.inputs.run
     samples: dict[Topic, dict[int, Any]] = {topic: {} for topic in INPUT_READERS}
@@ -360,15 +351,8 @@ def replay_run(
 ) -> Iterator[Engine]:
     """Run the whole robot with its parameters, recorded sticks and pushes; compare all messages.
 
-    Parameters
-    ----------
-    recorded_devices : iterable of DeviceMessages
-        The devices that are not simulated: their recorded samples are used.
-
-    Yields
-    ------
-    Engine
-        What has computed a tick of the closed loop; one for each.
+    The recorded devices are not simulated: their recorded samples are used. It yields what has
+    computed each tick of the closed loop.
     """
     samples = {each.device.field: _samples(job, each.sample) for each in recorded_devices}
     robot = _Robot(job, comparator, samples)
@@ -385,10 +369,7 @@ def replay_run(
 class _Robot:
     """The robot of a recorded run, which compares its messages.
 
-    Parameters
-    ----------
-    samples : mapping of str to mapping of int to object
-        As those of :class:`~ballbot_ros.engine.closed_loop.ClosedLoop`.
+    The samples are as those of :class:`~ballbot_ros.engine.closed_loop.ClosedLoop`.
     """
 
     def __init__(

@@ -296,12 +296,8 @@ def read_run(
     """Read a run of a recording; of a damaged file, the part before the damage.
 
     Runs are numbered from 1 in the file; None means the last. From time to time `progress` is
-    called with the number of messages read and their total.
-
-    Raises
-    ------
-    RecordingError
-        If the file can't be read, is not a recording of a ballbot, or has no such run.
+    called with the number of messages read and their total. It raises RecordingError if the file
+    can't be read, is not a recording of a ballbot, or has no such run.
     """
     with open_recording(path) as recording:
         attached = read_attachments(recording.attachments())

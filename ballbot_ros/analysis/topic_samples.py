@@ -61,10 +61,7 @@ class TopicSamples:
 def topics_with_signals(path: Path) -> list[str]:
     """Return the readable topics of a recording whose messages can have numbers, by name.
 
-    Raises
-    ------
-    RecordingError
-        If the file can't be read.
+    It raises RecordingError if the file can't be read.
     """
     with open_recording(path) as reader:
         unreadable = reader.unreadable()
@@ -83,13 +80,8 @@ def read_topic(
     """Read the messages of a topic in a run from its recording.
 
     A stamp before the first tick or after the last comes from another clock; the log time takes its
-    place.
-
-    Raises
-    ------
-    RecordingError
-        If the file can't be read, a message does not match its type, or the elements of its lists
-        change during the run.
+    place. It raises RecordingError if the file can't be read, a message does not match its type, or
+    the elements of its lists change during the run.
     """
     with open_recording(run.path) as reader:
         robot = robot_topics(reader)

@@ -112,13 +112,9 @@ def _read(path: Path) -> ParameterSet:
 def check(folder: Path) -> int:
     """Compare and measure the application in `folder`; return 0 if it is equal, else 1.
 
-    The measured instructions are also written there.
-
-    Raises
-    ------
-    CodegenError
-        If the folder is incomplete; or, after all checks that are possible, if a tool is missing,
-        or the instructions can't be written.
+    The measured instructions are also written there. It raises CodegenError if the folder is
+    incomplete; or, after all checks that are possible, if a tool is missing, or the instructions
+    can't be written.
     """
     parameters = read_folder_parameters(folder)
     sequences = check_sequences(parameters)

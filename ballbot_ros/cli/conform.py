@@ -73,12 +73,8 @@ def examine_node(role: str, command: Sequence[str]) -> Iterator[RequirementResul
     """Test the node of a role; yield a row for each requirement of its contract.
 
     The node is started by a command, and has ended when the iterator has; without any, the user
-    starts it, and late start and restart are not tested.
-
-    Raises
-    ------
-    BallbotError
-        If ROS can't start, a plant or player is in the ROS domain, or there is no such program.
+    starts it, and late start and restart are not tested. It raises BallbotError if ROS can't start,
+    a plant or player is in the ROS domain, or there is no such program.
     """
     from ballbot_ros.nodes.conformance.bench import Bench
     from ballbot_ros.nodes.conformance.examination import examine

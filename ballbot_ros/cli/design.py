@@ -33,10 +33,7 @@ LOOP_PARAMETERS = ('k_f', 'k_i', 'a_d', 'a_gd')
 def _redesign(method: str | None, **options: Any) -> Redesign | None:
     """Return the design that options ask for; None without a method.
 
-    Raises
-    ------
-    click.UsageError
-        If the method needs another option, or does not take one of them.
+    It raises click.UsageError if the method needs another option, or does not take one of them.
     """
     given = {name: value for name, value in options.items() if value is not None}
     if method is None:

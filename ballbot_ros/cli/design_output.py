@@ -132,10 +132,7 @@ class DesignOutput:
     def plot(self) -> bytes:
         """Return the picture of the loop as PNG.
 
-        Raises
-        ------
-        DesignError
-            If the controller is another than the document's program.
+        It raises DesignError if the controller is another than the document's program.
         """
         _, sampled = self._loops or (None, analyse_sampled(self._parameters))
         return render_loop(self._parameters, sampled).png

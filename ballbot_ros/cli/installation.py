@@ -85,6 +85,8 @@ def _is_installed(requirement: str) -> bool:
 def install(wanted: Sequence[str], size_mb: float, log: Path) -> None:
     """Install requirements into this environment, and show progress.
 
+    It raises InstallationError if they can't be installed.
+
     Parameters
     ----------
     wanted : sequence of str
@@ -93,11 +95,6 @@ def install(wanted: Sequence[str], size_mb: float, log: Path) -> None:
         Space that they take [MB], about.
     log : Path
         File for the output of the installer.
-
-    Raises
-    ------
-    InstallationError
-        If they can't be installed.
     """
     here = [sys.executable, '-m', 'pip', 'install', '--no-input', '--no-compile']
     installers = [here]

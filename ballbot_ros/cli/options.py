@@ -213,10 +213,7 @@ _OUTPUTS = ('output', 'plot', 'as_json')
 def write_file(option: str, path: Path, content: bytes) -> None:
     """Write the file that an option names.
 
-    Raises
-    ------
-    BallbotError
-        If it can't be written.
+    It raises BallbotError if it can't be written.
     """
     with os_errors(BallbotError, f'{option} {path}'):
         path.write_bytes(content)

@@ -135,10 +135,8 @@ class Progress:
 def file_progress(name: str, unit: str = '') -> Iterator[ProgressCallback]:
     """Show the progress: on a terminal as a bar, with a number if there is a unit, else as lines.
 
-    Yields
-    ------
-    callable
-        Accepts the amount done and the total; cheap enough to be called at every message.
+    It yields a function of the amount done and the total, cheap enough to be called at every
+    message.
     """
     console = stderr_console()
     with (

@@ -45,12 +45,8 @@ def run_with_viewer(
     """Run a scenario, then those that the page requests; return the exit status of the last run.
 
     `client` forks viewer and nodes. If `options` name an output folder, later runs use the folders
-    2, 3 ... in it.
-
-    Raises
-    ------
-    BallbotError
-        If the first run can't start. Errors of later runs are printed, and the page stays.
+    2, 3 ... in it. It raises BallbotError if the first run can't start. Errors of later runs are
+    printed, and the page stays.
     """
     spec = load_run(reference, options)
     require_viewer(spec.parameters, options.processes)
@@ -72,12 +68,8 @@ def run_with_viewer(
 class _ViewerSession:
     """The viewer's process, and the node that receives the page's requests.
 
-    Only the address of the page is taken from the first run's parameters.
-
-    Raises
-    ------
-    BallbotError
-        If the viewer ends before it serves the page.
+    Only the address of the page is taken from the first run's parameters. It raises BallbotError if
+    the viewer ends before it serves the page.
     """
 
     def __init__(

@@ -226,6 +226,8 @@ class TickTimes:
 class ControllerProgram:
     """Runs a controller on the brick.
 
+    It raises ControllerError if the controller's constructor fails. Its methods raise it likewise.
+
     Parameters
     ----------
     parameters, model, settings : object
@@ -241,11 +243,6 @@ class ControllerProgram:
         Of the planes.
     operating_state : OperatingState
         The state of figure 7-1.
-
-    Raises
-    ------
-    ControllerError
-        If the controller's constructor fails. Its methods raise it likewise.
     """
 
     def __init__(

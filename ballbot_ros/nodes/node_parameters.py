@@ -48,6 +48,8 @@ P = TypeVar('P', bound=NodeParameters)
 class ParameterNode(Node, Generic[P]):
     """A node with the parameters of one role.
 
+    It raises ParameterError if a value is not allowed, or a given parameter exists in no node.
+
     Parameters
     ----------
     cls : type
@@ -65,11 +67,6 @@ class ParameterNode(Node, Generic[P]):
         The values in effect.
     start_ns, now_ns : int or None
         Start of its run, None before the first; stamp of its newest sample in it, or 0 [ns].
-
-    Raises
-    ------
-    ParameterError
-        If a value is not allowed, or a given parameter exists in no node.
     """
 
     def __init__(

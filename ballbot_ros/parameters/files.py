@@ -19,11 +19,8 @@ from ballbot_ros.parameters.yaml_document import YamlDocument, parse_value, yaml
 def read_parameter_file(path: str | Path) -> ParameterSet:
     """Read a file of ``node: {ros__parameters: {name: value}}``; ``/**`` means every node.
 
-    Raises
-    ------
-    YamlError, ParameterError
-        If the file is not YAML or is malformed, or a parameter is unknown or has an invalid value.
-        The message is one line, and names file and line.
+    It raises YamlError or ParameterError if the file is not YAML or is malformed, or a parameter is
+    unknown or has an invalid value. The message is one line, and names file and line.
     """
     document = YamlDocument(path)
     parameters = ParameterSet()

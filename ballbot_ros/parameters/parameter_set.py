@@ -156,11 +156,8 @@ class ParameterSet:
     def set(self, node: str, name: str, value: object, where: str = '') -> None:
         """Set `name` of `node`, or for ``'/**'`` of every node that has it.
 
-        Raises
-        ------
-        ParameterError
-            If the node or the parameter is unknown, or the value is not allowed; the message begins
-            with `where`, such as a file and line, or an option.
+        It raises ParameterError if the node or the parameter is unknown, or the value is not
+        allowed; the message begins with `where`, such as a file and line, or an option.
         """
         prefix = f'{where}: ' if where else ''
         if is_own(name) and node in ('/**', CONTROLLER):

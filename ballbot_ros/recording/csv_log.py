@@ -28,11 +28,8 @@ def write_csv_log(path: Path, packets: Iterable[LogPacket]) -> None:
 def read_csv_log(path: Path) -> list[LogPacket]:
     """Return the packets in a file of :func:`write_csv_log`.
 
-    Raises
-    ------
-    RecordingError
-        If it can't be read, is not such a file, or the times of its packets do not increase. The
-        message begins with the path and the number of the line.
+    It raises RecordingError if it can't be read, is not such a file, or the times of its packets do
+    not increase. The message begins with the path and the number of the line.
     """
     try:
         with os_errors(RecordingError, path):

@@ -120,12 +120,8 @@ class Playback(PlaybackClock):
     """Plays a recording; its time counts from the oldest message, its end is the newest one.
 
     The caller provides the wall time: `now` is any monotonic clock [s]. Without `topics`, all are
-    played. `first_ns` is the oldest stamp of the file, also of a topic that is not played [ns].
-
-    Raises
-    ------
-    RecordingError
-        If there are no messages, or a topic is not in the file.
+    played. `first_ns` is the oldest stamp of the file, also of a topic that is not played [ns]. It
+    raises RecordingError if there are no messages, or a topic is not in the file.
     """
 
     def __init__(

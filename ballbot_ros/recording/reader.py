@@ -97,7 +97,8 @@ class RecordingReader:
     """A recording, read message by message in file order.
 
     If the file is cut off or corrupt, the part before the damage is read. A space replaces each
-    control character in the names of topics, types and attachments.
+    control character in the names of topics, types and attachments. It raises RecordingError if the
+    file can't be read or is not an MCAP file of ROS 2.
 
     Parameters
     ----------
@@ -112,11 +113,6 @@ class RecordingReader:
         The oldest and the newest stamp [ns]; None if there are no messages.
     corruption : str or None
         Where the file is cut off or corrupt, as far as it has been read.
-
-    Raises
-    ------
-    RecordingError
-        If the file can't be read or is not an MCAP file of ROS 2.
     """
 
     def __init__(self, path: str | os.PathLike[str], converted: FileIO | None = None) -> None:
@@ -230,16 +226,9 @@ class RecordingReader:
     def messages(self, topics: Collection[str] | None = None) -> Iterator[tuple[str, int, Any]]:
         """Iterate over the decoded messages of `topics`, or of all topics.
 
-        Yields
-        ------
-        tuple
-            Topic, stamp [ns], and the message as a rosbags object.
-
-        Raises
-        ------
-        RecordingError
-            If a topic is not in the file, its type is unknown, or a message does not match its
-            type.
+        Each has its topic, its stamp [ns], and its content as a rosbags object. It raises
+        RecordingError if a topic is not in the file, its type is unknown, or a message does not
+        match its type.
         """
         for raw in self.raw_messages(topics):
             yield raw.topic, raw.stamp_ns, self.decode(raw)
@@ -315,13 +304,8 @@ class RecordingReader:
     def records(self, topic: str, batch: Batch, rows: Rows) -> Iterator[tuple[Rows, Any]]:
         """Iterate over some messages of a topic in a batch, grouped by their form.
 
-        Its errors are those of :meth:`decode`.
-
-        Yields
-        ------
-        tuple
-            Rows, and their messages as a record array with the field names of the type, without
-            texts and lists of messages.
+        A group has its rows, and its messages as a record array with the field names of the type,
+        without texts and lists of messages. Its errors are those of :meth:`decode`.
         """
         while len(rows):
             layout = self._layouts.get(topic)

@@ -32,13 +32,9 @@ def repair(
     """Copy a damaged recording, up to the damage, to a new one.
 
     By default, `output` is next to `path`, with ``_repaired`` in its name. `progress` is called
-    with the number of messages done and their total.
-
-    Raises
-    ------
-    RecordingError
-        If the file is not a recording of ROS 2, can't be read or is still being written, or if
-        `output` already exists or can't be written.
+    with the number of messages done and their total. It raises RecordingError if the file is not a
+    recording of ROS 2, can't be read or is still being written, or if `output` already exists or
+    can't be written.
     """
     path = Path(path)
     output = Path(output) if output else path.with_name(f'{path.stem}_repaired{path.suffix}')

@@ -113,7 +113,8 @@ class RecordingWriter:
     ) -> RecordedTopic:
         """Add a topic.
 
-        Derived and published messages of one topic are in different channels.
+        Derived and published messages of one topic are in different channels. It raises
+        RecordingError if the topic was already added, or its type is not that of ROS 2 Jazzy.
 
         Parameters
         ----------
@@ -132,11 +133,6 @@ class RecordingWriter:
         -------
         RecordedTopic
             The topic to pass to `write`.
-
-        Raises
-        ------
-        RecordingError
-            If the topic was already added, or its type is not that of ROS 2 Jazzy.
         """
         try:
             definition = schema(type_name)

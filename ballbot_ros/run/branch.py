@@ -122,17 +122,15 @@ def read_past(
 ) -> Past:
     """Read a recorded run; its map and its attached code go to the folder `scratch`.
 
+    It raises BallbotError if the run can't be made again here; the message is one line with the
+    reason.
+
     Parameters
     ----------
     number : int or None
         Number of the run in the file, from 1; None for the only one.
     controller : str or None
         The user's copy of the controller's code, as for a replay.
-
-    Raises
-    ------
-    BallbotError
-        If the run can't be made again here; the message is one line with the reason.
     """
     replay = RecordingReplay(reader, scratch, controller, trust_attached_code=trust_attached_code)
     runs = replay.runs

@@ -73,17 +73,14 @@ def drive_brick(
 ) -> DriveResult:
     """Serve the link until the user quits, or asks to stop.
 
+    It raises BallbotError if the drive can't start.
+
     Parameters
     ----------
     program : Path or None
         Parameter file of the program on the brick, which is attached to the recording.
     no_keyboard : str
         Why the keyboard is not used for driving; '' if it is.
-
-    Raises
-    ------
-    BallbotError
-        If the drive can't start.
     """
     with ExitStack() as stack:
         recording = stack.enter_context(output_files(spec)).recording

@@ -101,17 +101,14 @@ def drive(
 ) -> DriveResult:
     """Run the graph; the gamepad node runs in this process, so that it can use the terminal.
 
+    It raises BallbotError if the drive can't start.
+
     Parameters
     ----------
     no_keyboard : str
         Why the keyboard is not used for driving; '' if it is.
     starts_paused : bool
         Whether the drive waits for the page to be opened, or for a key.
-
-    Raises
-    ------
-    BallbotError
-        If the drive can't start.
     """
     if viewer:
         require_viewer(spec.parameters)

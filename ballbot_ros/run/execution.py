@@ -93,6 +93,9 @@ def execute(
 ) -> RunResult:
     """Run a scenario, measure and judge it, and draw its figure.
 
+    It raises BallbotError if the run can't start: no ROS, another plant in the ROS domain, or a
+    folder or file that can't be written.
+
     Parameters
     ----------
     observer : RunObserver or None
@@ -112,12 +115,6 @@ def execute(
     -------
     RunResult
         The result, also of a run that failed or was interrupted.
-
-    Raises
-    ------
-    BallbotError
-        If the run can't start: no ROS, another plant in the ROS domain, or a folder or file that
-        can't be written.
     """
     # Read the map before the run: its file may change in the meantime.
     world = World.of(spec.plant)

@@ -91,6 +91,8 @@ def given_future(
 ) -> Future:
     """Return the future that somebody asks for.
 
+    It raises BallbotError if one of them is not valid; the message is one line.
+
     Parameters
     ----------
     at : float
@@ -103,11 +105,6 @@ def given_future(
         By ``controller.param``.
     names : tuple of str
         What errors call pushes, faults, values and sticks.
-
-    Raises
-    ------
-    BallbotError
-        If one of them is not valid; the message is one line.
     """
     push_name, fault_name, value_name, stick_name = names
     return Future(

@@ -120,6 +120,9 @@ class ForkClient:
     ) -> int:
         """Start a node, and return its process.
 
+        It raises BallbotError if the fork server has ended, is stopped, or does not answer, or the
+        run should stop.
+
         Parameters
         ----------
         output : int
@@ -128,11 +131,6 @@ class ForkClient:
             Descriptors for the variables that ``request.inherited`` names.
         should_stop : callable
             Returns whether nobody waits for the node any more.
-
-        Raises
-        ------
-        BallbotError
-            If the fork server has ended, is stopped, or does not answer, or the run should stop.
         """
         try:
             self.await_ready(should_stop)

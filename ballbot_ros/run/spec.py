@@ -159,17 +159,10 @@ class RunSpec:
     def compose(cls, reference: str | None, options: RunOptions) -> RunSpec:
         """Return a run that may have no end, and whose parameters may set its output files.
 
-        Parameters
-        ----------
-        reference : str or None
-            Name of a shipped scenario, or a file; None for a robot that balances until it is
-            stopped.
-
-        Raises
-        ------
-        BallbotError
-            If a scenario, profile, parameter file, option, assignment, map or start position is not
-            valid, or the controller can't run here; the message is one line.
+        `reference` names a shipped scenario, or a file; None stands for a robot that balances until
+        it is stopped. It raises BallbotError if a scenario, profile, parameter file, option,
+        assignment, map or start position is not valid, or the controller can't run here; the
+        message is one line.
         """
         if reference is None:
             profile = IDEAL if options.profile is None else options.profile

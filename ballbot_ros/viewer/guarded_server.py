@@ -144,12 +144,8 @@ class GuardedServer(viser.ViserServer):
     viser has no hooks for this, so internals are replaced: its call of ``serve`` gets other
     handlers of requests and connections, and messages about shared elements pass a check. Messages
     about a browser's own state, such as its camera, are not affected. The message queues are
-    replaced by thread-safe ones.
-
-    Raises
-    ------
-    ViewerError
-        If another version of viser starts its server differently.
+    replaced by thread-safe ones. It raises ViewerError if another version of viser starts its
+    server differently.
     """
 
     def __init__(self, policy: AccessPolicy, port: int, title: str) -> None:

@@ -69,10 +69,7 @@ class Estimate(NamedTuple):
 class MeasuredParameter:
     """A parameter of a profile, as the logs tell it.
 
-    Attributes
-    ----------
-    of_devices : mapping of str to Estimate
-        By the gyros or motors that it was measured with; it is that of both.
+    `of_devices` has its estimates by gyro or motor; the parameter is that of both.
     """
 
     node: str
@@ -187,12 +184,8 @@ class Log:
     def read(cls, path: Path) -> Log:
         """Read a recording of `ballbot brick drive`, or a data log as CSV: its last run.
 
-        Raises
-        ------
-        RecordingError
-            If the file can't be read.
-        IdentificationError
-            If it is not a log of the commissioning program.
+        It raises RecordingError if the file can't be read, and IdentificationError if it is not a
+        log of the commissioning program.
         """
         with open_recording(path) as reader:
             packets = last_log(reader)
@@ -238,12 +231,8 @@ def commission(
 
     Equation (6.1) is told by the speed of the motors, for the motor constants of `plant`; with
     battery voltages that are too alike, its slope is that of `plant`. The drift is a sine with the
-    period that `gyro` has.
-
-    Raises
-    ------
-    RecordingError, IdentificationError
-        If a file can't be read or is no such log, or nothing can be told.
+    period that `gyro` has. It raises RecordingError if a file can't be read, and
+    IdentificationError if it is no such log, or nothing can be told.
     """
     logs = tuple(Log.read(path) for path in paths)
     rests = {
@@ -329,10 +318,7 @@ def _measured(
 def volts_per_speed(plant: PlantParameters) -> float:
     """Return the voltage at which a motor without load turns at 1 rad/s [V·s/rad].
 
-    Raises
-    ------
-    IdentificationError
-        If a motor of the profile has no such speed.
+    It raises IdentificationError if a motor of the profile has no such speed.
     """
     if not (plant.torque_constant and (plant.back_emf_constant or plant.motor_friction)):
         raise IdentificationError(
@@ -462,14 +448,8 @@ def _ramp(logs: Sequence[Log], motor: int, known_slope: float) -> RampedMotor | 
 def _fit(steps: Floats, start: Sequence[float] | Floats, free: int) -> tuple[Floats, Floats]:
     """Fit the first `free` of dead zone, offset and slope, and keep the others.
 
-    Parameters
-    ----------
-    steps : ndarray, shape (n, 4)
-        Duty, battery voltage, speed, and number of the log.
-
-    Returns
-    -------
-    values, half_widths : ndarray, shape (3,)
+    The steps, shape (n, 4), are duty, battery voltage, speed, and number of the log. It returns the
+    values and half of the widths of their intervals, shape (3,).
     """
     duty, battery, speed, log = steps.T
     kept = np.array(start[free:])

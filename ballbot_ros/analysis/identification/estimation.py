@@ -317,12 +317,8 @@ class _Projected:
     """All residuals as a function of the parameters alone (variable projection, Golub and Pereyra).
 
     The unknowns of the segments are always those that fit the parameters best. This takes few steps
-    also where the robot's instability makes the common problem badly nonlinear.
-
-    Attributes
-    ----------
-    start : ndarray, shape (p,)
-        The present estimates over their scales, and last the battery reading's error.
+    also where the robot's instability makes the common problem badly nonlinear. `start`, shape
+    (p,), has the present estimates over their scales, and last the battery reading's error.
     """
 
     def __init__(self, estimator: Estimator, scales: Mapping[str, float]) -> None:
@@ -370,12 +366,8 @@ def uncertainty(residuals: Sequence[Residuals]) -> tuple[Floats, Floats]:
 
     The half widths, shape (p,), are relative to the scales; the correlation has the shape (p, p).
     They come from the scatter between segments, so readings within a segment may have dependent
-    errors. The error of the battery reading is the same in all: it has a prior instead.
-
-    Parameters
-    ----------
-    residuals : sequence of Residuals
-        Without unknowns, at the estimate.
+    errors. The error of the battery reading is the same in all: it has a prior instead. The
+    residuals are without unknowns, at the estimate.
     """
     information = _information(residuals)
     scores = np.concatenate(

@@ -254,17 +254,9 @@ def recorded_experiment(
 ) -> Experiment:
     """Return the experiment in a recorded run.
 
-    Parameters
-    ----------
-    known : mapping
-        Values of the plant that replace the recorded ones, by name.
-    truth : bool
-        Whether the plant's topics are used instead of the readings of the brick's devices.
-
-    Raises
-    ------
-    IdentificationError
-        If the recording lacks a topic, or was not made in lockstep.
+    `known` has values of the plant that replace the recorded ones, by name. With `truth`, the
+    plant's topics are used instead of the readings of the brick's devices. It raises
+    IdentificationError if the recording lacks a topic, or was not made in lockstep.
     """
     if not run.plant.lockstep:
         raise IdentificationError(
@@ -390,17 +382,9 @@ _FALLEN_DEG = 30.0
 def logged_experiment(path: Path, known: Mapping[str, Value]) -> Experiment:
     """Return the experiment in the data log of a real robot, from where it starts to move.
 
-    Parameters
-    ----------
-    known : mapping
-        Values of the plant by name; the document's for those that are missing.
-
-    Raises
-    ------
-    RecordingError
-        If the file can't be read.
-    IdentificationError
-        If it has fewer than two records, or they are too far apart.
+    `known` has values of the plant by name; those that are missing are the document's. It raises
+    RecordingError if the file can't be read, and IdentificationError if it has fewer than two
+    records, or they are too far apart.
     """
     with open_recording(path) as reader:
         packets = last_log(reader)

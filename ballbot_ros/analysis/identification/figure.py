@@ -31,10 +31,7 @@ _DARK = 0.6
 def render_identification(found: Identification) -> bytes:
     """Return a PNG: estimates next to start and recorded value, correlations of their errors.
 
-    Parameters
-    ----------
-    found : Identification
-        With at least one estimated parameter.
+    At least one parameter must have been estimated.
     """
     rows = found.estimated
     figure = new_figure(WIDTH, max(_MIN_HEIGHT, 0.8 + _ROW * len(rows)))

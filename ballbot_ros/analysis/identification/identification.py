@@ -184,7 +184,8 @@ def identify(
     """Identify parameters from experiments.
 
     Those that the data can tell apart are estimated, in the order of `names`; the others keep their
-    values.
+    values. It raises IdentificationError if a name is unknown, or only some experiments have
+    duties.
 
     Parameters
     ----------
@@ -196,11 +197,6 @@ def identify(
         Values to start from; the document's for those that are missing.
     checks : sequence of Experiment
         Further ones, which tell how well the estimates describe what they were not made from.
-
-    Raises
-    ------
-    IdentificationError
-        If a name is unknown, or only some experiments have duties.
     """
     check_names(names)
     if len({each.duty is None for each in experiments}) > 1:
@@ -301,15 +297,9 @@ def check_names(names: Sequence[str]) -> None:
 def choose(information: Floats, names: Sequence[str]) -> tuple[str, ...]:
     """Return the parameters that the data can tell apart.
 
-    One after another is taken, if then the intervals of all taken ones are narrow enough, and not
-    much wider than if each were the only unknown.
-
-    Parameters
-    ----------
-    information : ndarray, shape (p, p)
-        Of all parameters relative to their scales.
-    names : sequence of str
-        All, the most wanted first.
+    One after another is taken, the most wanted first in `names`, if then the intervals of all taken
+    ones are narrow enough, and not much wider than if each were the only unknown. The information,
+    shape (p, p), is that of all of them relative to their scales.
     """
     chosen: list[int] = []
     for number in range(len(names)):

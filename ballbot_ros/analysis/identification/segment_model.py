@@ -77,12 +77,8 @@ class SegmentModel:
 
     A segment has unknowns of its own: for each plane its state at the start, the offset of the
     channel that has one, the state of the filter of an estimated pitch, and the voltages of the
-    motor if its duties are not known; and the open-circuit voltage of the battery.
-
-    Attributes
-    ----------
-    deviations : ndarray, shape (k,)
-        Standard deviations of the unknowns around their first guess.
+    motor if its duties are not known; and the open-circuit voltage of the battery. `deviations`,
+    shape (k,), are the standard deviations of the unknowns around their first guess.
     """
 
     def __init__(self, segments: Segments) -> None:
@@ -160,11 +156,8 @@ class SegmentModel:
     def predict(self, plants: Sequence[PlantParameters], unknowns: Floats) -> Prediction:
         """Return the readings that sets of parameters predict.
 
-        Parameters
-        ----------
-        plants : sequence of PlantParameters
-            One for each of `v` variants; they differ in physical parameters and dead zone only.
-        unknowns : ndarray, shape (v, s, k)
+        There is a plant for each of `v` variants, which differ in physical parameters and dead zone
+        only. The unknowns have the shape (v, s, k).
         """
         segments = self.segments
         lanes = _Lanes(plants, segments.experiment)
@@ -268,10 +261,7 @@ class _Motion(NamedTuple):
 class _KnownDuties:
     """Duties that are known: motors and battery depend on each other.
 
-    Attributes
-    ----------
-    battery : ndarray, shape (v, s)
-        Its present voltage [V].
+    `battery`, shape (v, s), is its present voltage [V].
     """
 
     def __init__(

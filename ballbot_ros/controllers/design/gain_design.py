@@ -112,7 +112,8 @@ class GainDesign:
         """Return the gains that minimise the mean of x'Qx + r u² from tick to tick.
 
         The mean is that of a loop whose samples are rounded to counts, with the errors white, and
-        whose body a random force of `DISTURBANCE_N` pushes.
+        whose body a random force of `DISTURBANCE_N` pushes. It raises DesignError if a weight is
+        not allowed, or no gains are found with which the loop is stable.
 
         Parameters
         ----------
@@ -121,11 +122,6 @@ class GainDesign:
             theta [1/(deg² s²)].
         r : float
             Weight of the motor voltage [1/V²].
-
-        Raises
-        ------
-        DesignError
-            If a weight is not allowed, or no gains are found with which the loop is stable.
         """
         require_weights(np.diag(np.asarray(q, float)), [[r]])
         origin = design_servo(self._physical).gain  # the loop need not be stable with them
@@ -158,15 +154,9 @@ class GainDesign:
     def with_poles(self, poles: Sequence[complex]) -> Gains:
         """Return the gains with which the closed loop has five given poles; the others follow.
 
-        Parameters
-        ----------
-        poles : sequence of complex, shape (5,)
-            In the s plane [1/s], complex ones in conjugate pairs. The loop gets exp(4 ms · pole).
-
-        Raises
-        ------
-        DesignError
-            If these poles are not possible, or the loop has another one that is not stable.
+        The poles are in the s plane [1/s], complex ones in conjugate pairs. Those of the loop are
+        exp(4 ms · pole). It raises DesignError if these poles are not possible, or the loop has
+        another one that is not stable.
         """
         _require_poles(poles)
         # A pole z of the closed loop solves k G(z) = 1, which is linear in the gains k.

@@ -122,6 +122,7 @@ class SampledLoop:
 
     From one tick to the next, ``x[k+1] = a x[k] + b u[k]``; the duty that the program computes at
     the tick is ``c x[k] + d u[k]`` [%]. Positive feedback of it to the first input closes the loop.
+    It raises DesignError if the controller is another than the document's program.
 
     Parameters
     ----------
@@ -139,11 +140,6 @@ class SampledLoop:
         Those of the plane [rad, rad/s], of the program, and samples and duties on their way.
     a, b, c, d : ndarray, shape (n, n), (n, 5), (n,) and (5,)
         The matrices; the inputs are `INPUTS`.
-
-    Raises
-    ------
-    DesignError
-        If the controller is another than the document's program.
     """
 
     def __init__(

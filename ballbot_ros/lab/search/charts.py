@@ -54,10 +54,7 @@ def convergence_chart(verdicts: Verdict, population: int) -> NamedChart:
 def path_chart(variable: Variable, shares: Floats, costs: Floats, population: int) -> NamedChart:
     """Return the values of a parameter, and that of the best candidate, over the candidates.
 
-    Parameters
-    ----------
-    shares, costs : ndarray, shape (n,)
-        Of each candidate; a share is that of the range.
+    Each candidate has a share of the parameter's range and a cost, shape (n,).
     """
     of = variable.distribution
     values, words = of.values(shares), tuple[str, ...]()
@@ -96,10 +93,8 @@ def _progress(best: Floats, spread: Floats, population: int, scale: Scale) -> Na
 def robots_chart(label: str, start: Floats, tuned: Floats) -> NamedChart:
     """Return which share of the robots is at least as bad as a value, for start and tuned values.
 
-    Parameters
-    ----------
-    start, tuned : ndarray, shape (r,)
-        What counts in the objective, the larger the worse; NaN is worse than any number.
+    The values, shape (r,), are what counts in the objective, the larger the worse; NaN is worse
+    than any number.
     """
     curves = [_at_least_as_bad(each) for each in (start, tuned)]
     values, shares = np.concatenate(curves).T

@@ -134,11 +134,8 @@ class FalsificationResult:
 def check(study: Study) -> None:
     """Refuse a study that can't be searched.
 
-    Raises
-    ------
-    StudyError
-        If it requires nothing, a property can't be violated, only the seed varies, gains are
-        designed, or it has too many runs.
+    It raises StudyError if it requires nothing, a property can't be violated, only the seed varies,
+    gains are designed, or it has too many runs.
     """
     if study.runs > MOST_RUNS:
         raise StudyError(f'{study.name}: {study.runs:,} runs; at most {MOST_RUNS:,} are searched')

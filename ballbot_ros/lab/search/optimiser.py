@@ -45,7 +45,8 @@ class RandomSearch:
 class CovarianceAdaptation:
     """CMA-ES by the package `cma`; where it has converged, it begins again at a random point.
 
-    The first point is the start. The parameters are those of :class:`RandomSearch`.
+    The first point is the start. The parameters are those of :class:`RandomSearch`. It raises
+    MissingExtraError if `cma` is not installed.
 
     Parameters
     ----------
@@ -53,11 +54,6 @@ class CovarianceAdaptation:
         Smallest standard deviation of each coordinate, so that no discrete one freezes.
     step : float
         Standard deviation at the start.
-
-    Raises
-    ------
-    MissingExtraError
-        If `cma` is not installed.
     """
 
     def __init__(

@@ -71,10 +71,7 @@ _METHODS = {Method.CMA: 'CMA-ES', Method.RANDOM: 'random search'}
 def tuning_report(result: TuningResult) -> StudyReport:
     """Make the report of a tuning.
 
-    Raises
-    ------
-    BallbotError
-        If a study of the tuning can't be read.
+    It raises BallbotError if a study of the tuning can't be read.
     """
     return _Findings(result).report()
 

@@ -82,10 +82,7 @@ class TuningReader(StudyReader):
     def tuning(self, candidates: int | None = None, method: Method = Method.CMA) -> Tuning:
         """Return the tuning in the document; `candidates` replaces the file's number of them.
 
-        Raises
-        ------
-        BallbotError
-            The message is one line that names file and line.
+        It raises BallbotError; the message is one line that names file and line.
         """
         if candidates is not None and candidates > MAX_CANDIDATES:
             raise StudyError(f'--candidates {candidates}: not within 1 … {MAX_CANDIDATES}')

@@ -46,10 +46,8 @@ def share_bins(runs: int) -> int:
 def histogram_edges(column: MeasureColumn, extent: Extent, sample: Floats) -> Floats:
     """Return edges of a histogram that shows the core of a measure, and bounds near to it.
 
-    Parameters
-    ----------
-    sample : ndarray, shape (r,)
-        Values of some runs; those that are NaN or infinite do not count.
+    The sample, shape (r,), has the values of some runs; those that are NaN or infinite do not
+    count.
     """
     low, high = extent.low, extent.high
     known = sample[np.isfinite(sample)]

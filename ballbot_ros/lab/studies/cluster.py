@@ -80,13 +80,8 @@ class ClusterWorkers:
     """The workers that a Dask scheduler has; others may join and leave at any time.
 
     A worker returns the file of a part, which is stored here. So it needs no access to the study's
-    folder, and if it ends, the scheduler gives its parts to others.
-
-    Raises
-    ------
-    BallbotError
-        If there is no scheduler that can be used, Dask is not installed, or a file of the job
-        can't be read.
+    folder, and if it ends, the scheduler gives its parts to others. It raises BallbotError if there
+    is no scheduler that can be used, Dask is not installed, or a file of the job can't be read.
     """
 
     def __init__(self, address: str, job: Job, observer: StudyObserver) -> None:

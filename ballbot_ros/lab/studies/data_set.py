@@ -100,10 +100,7 @@ class StudyFolder:
     def check_parts(self) -> PartCheck:
         """Read all parts completely; move aside those that are damaged, and foreign files.
 
-        Raises
-        ------
-        StudyError
-            If the folder can't be read or written, or pyarrow is not installed.
+        It raises StudyError if the folder can't be read or written, or pyarrow is not installed.
         """
         with writing(self.path):
             there = {each.name for each in (self.path / PARTS).iterdir()}
@@ -128,10 +125,7 @@ class StudyFolder:
     def finish(self, now: datetime) -> PartCheck:
         """Check all parts; if none is missing, the manifest records that the study is finished.
 
-        Raises
-        ------
-        StudyError
-            If the folder can't be read or written.
+        It raises StudyError if the folder can't be read or written.
         """
         check = self.check_parts()
         if not check.missing:
@@ -142,10 +136,7 @@ class StudyFolder:
     def restart(self, now: datetime) -> None:
         """Remove all parts and begin again.
 
-        Raises
-        ------
-        StudyError
-            If the folder can't be written.
+        It raises StudyError if the folder can't be written.
         """
         # First the manifest: a finished one promises all parts.
         self._write(Manifest(self.study, now.isoformat(timespec='seconds')))
@@ -172,13 +163,9 @@ class StudyFolder:
 def begin_or_resume(folder: Path, study: StudyRecord, now: datetime) -> Iterator[StudyFolder]:
     """Begin a study in a new or empty folder, or resume it in its own, which is locked meanwhile.
 
-    Temporary files of dead processes are removed. A finished study is left as it is.
-
-    Raises
-    ------
-    StudyError
-        If the folder has another study, or the study of another version of the code, or other
-        files, is in use by another command, or can't be written.
+    Temporary files of dead processes are removed. A finished study is left as it is. It raises
+    StudyError if the folder has another study, or the study of another version of the code, or
+    other files, is in use by another command, or can't be written.
     """
     with writing(folder):
         try:
@@ -197,10 +184,7 @@ def begin_or_resume(folder: Path, study: StudyRecord, now: datetime) -> Iterator
 def read_manifest(folder: Path) -> Manifest:
     """Read the manifest of a study's folder.
 
-    Raises
-    ------
-    StudyError
-        If there is none, or it is damaged.
+    It raises StudyError if there is none, or it is damaged.
     """
     path = folder / MANIFEST
     try:

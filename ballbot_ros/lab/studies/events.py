@@ -81,10 +81,8 @@ def is_event(name: str) -> bool:
 def event_part(name: str, scenario: Scenario) -> EventPart:
     """Return the part of a scenario's pushes and sticks that a variable names.
 
-    Raises
-    ------
-    StudyError
-        If the scenario has none of this name; the message is one line without a place.
+    It raises StudyError if the scenario has none of this name; the message is one line without a
+    place.
     """
     kind, _, rest = name.partition('.')
     if kind == STICK:
@@ -162,6 +160,8 @@ def scenarios_of(
 ) -> list[Scenario]:
     """Return the scenarios of runs whose pushes and sticks have their own values.
 
+    It raises StudyError if a run's pushes or sticks are not possible; the message names the run.
+
     Parameters
     ----------
     columns : mapping of str to ndarray
@@ -170,11 +170,6 @@ def scenarios_of(
         Lengths of the runs [s].
     first : int
         Number of the first run, for error messages.
-
-    Raises
-    ------
-    StudyError
-        If a run's pushes or sticks are not possible; the message names the run.
     """
     parts = [event_part(name, scenario) for name in columns]
     table = zip(*(values.tolist() for values in columns.values()), strict=True)

@@ -59,10 +59,7 @@ class WorkerProcess:
     def call(self, method: Callable[..., _Answer], *arguments: object) -> _Answer:
         """Have a method of :class:`Job` called, with the job as its first argument.
 
-        Raises
-        ------
-        StudyError
-            If it is not possible; WorkerEndedError if the process ends.
+        It raises StudyError if it is not possible, and WorkerEndedError if the process ends.
         """
         try:
             self._connection.send((method, arguments))
@@ -235,10 +232,7 @@ class LocalWorkers:
 def _check_speed(job: Job) -> str:
     """Return a notice if a study's runs are not compiled; or ''.
 
-    Raises
-    ------
-    StudyError
-        If the study is too long for the ordinary loop, though numba would do.
+    It raises StudyError if the study is too long for the ordinary loop, though numba would do.
     """
     reason = why_not_compiled(job.spec)
     if not reason:
@@ -261,6 +255,8 @@ Sample = Callable[[int, int], Samples]
 class StudyRun:
     """A study that is carried out; a context in which its folder is locked.
 
+    It raises BallbotError if the folder is another study's or can't be written.
+
     Parameters
     ----------
     workers : callable
@@ -274,11 +270,6 @@ class StudyRun:
         The parts that were not there at the beginning, in order.
     done : PartSummary
         Numbers of runs of the others.
-
-    Raises
-    ------
-    BallbotError
-        If the folder is another study's or can't be written.
     """
 
     missing: list[int]
@@ -354,10 +345,7 @@ class StudyRun:
     def finish(self) -> None:
         """Check all parts, and note in the folder that the study is finished.
 
-        Raises
-        ------
-        StudyError
-            If a part is missing or damaged.
+        It raises StudyError if a part is missing or damaged.
         """
         if not self.missing and self._folder.is_finished:
             return

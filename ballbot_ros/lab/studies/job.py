@@ -70,10 +70,8 @@ class Job:
     def do(self, part: int, samples: Samples, advance: Advance = ignore) -> PartSummary:
         """Simulate, judge and write a part.
 
-        Raises
-        ------
-        BallbotError
-            If a value is not possible, or the part can't be written; the message is one line.
+        It raises BallbotError if a value is not possible, or the part can't be written; the message
+        is one line.
         """
         return self.store(part, self.encode(part, samples, advance))
 
@@ -89,10 +87,7 @@ class Job:
     def encode(self, part: int, samples: Samples, advance: Advance = ignore) -> EncodedPart:
         """Simulate and judge a part, and return the bytes of its file.
 
-        Raises
-        ------
-        BallbotError
-            If a value is not possible; the message is one line.
+        It raises BallbotError if a value is not possible; the message is one line.
         """
         results = self.simulate(samples, advance)
         if self.study.redesign:
@@ -115,12 +110,7 @@ class Job:
 def job_of(study: Study, folder: Path, runs_per_part: int | None = None) -> Job:
     """Return the job of a study whose results are in a folder.
 
-    By default a part is a few seconds of work.
-
-    Raises
-    ------
-    BallbotError
-        If the map can't be read.
+    By default a part is a few seconds of work. It raises BallbotError if the map can't be read.
     """
     spec = replace(study.spec, controller=None)
     gains = [ResultColumn(name, meaning='designed for the robot') for name in GAINS]
@@ -254,10 +244,8 @@ class PackedJob:
     def unpack(self, folder: Path) -> Job:
         """Write the files below a folder, and return the job with their paths.
 
-        Raises
-        ------
-        BallbotError
-            If a file can't be written, or an installed controller has other code here.
+        It raises BallbotError if a file can't be written, or an installed controller has other code
+        here.
         """
         parameters = ParameterSet(self.job.spec.parameters)
         if self.map:

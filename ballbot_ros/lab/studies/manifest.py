@@ -178,10 +178,8 @@ class Manifest:
     def from_json(cls, text: str | bytes) -> Manifest:
         """Read the text of the file.
 
-        Raises
-        ------
-        StudyError
-            If it is no manifest, or of another format; the text lacks the file's name.
+        It raises StudyError if it is no manifest, or of another format; the text lacks the file's
+        name.
         """
         try:
             values = json.loads(text)

@@ -68,12 +68,8 @@ class EncodedPart(NamedTuple):
 def encode_part(study: StudyRecord, part: int, columns: Sequence[Column]) -> EncodedPart:
     """Return the bytes of a part's file, for those who can't write the folder themselves.
 
-    The columns, (r,) each, are those of the study, in their order; hashes are rows of bytes.
-
-    Raises
-    ------
-    StudyError
-        If pyarrow is not installed.
+    The columns, (r,) each, are those of the study, in their order; hashes are rows of bytes. It
+    raises StudyError if pyarrow is not installed.
     """
     values = dict(zip((each.name for each in study.columns), columns, strict=True))
     passed, fallen = values[PASSED.name], values[FALLEN.name]
@@ -110,12 +106,7 @@ def store_part(folder: Path, study: StudyRecord, part: int, data: bytes) -> None
     """Write the file of a part into the folder of a study; an existing one is replaced.
 
     A process that is killed, or a power cut, leaves the whole part or none. Two processes that
-    write the same part do no harm.
-
-    Raises
-    ------
-    StudyError
-        If it can't be written.
+    write the same part do no harm. It raises StudyError if it can't be written.
     """
     path = folder / PARTS / study.part_name(part)
     with writing(path):
@@ -130,10 +121,7 @@ def store_part(folder: Path, study: StudyRecord, part: int, data: bytes) -> None
 def write_atomically(path: Path, data: bytes) -> None:
     """Write a file so that it exists as a whole or not at all, even after a power cut.
 
-    Raises
-    ------
-    OSError
-        If it can't be written; nothing remains then.
+    It raises OSError if it can't be written; nothing remains then.
     """
     # Readers of Parquet data sets skip names that begin with a full stop.
     temporary = path.with_name(f'.{path.name}.{uuid4().hex}{TEMPORARY_SUFFIX}')
@@ -178,10 +166,7 @@ def writing(path: Path) -> Iterator[None]:
 def check_part(path: Path, study: StudyRecord, part: int) -> PartSummary:
     """Read a part's file completely and return its numbers of runs.
 
-    Raises
-    ------
-    DamagedPartError
-        If it is missing, damaged, or not this part of this study.
+    It raises DamagedPartError if it is missing, damaged, or not this part of this study.
     """
     data = _undamaged(path)
     arrow = load_pyarrow()
@@ -218,10 +203,7 @@ def read_columns(
 def load_pyarrow() -> Any:
     """Return pyarrow.
 
-    Raises
-    ------
-    MissingExtraError
-        If it is not installed.
+    It raises MissingExtraError if it is not installed.
     """
     with importing('study'):
         import pyarrow

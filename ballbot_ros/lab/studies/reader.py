@@ -109,10 +109,7 @@ class StudyReader(DistributionReader):
     def studies(self) -> Iterator[Study]:
         """Yield the study in the document, or that of each of its scenarios and controllers.
 
-        Raises
-        ------
-        BallbotError
-            The message is one line that names file and line.
+        It raises BallbotError; the message is one line that names file and line.
         """
         data = self._content()
         if self._controller is not None and isinstance(data.get('controller'), list):

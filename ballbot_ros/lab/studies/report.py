@@ -65,10 +65,7 @@ class StudyReport:
     def write(self, folder: Path) -> None:
         """Write it into a folder, which is new, empty, or has an earlier report of a study.
 
-        Raises
-        ------
-        ReportError
-            If the folder can't be written.
+        It raises ReportError if the folder can't be written.
         """
         if _is_report(folder):
             with os_errors(ReportError, folder):
@@ -79,10 +76,8 @@ class StudyReport:
 def check_output(study: Path, output: Path | None) -> Path:
     """Return the folder of the report of a study, by default in the folder of the study.
 
-    Raises
-    ------
-    ReportError
-        If it has files that are not those of an earlier report, or can't be written.
+    It raises ReportError if it has files that are not those of an earlier report, or can't be
+    written.
     """
     folder = output or study / REPORT
     if not _is_report(folder):
@@ -113,11 +108,7 @@ def study_report(data: StudyData) -> StudyReport:
 
     Rows are read part by part; the memory is that of one number a run. Sensitivities are those of
     at most :data:`~ballbot_ros.lab.studies.sensitivity.MAX_SAMPLE` runs, drawn by the study's seed.
-
-    Raises
-    ------
-    BallbotError
-        If there are no runs yet, a part is damaged, or SALib is not installed.
+    It raises BallbotError if there are no runs yet, a part is damaged, or SALib is not installed.
     """
     return _Findings(data).report()
 

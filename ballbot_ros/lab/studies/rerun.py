@@ -56,10 +56,7 @@ def new_folder(study: Path, number: int) -> Path:
 def choose_run(data: StudyData, number: int | None, worst: str | None) -> RunResults:
     """Return a run by its number, or the worst one of a measure; else the first not to pass.
 
-    Raises
-    ------
-    StudyError
-        If there is no such run or measure.
+    It raises StudyError if there is no such run or measure.
     """
     if number is None and worst is not None:
         number = next((each.number for each in data.worst(worst, 1)), None)
@@ -77,6 +74,8 @@ def study_parameters(
 ) -> ParameterSet:
     """Return the parameters of a study, with those of its scenario's file for what varies.
 
+    It raises BallbotError if the run is not possible here.
+
     Parameters
     ----------
     path : Path
@@ -84,11 +83,6 @@ def study_parameters(
     controller : str, optional
         The user's reference to the study's controller. The files of a study can come from anyone,
         so by themselves they only select an installed controller.
-
-    Raises
-    ------
-    BallbotError
-        If the run is not possible here.
     """
     parameter_file = path.with_name(PARAMETER_FILE)
     path.write_text(record.scenario, encoding='utf-8')
@@ -118,12 +112,8 @@ def rerun_spec(
     """Return a run of a study, ready to execute; for `controller` see :func:`study_parameters`.
 
     Its scenario and parameters are written into a new folder, which gets its recording, too; the
-    command ``ballbot run SCENARIO --params PARAMETERS`` then is the run.
-
-    Raises
-    ------
-    BallbotError
-        If the folder can't be written, or the run is not possible here.
+    command ``ballbot run SCENARIO --params PARAMETERS`` then is the run. It raises BallbotError if
+    the folder can't be written, or the run is not possible here.
     """
     path = folder / f'{record.name}_{row.number}.yaml'
     parameter_file = folder / PARAMETER_FILE

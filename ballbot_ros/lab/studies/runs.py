@@ -148,10 +148,8 @@ class OrdinarySimulator:
     def simulate(self, samples: Samples, advance: Advance = ignore) -> Results:
         """Return the results of runs.
 
-        Raises
-        ------
-        BallbotError
-            If a value is not allowed, a start position is blocked, or a controller can't be made.
+        It raises BallbotError if a value is not allowed, a start position is blocked, or a
+        controller can't be made.
         """
         results = Results.empty(samples.count, len(self._measures))
         self.simulate_into(results, samples, advance)
@@ -212,10 +210,7 @@ class OrdinarySimulator:
 class CompiledSimulator:
     """Simulates runs by compiled code; those in which a law fails, by the ordinary loop.
 
-    Raises
-    ------
-    BallbotError
-        If numba is not installed, or the map can't be read.
+    It raises BallbotError if numba is not installed, or the map can't be read.
     """
 
     def __init__(
@@ -241,10 +236,7 @@ class CompiledSimulator:
     def simulate(self, samples: Samples, advance: Advance = ignore) -> Results:
         """Return the results of runs.
 
-        Raises
-        ------
-        BallbotError
-            If a value is not allowed, or a start position is blocked.
+        It raises BallbotError if a value is not allowed, or a start position is blocked.
         """
         try:
             return self._simulate_compiled(samples, advance)
@@ -417,11 +409,7 @@ def scenarios_of_runs(spec: RunSpec, samples: Samples) -> Sequence[Scenario]:
     """Return the sticks and pushes of each run; nothing if they are those of the specification.
 
     They are made here, from numbers, since they would take much longer to send to other machines.
-
-    Raises
-    ------
-    StudyError
-        If pushes and sticks of a run are not possible; the message names the run.
+    It raises StudyError if pushes and sticks of a run are not possible; the message names the run.
     """
     if not samples.events:
         return ()

@@ -101,6 +101,8 @@ def analyse(
 ) -> Sensitivity:
     """Return the indices of results to variables that were drawn independently of each other.
 
+    It raises BallbotError if SALib is not installed.
+
     Parameters
     ----------
     variables : mapping of str to ndarray
@@ -109,11 +111,6 @@ def analyse(
         Each (r,); NaN where there is no value. Such runs are left out for this result.
     seed : int
         Seed of resampling, and of the order of equal values.
-
-    Raises
-    ------
-    BallbotError
-        If SALib is not installed.
     """
     with importing('study'):
         from SALib.analyze import pawn, rbd_fast

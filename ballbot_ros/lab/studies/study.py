@@ -161,6 +161,8 @@ def designed_gains(
 ) -> dict[str, Column]:
     """Return the :data:`GAINS` of consecutive runs; they are 0 for a robot that has no design.
 
+    It raises StudyError if a value is not allowed.
+
     Parameters
     ----------
     parameters : ParameterSet
@@ -169,11 +171,6 @@ def designed_gains(
         The values of the parameters that vary, one for each run.
     count, first : int
         Number of runs, and the number of the first one.
-
-    Raises
-    ------
-    StudyError
-        If a value is not allowed.
     """
     columns = {name: column.tolist() for name, column in values.items() if name != SEED}
     known: dict[tuple[object, ...], tuple[float, ...]] = {}

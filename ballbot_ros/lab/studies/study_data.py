@@ -184,11 +184,8 @@ class StudyData:
     def open(cls, path: Path) -> StudyData:
         """Open the folder of a study.
 
-        Raises
-        ------
-        StudyError
-            If it is no such folder, a part of a finished study is missing, or pyarrow is not
-            installed.
+        It raises StudyError if it is no such folder, a part of a finished study is missing, or
+        pyarrow is not installed.
         """
         load_pyarrow()
         manifest = read_manifest(path)
@@ -214,10 +211,7 @@ class StudyData:
     def totals(self) -> PartSummary:
         """Return the numbers of runs.
 
-        Raises
-        ------
-        StudyError
-            If a part is damaged; so do the other methods.
+        It raises StudyError if a part is damaged; so do the other methods.
         """
         with _with_remedy():
             return sum(map(self._checked, self.present), PartSummary())
@@ -242,10 +236,7 @@ class StudyData:
     def frame(self) -> pandas.DataFrame:
         """Return all rows as a data frame, with hashes as hexadecimal text.
 
-        Raises
-        ------
-        BallbotError
-            If pandas is not installed, or a part is damaged.
+        It raises BallbotError if pandas is not installed, or a part is damaged.
         """
         with importing('pandas'):
             import pandas  # noqa: F401
@@ -330,10 +321,7 @@ class StudyData:
     def measure(self, name: str) -> MeasureColumn:
         """Return the column of a measure.
 
-        Raises
-        ------
-        StudyError
-            If there is none of this name.
+        It raises StudyError if there is none of this name.
         """
         for each in self.study.measures:
             if each.name == name:

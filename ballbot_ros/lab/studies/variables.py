@@ -308,10 +308,8 @@ class Variable:
 def find_variable(name: str, spec: RunSpec) -> Parameter:
     """Return the parameter of a variable, with the variable's name.
 
-    Raises
-    ------
-    BallbotError
-        If there is no such variable, or it has no effect; the message is one line without a place.
+    It raises BallbotError if there is no such variable, or it has no effect; the message is one
+    line without a place.
     """
     if is_event(name):
         part = event_part(name, spec.scenario)

@@ -179,7 +179,8 @@ class Terminal:
 
     While it runs, other output of the process to the terminal appears above the panel; only the
     newest lines of level INFO are shown, in the panel, so that they do not pile up. At the end the
-    terminal is restored.
+    terminal is restored. It raises TeleopError if there is no terminal, or prompt_toolkit is not
+    installed.
 
     Parameters
     ----------
@@ -198,11 +199,6 @@ class Terminal:
     ----------
     on_key : callable
         Called for every key, on the keyboard's thread.
-
-    Raises
-    ------
-    TeleopError
-        If there is no terminal, or prompt_toolkit is not installed.
     """
 
     def __init__(

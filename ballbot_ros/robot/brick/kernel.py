@@ -103,11 +103,8 @@ def set_task(kernel: Ints, task: int, priority: int, period: int, offset: int = 
 def next_event(constants: KernelConstants, kernel: Ints, until_us: int) -> int:
     """Let time pass until a job begins or ends, or to a time.
 
-    Returns
-    -------
-    int
-        Twice the number of the task whose job begins, or that plus one if it ends; -1 at the time.
-        After a beginning, :func:`take_time` has to say how long the job takes.
+    Return twice the number of the task whose job begins, or that plus one if it ends; -1 at the
+    time. After a beginning, :func:`take_time` has to say how long the job takes.
     """
     tasks = (len(kernel) - HEAD) // STRIDE
     while True:

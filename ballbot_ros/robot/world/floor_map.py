@@ -38,12 +38,8 @@ class FloorMap:
 
     Points are in cells from the top left corner of the image: u to the right, v downwards. The
     centre of the image is the origin of ``map``, right is forward (+x) and down is rightward (-y),
-    so that u and v increase with the positions of planes x and y.
-
-    Attributes
-    ----------
-    cells : ndarray of uint8, shape (rows, columns)
-        :data:`FLOOR`, :data:`WALL` or :data:`LINE`; row 0 is the top of the image.
+    so that u and v increase with the positions of planes x and y. The cells, shape (rows, columns),
+    are :data:`FLOOR`, :data:`WALL` or :data:`LINE`; row 0 is the top of the image.
     """
 
     cells: NDArray[np.uint8]

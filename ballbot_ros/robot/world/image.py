@@ -32,12 +32,9 @@ _PNG_BIT_DEPTH = 24
 def read_map(path: str | Path) -> FloorMap:
     """Read a map image.
 
-    Raises
-    ------
-    WorldError
-        If the file can't be read, is not an intact PNG or BMP image of one frame with at most
-        :data:`MAX_SIDE_PIXELS` pixels a side, or has a pixel whose colour is not allowed; the
-        message names the file and the first such pixel.
+    It raises WorldError if the file can't be read, is not an intact PNG or BMP image of one frame
+    with at most :data:`MAX_SIDE_PIXELS` pixels a side, or has a pixel whose colour is not allowed;
+    the message names the file and the first such pixel.
     """
     path = Path(path)
     try:
