@@ -197,8 +197,6 @@ class Comparison:
 
     Attributes
     ----------
-    changes : list of SetupChange
-        What was changed between the runs.
     labels : list of str
         For each run: letter, name and what was changed.
     alignment : str

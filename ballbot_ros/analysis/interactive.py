@@ -145,14 +145,10 @@ class InteractiveFigures:
 
     Attributes
     ----------
-    plotly : bytes
-        Plotly's script.
     description : bytes
         JSON: the figures by the id of their element, and the colours on a dark page.
     numbers : bytes
         The columns to which the description refers.
-    script : str
-        The page's own script.
     names : tuple of str
         The ids of the figures' elements.
     covered : frozenset of str

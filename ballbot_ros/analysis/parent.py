@@ -27,8 +27,6 @@ class Parent:
     file : str
         Its recording: the path from the folder of the branch if both are below the same folder,
         else only the name, since other paths are private.
-    sha256 : str
-        Hash of that file.
     run : int
         Number of the run in it, from 1.
     at : float

@@ -52,8 +52,6 @@ class RecordedAttachments:
         None if no map is attached.
     notices : list of str
         A line about each attachment that is missing or unreadable.
-    files : mapping of str to AttachedFile
-        The attached files.
     external : mapping of str to str
         By role: the programs of the participants that are nodes of other packages.
     """

@@ -121,8 +121,6 @@ class RunData:
         Number of the run in the file, from 1, and number of runs.
     recorded : RecordedRun
         Where the run is in the file.
-    is_real : bool
-        Whether it was a real robot, whose true motion nobody knows.
     trajectory : Trajectory
         The ticks with a sample of each of the three topics (true pitch, true position, duty) that
         was recorded; the columns of a topic that was not recorded are NaN. None of a real robot.
@@ -130,8 +128,6 @@ class RunData:
         What to show: the trajectory, or of a real robot the estimates of its controller.
     series : mapping of Topic to Series
         The topics of :data:`ballbot_ros.analysis.extraction.STAMPED_TOPICS` that have samples.
-    states : tuple of Interval
-        The operating states and their times [s].
     grid : OccupancyGrid or None
         The recorded map.
     statuses : tuple
@@ -144,20 +140,12 @@ class RunData:
         Those of the brick's tasks; None if the tasks took no time.
     decisions : tuple of Interval
         The moments that decide the properties of the scenario, once it is assessed.
-    parameter_changes : tuple of ParameterChange
-        Changes of the controller's parameters during the run.
-    topic_statistics : tuple of TopicStatistics
-        All topics of the file.
-    attached : RecordedAttachments
-        Scenario, parameters and versions.
     damage : str or None
         What the reader found missing in the file.
     missing_ticks : int
         Number of missing ticks from the start of the run to the last tick.
     reached_end : bool
         Whether the run is as long as its parameter `duration`, or the duration is unknown.
-    notices : tuple of str
-        Notices for the reader of a report.
     failure : str
         Why the run failed, as recorded at its end; '' if it did not, or if it is unknown.
     """

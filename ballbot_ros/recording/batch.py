@@ -57,10 +57,6 @@ class Batch:
 
     Attributes
     ----------
-    data : bytes
-        The bytes that contain the messages.
-    headers : ndarray, shape (n,)
-        The structured headers of the messages.
     starts, ends : ndarray, shape (n,)
         Start and end of each message in `data`.
     names : mapping of int to str

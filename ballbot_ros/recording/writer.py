@@ -111,15 +111,13 @@ class RecordingWriter:
         type_hash: str | None = None,
         derived: bool = False,
     ) -> RecordedTopic:
-        """Add a topic.
+        """Add a topic by its full name.
 
         Derived and published messages of one topic are in different channels. It raises
         RecordingError if the topic was already added, or its type is not that of ROS 2 Jazzy.
 
         Parameters
         ----------
-        name : str
-            Full name of the topic.
         type_name : str
             Its type, such as ``sensor_msgs/msg/Imu``.
         qos : sequence of QosProfile

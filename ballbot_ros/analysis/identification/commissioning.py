@@ -135,7 +135,6 @@ class Commissioning:
 
     Attributes
     ----------
-    logs : tuple of Log
     rests : mapping of str to tuple of RestingGyro
         By gyro, one of each log that has a rest.
     ramps : mapping of str to RampedMotor

@@ -150,10 +150,8 @@ class Identification:
     ----------
     parameters : tuple of IdentifiedParameter
         In the order of the request.
-    experiments : tuple of ExperimentSummary
-        Those that the parameters were estimated from.
     checks : tuple of ExperimentSummary
-        Those that they were checked with.
+        Those that the estimates were checked with.
     correlation : ndarray, shape (p, p)
         Between the errors of the estimates.
     engine : Engine

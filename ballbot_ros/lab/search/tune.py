@@ -66,8 +66,6 @@ class TuningResult:
     ----------
     points : ndarray, shape (n, d)
         The candidates, as shares of the ranges, in order.
-    verdicts : Verdict
-        Of each of them.
     best : int
         Number of the best candidate.
     around : ndarray, shape (d, s)

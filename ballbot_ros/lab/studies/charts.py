@@ -72,7 +72,6 @@ class Histogram:
 
     Attributes
     ----------
-    summary : MeasureSummary
     edges : ndarray, shape (n + 1,)
     counts : CellCounts
         Shape (n + 2,); the first and the last count what is beyond the edges.

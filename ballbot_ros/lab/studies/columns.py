@@ -50,8 +50,6 @@ class ResultColumn:
         Name in the Parquet files.
     unit : str
         Empty for pure numbers, texts and truth values.
-    meaning : str
-        A line for people.
     """
 
     name: str

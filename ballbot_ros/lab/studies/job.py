@@ -54,8 +54,6 @@ class Job:
         The study, as it is in the folder.
     study : Study
         The same; its specification has no class of a controller, which can't be pickled.
-    folder : Path
-        Where the part is written.
     """
 
     record: StudyRecord
