@@ -97,7 +97,7 @@ class Assessment:
                     'topic': each.topic,
                     'type': each.type_name,
                     'messages': each.count,
-                    'rate_hz': number(each.rate),
+                    'rate_hz': number(each.rate_hz),
                     'longest_gap_s': each.gap_ns * 1e-9,
                     'age_mean_ms': number(each.age_ms[0]),
                     'age_max_ms': number(each.age_ms[1]),

@@ -67,6 +67,7 @@ from ballbot_ros.recording.messages.topics import (
     WALL_HIT,
     Topic,
 )
+from ballbot_ros.recording.overview import TopicStatistics
 from ballbot_ros.recording.reader import RecordingReader
 from ballbot_ros.recording.schemas import DiagnosticStatus, OccupancyGridMessage, typestore
 from ballbot_ros.robot.arithmetic import Floats
@@ -76,7 +77,6 @@ _EVENTS = (
     OPERATING_STATE, RUN_STATUS, PARTICIPANTS, DIAGNOSTICS, LCD, SOUND, MAP, PARAMETER_EVENTS,
     ACCEPTED_PUSH, WALL_HIT, BRICK_TASKS,
 )  # fmt: skip
-_OTHER_CLOCK_MS = 3.6e6
 _MISSING = 'Topic {} not found; figures, metrics and columns that need it are missing.'
 
 
@@ -180,50 +180,6 @@ class Status(NamedTuple):
     def values(self) -> Iterator[tuple[str, str]]:
         """Pairs of key and value."""
         return zip(self.keys, self.texts, strict=True)
-
-
-@dataclass
-class TopicStatistics:
-    """Arrival statistics of a topic.
-
-    They include the oldest and newest log time and the longest time between two messages, and sum
-    and maximum of the messages' ages: the newest log time so far in the file, minus the message's
-    stamp.
-    """
-
-    topic: str
-    type_name: str
-    count: int = 0
-    first_ns: int = 0
-    last_ns: int = 0
-    gap_ns: int = 0
-    age_sum_ms: float = 0.0
-    age_max_ms: float = 0.0
-
-    def extend(self, log_ns: NDArray[np.int64], age_ms: NDArray[np.floating[Any]]) -> None:
-        """Count messages."""
-        if self.count == 0:
-            self.first_ns = self.last_ns = int(log_ns[0])
-        newest = np.maximum.accumulate(np.append(self.last_ns, log_ns))
-        self.gap_ns = max(self.gap_ns, int(np.diff(newest).max()))
-        self.last_ns = int(newest[-1])
-        self.count += len(log_ns)
-        # Add one by one: the rounding of a sum over arrays would depend on how they are split.
-        self.age_sum_ms = float(np.cumsum(np.append(self.age_sum_ms, age_ms))[-1])
-        self.age_max_ms = max(self.age_max_ms, float(age_ms.max()))
-
-    @property
-    def rate(self) -> float:
-        """Messages per second [Hz]; NaN for fewer than two."""
-        span = self.last_ns - self.first_ns
-        return (self.count - 1) * 1e9 / span if span else float('nan')
-
-    @property
-    def age_ms(self) -> tuple[float, float]:
-        """Mean and largest age [ms]; NaN if stamps and log times come from different clocks."""
-        if self.age_max_ms > _OTHER_CLOCK_MS:
-            return float('nan'), float('nan')
-        return self.age_sum_ms / self.count, self.age_max_ms
 
 
 @dataclass
@@ -334,7 +290,7 @@ class MessageCollector:
         """Collect messages of a topic; those of a stamped topic differ only in their numbers."""
         name, count = topic.resolved(), len(stamps_ns)
         statistics = self._statistics.setdefault(name, TopicStatistics(name, topic.type_name))
-        statistics.extend(stamps_ns, np.zeros(count))
+        statistics.extend(stamps_ns)
         first = messages[0].tobytes()
         if topic in _EVENTS:
             decode = decoder(topic.type_name)

@@ -13,13 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot_ros.analysis.extraction import (
-    STAMPED_TOPICS,
-    Extraction,
-    Status,
-    TopicStatistics,
-    extract,
-)
+from ballbot_ros.analysis.extraction import STAMPED_TOPICS, Extraction, Status, extract
 from ballbot_ros.analysis.figure_parts import Interval, IntervalKind
 from ballbot_ros.analysis.recorded_runs import RecordedRun
 from ballbot_ros.analysis.recorded_scenario import (
@@ -57,6 +51,7 @@ from ballbot_ros.recording.messages.topics import (
     PLANT_ODOM,
     Topic,
 )
+from ballbot_ros.recording.overview import TopicStatistics
 from ballbot_ros.recording.rosbag2 import PARAMETERS
 from ballbot_ros.recording.writer import RUN_OUTCOME
 from ballbot_ros.robot.arithmetic import Floats

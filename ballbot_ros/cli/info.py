@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import asdict
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
 import click
 from rich.console import Console
 
+from ballbot_ros.analysis.metrics import number
 from ballbot_ros.analysis.parent import Parent
 from ballbot_ros.analysis.recorded_controller import ControllerIdentity, decode_controller
 from ballbot_ros.analysis.recorded_runs import is_real_robot
@@ -63,10 +65,8 @@ def command(file: Path, as_json: bool) -> None:
 def _read(reader: RecordingReader, progress: ProgressCallback) -> dict[str, object]:
     """Return the content of a recording, as in the JSON object."""
     topics, runs_ns = read_topics(reader, RUN.resolved(), progress)
-    first = min(
-        (each.first_ns for each in topics.values() if each.first_ns is not None), default=None
-    )
-    last = max((each.last_ns for each in topics.values() if each.last_ns is not None), default=None)
+    first = min((each.first_ns for each in topics if each.count), default=None)
+    last = max((each.last_ns for each in topics if each.count), default=None)
     derived = reader.derived()
     metadata = dict(reader.metadata())
     metadata.pop(METADATA_NAME, None)
@@ -86,7 +86,7 @@ def _read(reader: RecordingReader, progress: ProgressCallback) -> dict[str, obje
         'start_s': _seconds(first),
         'end_s': _seconds(last),
         'duration_s': None if first is None or last is None else (last - first) / 1e9,
-        'message_count': sum(topic.count for topic in topics.values()),
+        'message_count': sum(topic.count for topic in topics),
         'runs_s': [stamp_ns / 1e9 for stamp_ns in runs_ns],
         'outcome': outcome,
         'external_pushes': [push.as_json() for push in outside_pushes_in(reader, runs_ns)],
@@ -94,15 +94,15 @@ def _read(reader: RecordingReader, progress: ProgressCallback) -> dict[str, obje
         'made_by': made_by,
         'parent': (parent := Parent.decode(reader.attachments())) and asdict(parent),
         'topics': {
-            name: {
-                'type': topic.type_name,
-                'count': topic.count,
-                'rate_hz': topic.rate_hz,
-                'largest_gap_s': _seconds(topic.gap_ns),
-                'largest_gap_at_s': _seconds(topic.gap_at_ns),
-                'derived': name in derived,
+            each.topic: {
+                'type': each.type_name,
+                'count': each.count,
+                'rate_hz': number(each.rate_hz),
+                'largest_gap_s': each.gap_ns / 1e9 if each.count > 1 else None,
+                'largest_gap_at_s': each.gap_at_ns / 1e9 if each.count > 1 else None,
+                'derived': each.topic in derived,
             }
-            for name, topic in sorted(topics.items())
+            for each in sorted(topics, key=attrgetter('topic'))
         },
         'attachments': {
             name: {'media_type': file.media_type, 'size_bytes': len(file.data)}

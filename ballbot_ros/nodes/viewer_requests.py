@@ -6,7 +6,7 @@ import math
 import queue
 import time
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rcl_interfaces.msg import Parameter, ParameterDescriptor, ParameterType, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParameters
@@ -29,10 +29,7 @@ from ballbot_ros.robot.brick.faults import parse_fault, performer_of
 from ballbot_ros.robot.plant.ground_truth import Pair
 from ballbot_ros.viewer.overlay import ChooseRate, Press, Request
 from ballbot_ros.viewer.run_activity import BACK, BACK_S, PAUSE, RATES, RESET, STEP, RunActivity
-from ballbot_ros.viewer.tuning_sliders import Numbers, Tunable
-
-if TYPE_CHECKING:
-    from ballbot_ros.viewer.tuning_sliders import TuningSliders
+from ballbot_ros.viewer.tuning_sliders import Numbers, Tunable, TuningSliders, numbers_of
 
 _PLANT_SERVICES = {
     f'{PLANT}/pause': SetBool,
@@ -355,7 +352,7 @@ class TuningRequests:
         for name, value in values.items():
             if name not in self._present or not _is_like(value, self._present[name]):
                 continue  # another node may publish anything
-            self._present[name] = _numbers(value)
+            self._present[name] = numbers_of(value)
             if name not in self._set_at:  # else the slider that set it may have moved on
                 elsewhere[name] = self._present[name]
         if elsewhere:
@@ -399,19 +396,13 @@ def _tunable_names(announcement: Announcement) -> list[str]:
 
 def _tunable(descriptor: ParameterDescriptor, value: ParameterValue, start: object) -> Tunable:
     ranges = [*descriptor.floating_point_range, *descriptor.integer_range]
-    low, high = (ranges[0].from_value, ranges[0].to_value) if ranges else (-math.inf, math.inf)
+    bounds = (ranges[0].from_value, ranges[0].to_value) if ranges else None
     present = parameter_value_to_python(value)
-    numbers = _numbers(present)
-    return Tunable(
-        descriptor.name,
-        descriptor.description,
-        low,
-        high,
-        _numbers(start) if _is_like(start, numbers) else numbers,
-        numbers,
-        is_whole=descriptor.type not in _REAL,
-        is_array=descriptor.type == ParameterType.PARAMETER_DOUBLE_ARRAY,
-    )
+    if not _is_like(start, numbers_of(present)):
+        start = present
+    is_whole = descriptor.type not in _REAL
+    name, description = descriptor.name, descriptor.description
+    return Tunable.of(name, description, bounds, start, present, is_whole=is_whole)
 
 
 def _is_like(value: object, numbers: Numbers) -> bool:
@@ -420,7 +411,3 @@ def _is_like(value: object, numbers: Numbers) -> bool:
         isinstance(each, int | float) and not isinstance(each, bool) and math.isfinite(each)
         for each in values
     )
-
-
-def _numbers(value: Any) -> Numbers:
-    return tuple(value) if hasattr(value, '__len__') else (value,)

@@ -2,64 +2,89 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from ballbot_ros.process import ProgressCallback
 from ballbot_ros.recording.reader import RecordingReader
 
+_OTHER_CLOCK_MS = 3.6e6
+
 
 @dataclass
-class TopicOverview:
-    """Statistics of messages, such as those of a topic.
+class TopicStatistics:
+    """Statistics of the messages of a topic, 0 without messages.
 
     Attributes
     ----------
-    first_ns, last_ns : int or None
-        The oldest and the newest stamp [ns]; None if there are no messages.
-    gap_ns, gap_at_ns : int or None
-        The longest time between two messages, and its start [ns]; None for fewer than two messages.
+    first_ns, last_ns : int
+        The oldest and the newest log time [ns].
+    gap_ns, gap_at_ns : int
+        The longest time between two messages, and its start [ns].
+    age_sum_ms, age_max_ms : float
+        Sum and maximum of the messages' ages: the newest log time so far in the file, minus the
+        message's stamp.
     """
 
+    topic: str
     type_name: str
     count: int = 0
-    first_ns: int | None = None
-    last_ns: int | None = None
-    gap_ns: int | None = None
-    gap_at_ns: int | None = None
+    first_ns: int = 0
+    last_ns: int = 0
+    gap_ns: int = 0
+    gap_at_ns: int = 0
+    age_sum_ms: float = 0.0
+    age_max_ms: float = 0.0
 
-    def add(self, stamp_ns: int) -> None:
-        """Count a message."""
-        self.count += 1
-        if self.first_ns is None or self.last_ns is None:
-            self.first_ns = self.last_ns = stamp_ns
-            return
-        gap = stamp_ns - self.last_ns
-        if gap >= 0 and (self.gap_ns is None or gap > self.gap_ns):
-            self.gap_ns, self.gap_at_ns = gap, self.last_ns
-        self.first_ns = min(self.first_ns, stamp_ns)
-        self.last_ns = max(self.last_ns, stamp_ns)
+    def extend(self, log_ns: NDArray[np.int64], age_ms: ArrayLike = 0.0) -> None:
+        """Count messages."""
+        if self.count == 0:
+            self.first_ns = self.last_ns = self.gap_at_ns = int(log_ns[0])
+        newest = np.maximum.accumulate(np.append(self.last_ns, log_ns))
+        gaps_ns = np.diff(newest)
+        longest = int(gaps_ns.argmax())
+        if gaps_ns[longest] > self.gap_ns:
+            self.gap_ns, self.gap_at_ns = int(gaps_ns[longest]), int(newest[longest])
+        self.first_ns, self.last_ns = min(self.first_ns, int(log_ns.min())), int(newest[-1])
+        self.count += len(log_ns)
+        # Add one by one: the rounding of a sum over arrays would depend on how they are split.
+        self.age_sum_ms = float(np.cumsum(np.append(self.age_sum_ms, age_ms))[-1])
+        self.age_max_ms = max(self.age_max_ms, float(np.max(age_ms)))
 
     @property
-    def rate_hz(self) -> float | None:
-        """The mean rate [Hz]; None for fewer than two different stamps."""
-        if self.first_ns is None or self.last_ns is None or self.first_ns == self.last_ns:
-            return None
-        return (self.count - 1) / ((self.last_ns - self.first_ns) * 1e-9)
+    def rate_hz(self) -> float:
+        """The mean rate [Hz]; NaN for fewer than two different log times."""
+        span_ns = self.last_ns - self.first_ns
+        return (self.count - 1) * 1e9 / span_ns if span_ns else math.nan
+
+    @property
+    def age_ms(self) -> tuple[float, float]:
+        """Mean and largest age [ms]; NaN if stamps and log times come from different clocks."""
+        if self.age_max_ms > _OTHER_CLOCK_MS:
+            return math.nan, math.nan
+        return self.age_sum_ms / self.count, self.age_max_ms
 
 
 def read_topics(
     reader: RecordingReader, stamps_of: str, progress: ProgressCallback
-) -> tuple[dict[str, TopicOverview], list[int]]:
+) -> tuple[list[TopicStatistics], list[int]]:
     """Read a recording from beginning to end.
 
-    Return the statistics of each topic, and all stamps of the topic `stamps_of` [ns]. `progress` is
-    called with the number of messages read and their total.
+    Return the statistics of each topic but for the ages, and all log times of the topic `stamps_of`
+    [ns]. `progress` is called with the number of messages read and their total.
     """
-    topics = {name: TopicOverview(topic.type_name) for name, topic in reader.topics().items()}
-    stamps_ns = []
-    for done, (topic, stamp_ns, _, _) in enumerate(reader.raw_messages(), 1):
-        topics[topic].add(stamp_ns)
-        if topic == stamps_of:
-            stamps_ns.append(stamp_ns)
+    topics = {each: TopicStatistics(each, row.type_name) for each, row in reader.topics().items()}
+    stamps_ns: list[int] = []
+    done = 0
+    for batch in reader.batches():
+        for name, rows in batch.rows().items():
+            log_ns = batch.log_ns[rows]
+            topics[name].extend(log_ns)
+            if name == stamps_of:
+                stamps_ns += log_ns.tolist()
+        done += len(batch)
         progress(done, reader.count)
-    return topics, stamps_ns
+    return list(topics.values()), stamps_ns

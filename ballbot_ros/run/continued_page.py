@@ -9,14 +9,12 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from pathlib import Path
 from threading import Thread
-from typing import Any
 
 import numpy as np
 
 from ballbot_ros.controllers.interface import OUT_OF_CONTROL, Program
 from ballbot_ros.engine.closed_loop import Tick
 from ballbot_ros.errors import BallbotError
-from ballbot_ros.parameters import Parameter
 from ballbot_ros.parameters.timing import FIRST_TICK_NS, SECOND_NS, TICK_S
 from ballbot_ros.recording.messages.conversions import NO_CONTROLLER_STATE, ControllerState
 from ballbot_ros.robot.arithmetic import Floats
@@ -343,22 +341,10 @@ def _tunables(run: ContinuedRun) -> list[Tunable]:
     """Return the numbers that can be changed, as sliders need them."""
     start, now = run.implementation.parameters.values(), run.parameters.values()
     return [
-        _tunable(row, start[row.name], now[row.name])
+        Tunable.of(
+            row.name, row.hint, row.bounds, start[row.name], now[row.name],
+            is_whole=isinstance(row.default, int),
+        )
         for row in run.implementation.tunable
         if not isinstance(row.default, bool | str)
-    ]
-
-
-def _tunable(row: Parameter, start: Any, now: Any) -> Tunable:
-    low, high = row.bounds or (-math.inf, math.inf)
-    is_array = isinstance(now, tuple)
-    return Tunable(
-        row.name,
-        row.hint,
-        low,
-        high,
-        start if is_array else (start,),
-        now if is_array else (now,),
-        is_whole=isinstance(row.default, int),
-        is_array=is_array,
-    )
+    ]  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -45,6 +46,15 @@ class Tunable:
     is_whole: bool = False
     is_array: bool = False
 
+    @classmethod
+    def of(
+        cls, name: str, hint: str, bounds: Any, start: Any, value: Any, *, is_whole: bool
+    ) -> Tunable:
+        """Return a parameter whose bounds are None for none, and its values numbers or arrays."""
+        low, high = bounds or (-math.inf, math.inf)
+        both = numbers_of(start), numbers_of(value)
+        return cls(name, hint, low, high, *both, is_whole, is_array=hasattr(value, '__len__'))
+
     def range_of(self, value: float) -> tuple[float, float]:
         """Return the range of a slider for a value: the bounds, or part of them around it."""
         narrow = _WHOLE_SPAN if self.is_whole else _NARROW * max(abs(value), 1.0)
@@ -63,6 +73,11 @@ class Tunable:
     def step_of(self, low: float, high: float) -> float:
         """Return the step of a slider."""
         return 1.0 if self.is_whole or low == high else (high - low) / _STEPS
+
+
+def numbers_of(value: Any) -> Numbers:
+    """Return the numbers of a value."""
+    return tuple(value) if hasattr(value, '__len__') else (value,)
 
 
 FOLDER = 'Tuning'
