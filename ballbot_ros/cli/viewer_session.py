@@ -162,7 +162,7 @@ class _ViewerSession:
         code = options.controller if isinstance(options.controller, str) else None
         with RecordingReader(self._recording) as reader:
             past = read_past(reader, None, self._scratch, code)
-            future = Future(at=at, sticks=NEUTRAL, is_live=True)
+            future = Future(at=min(at, past.end), sticks=NEUTRAL, is_live=True)
             processes, output = Processes.SEPARATE, options.output
             return branch_spec(past, future, self._scratch, processes=processes, output=output)
 

@@ -300,17 +300,9 @@ class LockstepTicks:
     def take(
         self, name: str, stamp_ns: int, data: bytes, value: object
     ) -> SampleReaction | DueTick:
-        """Decide the reaction to a sample.
+        """Decide the reaction to a sample: a tick if it completes the inputs of one.
 
-        Parameters
-        ----------
-        value : object
-            The value that the brick reads from it.
-
-        Returns
-        -------
-        SampleReaction or DueTick
-            A tick if this sample completed its inputs.
+        `value` is what the brick reads from it.
         """
         self._received_ns[name] = stamp_ns
         if self._start_ns is None or stamp_ns < self._start_ns:

@@ -120,6 +120,8 @@ class Viewer(BallbotNode[ViewerParameters]):
         snapshot, changed = self._newest.take()
         activity = self._activity(snapshot)
         self._page.overlay.show(activity.overlay)
+        if activity.session:  # as the time line
+            self._page.overlay.move_playhead(activity.time)
         for request in self._page.overlay.take():
             if isinstance(request, Hold):
                 self._sticks.hold(request)

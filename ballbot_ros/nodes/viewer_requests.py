@@ -27,7 +27,7 @@ from ballbot_ros.recording.messages.run_reports import decode_announcement, deco
 from ballbot_ros.recording.messages.topics import HISTORY, PARAMETER_EVENTS, PARTICIPANTS, PUSH, RUN
 from ballbot_ros.robot.brick.faults import parse_fault, performer_of
 from ballbot_ros.robot.plant.ground_truth import Pair
-from ballbot_ros.viewer.overlay import ChooseRate, Press, Request
+from ballbot_ros.viewer.overlay import ChooseRate, Press, Request, Seek
 from ballbot_ros.viewer.run_activity import BACK, BACK_S, PAUSE, RATES, RESET, STEP, RunActivity
 from ballbot_ros.viewer.tuning_sliders import Numbers, Tunable, TuningSliders, numbers_of
 
@@ -45,6 +45,10 @@ _PARAMETER_SERVICES = {
 }
 
 QUERY_RETRY_S = 1.0
+
+DRAGGED_S = 0.3
+"""A time chosen on the time line counts if no other one is chosen within this time."""
+
 PARAMETERS_OF_PLANT = f'parameters of {PLANT}'
 
 
@@ -66,6 +70,7 @@ class ViewerRequests:
         self._had_plant = False
         self._query: tuple[Sequence[str], Callable[[PlantParameters], None]] | None = None
         self._queried_at = -math.inf
+        self._sought: tuple[float, float] | None = None
 
     @property
     def lost_plant(self) -> bool:
@@ -88,6 +93,13 @@ class ViewerRequests:
         while not self._waiting.empty():
             self._waiting.get()()
         self._send_query()
+        if self._sought and time.monotonic() - self._sought[1] > DRAGGED_S:
+            self._go_back(self._sought[0])
+
+    def _go_back(self, seconds: float) -> None:
+        """End the run, and let it go on from an earlier sim time [s]."""
+        self._sought = None
+        self.start(f'{EARLIER}{max(0.0, seconds - FIRST_TICK_NS / SECOND_NS):.3f}')
 
     def _call(
         self, name: str, request: object, on_response: Callable[[Any], None] = lambda response: None
@@ -109,8 +121,9 @@ class ViewerRequests:
             case Press(name) if name in (STEP, RESET):
                 self._waiting.put(lambda: self._call(f'{PLANT}/{name}', Trigger.Request()))
             case Press(name) if name == BACK:
-                elapsed = activity.time - FIRST_TICK_NS / SECOND_NS
-                self.start(f'{EARLIER}{max(0.0, elapsed - BACK_S):.3f}')
+                self._go_back(activity.time - BACK_S)
+            case Seek(seconds) if activity.session:
+                self._sought = seconds, time.monotonic()
             case ChooseRate(rate) if rate in RATES:
                 setting = parameter_setting('real_time_factor', RATES[rate])
                 self._waiting.put(lambda: self._set_in_plant(setting))

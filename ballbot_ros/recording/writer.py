@@ -111,7 +111,7 @@ class RecordingWriter:
         type_hash: str | None = None,
         derived: bool = False,
     ) -> RecordedTopic:
-        """Add a topic by its full name.
+        """Add a topic by its full name, and return it for `write`.
 
         Derived and published messages of one topic are in different channels. It raises
         RecordingError if the topic was already added, or its type is not that of ROS 2 Jazzy.
@@ -126,11 +126,6 @@ class RecordingWriter:
             Hash of the type in the graph; it must equal that of the definition in ROS 2 Jazzy.
         derived : bool
             Whether its messages are computed from other messages of the recording.
-
-        Returns
-        -------
-        RecordedTopic
-            The topic to pass to `write`.
         """
         try:
             definition = schema(type_name)

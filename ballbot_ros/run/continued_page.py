@@ -54,9 +54,6 @@ _LONGEST_UPDATE_S = 0.1
 _PERIOD_S = 5.0 * TICK_S
 """Of the samples of the recorded run in the plots of a live one."""
 
-_LONGER_S = 10.0
-"""The time line grows in such steps, since a page draws all of it again."""
-
 
 class ContinuedPage(RecordingPage):
     """Shows recorded runs, and the first of them from a moment on as somebody changes it.
@@ -249,8 +246,6 @@ class ContinuedPage(RecordingPage):
         begun = f'{run.begun:.2f} s'
         hint = 'drag the robot, drive, or choose on the right'
         recorded = self.runs[0]
-        longer = max(0.0, run.time - recorded.end)
-        end = recorded.end + math.ceil(longer / _LONGER_S) * _LONGER_S
         mark = Mark(run.begun, MarkKind.STATE, 'live from here')
         return OverlayState(
             banner=banner or Banner(f'live since {begun}', BannerKind.INFO, (hint,)),
@@ -263,7 +258,7 @@ class ContinuedPage(RecordingPage):
             ),
             rates=tuple(RATE_LABELS),
             rate=f'{self.clock.rate:g}×',
-            timeline=Timeline(end, (*recorded.marks, mark)),
+            timeline=Timeline.reaching(run.time, recorded.end, (*recorded.marks, mark)),
             can_drive=True,
         )
 

@@ -94,12 +94,25 @@ class Mark:
     text: str
 
 
+_GROWTH_S = 10.0
+
+
 @dataclass(frozen=True)
 class Timeline:
     """A time line from 0 to `end` [s]."""
 
     end: float
     marks: tuple[Mark, ...] = ()
+
+    @classmethod
+    def reaching(
+        cls, time: float, end: float = _GROWTH_S, marks: tuple[Mark, ...] = ()
+    ) -> Timeline:
+        """Return one that ends at `end`, or 10 s, 20 s ... later for a later `time` [s].
+
+        A page draws a longer one again, so it does not grow with each tick.
+        """
+        return cls(end + math.ceil(max(0.0, time - end) / _GROWTH_S) * _GROWTH_S, marks)
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from ballbot_ros.errors import BallbotError
 from ballbot_ros.lockstep.run_actions import Outcome
 from ballbot_ros.recording.messages.run_reports import PlantReport
 from ballbot_ros.robot.plant.ground_truth import Pair
-from ballbot_ros.viewer.overlay import Banner, BannerKind, Button, OverlayState
+from ballbot_ros.viewer.overlay import Banner, BannerKind, Button, OverlayState, Timeline
 from ballbot_ros.viewer.snapshot import Snapshot
 
 
@@ -210,6 +210,7 @@ class RunActivity:
             ),
             rates=tuple(RATES),
             rate=next((name for name, pace in RATES.items() if pace == self.report.pace), ''),
+            timeline=Timeline.reaching(self.time) if self.session else None,
             can_drive=True,
         )
 

@@ -21,7 +21,7 @@ from ballbot_ros.recording.messages.conversions import encode_push
 from ballbot_ros.recording.messages.run_reports import PlantReport
 from ballbot_ros.recording.messages.topics import PUSH, RUN
 from ballbot_ros.viewer.overlay import ChooseRate, Press, Seek
-from ballbot_ros.viewer.run_activity import PAUSE, RESET, STEP, RunActivity
+from ballbot_ros.viewer.run_activity import BACK, PAUSE, RESET, STEP, RunActivity, Session
 
 pytestmark = pytest.mark.graph
 
@@ -184,6 +184,37 @@ def test_a_scenario_is_chosen_before_it_is_started():
         response = Trigger.Response(success=success, message='unknown scenario')
         node.called[1](SimpleNamespace(result=lambda response=response: response))
     assert told == ['unknown scenario']
+
+
+def test_a_run_goes_back_to_the_time_at_which_a_drag_ends(monkeypatch):
+    """Each row is a moment, what is requested then, and the runs that have been begun so far."""
+    node, begun = StubNode(), []
+    node.ready = {'supervisor/set_parameters'}
+    node.call = lambda request: (
+        begun.append(request.parameters[0].value.string_value)
+        or SimpleNamespace(add_done_callback=node.called.append)
+    )
+    requests = ViewerRequests(node, notify=None)
+    running = RunActivity(Session('square'), report=PlantReport('1 a'), time=9.0)
+    without_command = RunActivity(report=PlantReport('1 a'), time=9.0)
+    for now_s, request, activity, expected in (
+        (10.0, Seek(3.0), running, []),
+        (10.2, Seek(4.5), running, []),
+        (10.4, None, running, []),
+        (10.6, None, running, ['@3.500']),
+        (11.5, None, running, ['@3.500']),
+        (12.0, Press(BACK), running, ['@3.500', '@3.000']),
+        (13.0, Seek(0.5), running, ['@3.500', '@3.000']),
+        (14.0, Seek(5.0), without_command, ['@3.500', '@3.000', '@0.000']),
+        (15.0, None, running, ['@3.500', '@3.000', '@0.000']),
+    ):
+        monkeypatch.setattr(
+            viewer_requests, 'time', SimpleNamespace(monotonic=lambda now_s=now_s: now_s)
+        )
+        requests.carry_out(request, activity)
+        requests.send_queued()
+        requests.send_queued()
+        assert begun == expected, now_s
 
 
 def test_each_request_is_sent_in_its_turn_to_its_service():

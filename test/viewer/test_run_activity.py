@@ -7,7 +7,7 @@ import pytest
 from ballbot_ros.analysis.metrics import Judgement
 from ballbot_ros.engine.scenario.scenario import Expectation
 from ballbot_ros.recording.messages.run_reports import PlantReport
-from ballbot_ros.viewer.overlay import Banner, BannerKind
+from ballbot_ros.viewer.overlay import Banner, BannerKind, Timeline
 from ballbot_ros.viewer.run_activity import (
     BACK,
     PAUSE,
@@ -135,8 +135,10 @@ def test_buttons_and_speed_show_what_is_in_effect():
     assert overlay.rate in overlay.rates
     overlay = running(pace=0.3).overlay
     assert [each.name for each in overlay.buttons] == [PAUSE, STEP, RESET]
-    of_command = running(STARTING).overlay.buttons
-    assert [each.name for each in of_command] == [PAUSE, STEP, RESET, BACK]
+    assert overlay.timeline is None
+    of_command = replace(running(STARTING), time=10.5).overlay
+    assert [each.name for each in of_command.buttons] == [PAUSE, STEP, RESET, BACK]
+    assert of_command.timeline == Timeline(20.0)
     assert not any(each.is_pressed for each in overlay.buttons)
     assert overlay.rate == '', 'none of the choices'
     assert running(pace=0.0).overlay.rate == 'max'

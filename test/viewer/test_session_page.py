@@ -92,7 +92,7 @@ def test_the_page_of_a_run_says_what_it_is_doing(start_run, client, tmp_path):
 def it_goes_back(browser, folder):
     """The run so far happens again up to then, and is driven from then on."""
     wait_until(lambda: (browser.shown_time() or 0.0) > FIRST_TICK_NS / SECOND_NS, browser)
-    browser.press('Back 5 s')
+    browser.page.get_by_label('Time', exact=True).fill(str(FIRST_TICK_NS / SECOND_NS))
     wait_until(lambda: browser.banner().startswith('starting @0.000'), browser)
     wait_until(lambda: (browser.shown_time() or 0.0) > END_S, browser)
     with RecordingReader(folder / '3' / 'square_branch.mcap') as reader:

@@ -111,16 +111,9 @@ class Counterexample:
 
 @dataclass(frozen=True)
 class FalsificationResult:
-    """What a falsification has found.
+    """What a falsification has found: of how many `runs` how many are `violating`.
 
-    Attributes
-    ----------
-    runs : int
-        Number of runs that were searched.
-    violating : int
-        Number of those that did not pass.
-    least : mapping of str to float
-        Lowest robustness of each requirement; infinite without a value.
+    `least` has the lowest robustness of each requirement, infinite without a value.
     """
 
     of: Falsification

@@ -25,12 +25,8 @@ def shrunk(
 ) -> Case:
     """Return a simpler case that still violates the requirement.
 
-    Parameters
-    ----------
-    case : dict
-        A case that violates it; values of others than the variables are kept.
-    nominal : mapping of str to value
-        The nominal value of each variable; None if it has none.
+    What is not one of the variables keeps its value. The nominal value of one that has none is
+    None.
     """
     case = _fewer(case, variables, nominal, violates)
     numbers = [

@@ -37,8 +37,6 @@ class Tuning:
 
     Attributes
     ----------
-    name : str
-        Name of the file.
     studies : tuple of Study
         The robots on which each candidate is tried: a study for each scenario.
     start : ndarray, shape (d,)

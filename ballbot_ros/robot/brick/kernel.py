@@ -279,12 +279,7 @@ def duty_effect(constants: KernelConstants, kernel: Ints) -> int:
 def mean_duty_delay(constants: KernelConstants, job_us: float, sends: bool) -> float:
     """Return after what time [µs] a duty acts whose job is the first of its tick.
 
-    Parameters
-    ----------
-    job_us : float
-        Time of the job.
-    sends : bool
-        Whether the link sends at the tick's first interrupt.
+    The job takes `job_us`; `sends` is whether the link sends at the tick's first interrupt.
     """
     set_us = constants.interrupt_us + job_us
     if not constants.has_link:

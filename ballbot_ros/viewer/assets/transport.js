@@ -82,7 +82,10 @@ export class Transport {
     this.#slider = element('input', {
       type: 'range', min: 0, max: end, step: 'any', 'aria-label': 'Time',
       onpointerdown: () => { this.#isDragging = true; },
-      onpointerup: () => { this.#isDragging = false; },
+      onpointerup: ({ currentTarget }) => {
+        this.#isDragging = false;
+        currentTarget.blur(); // so that the keys drive
+      },
       onpointercancel: () => { this.#isDragging = false; },
       oninput: () => {
         this.#label();
