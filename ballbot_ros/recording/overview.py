@@ -80,11 +80,11 @@ def read_topics(
     stamps_ns: list[int] = []
     done = 0
     for batch in reader.batches():
+        log_ns = batch.log_ns
         for name, rows in batch.rows().items():
-            log_ns = batch.log_ns[rows]
-            topics[name].extend(log_ns)
+            topics[name].extend(log_ns[rows])
             if name == stamps_of:
-                stamps_ns += log_ns.tolist()
+                stamps_ns += log_ns[rows].tolist()
         done += len(batch)
         progress(done, reader.count)
     return list(topics.values()), stamps_ns
